@@ -1,0 +1,19 @@
+// A planar patch of the map, as it is shown and exported.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+namespace lamina {
+
+struct Surfel {
+  Eigen::Vector3d centre;       // mean of the points, world frame, metres
+  Eigen::Vector3f normal;       // unit, towards the sensor that saw it first
+  Eigen::Vector3f eigenvalues;  // of the covariance, descending, m^2; thickness = sqrt of the last
+  std::uint32_t count = 0;      // points
+};
+
+using SurfelMap = std::vector<Surfel>;
+
+}  // namespace lamina
