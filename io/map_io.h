@@ -1,0 +1,35 @@
+// Maps and clouds on disk, as PLY (binary little-endian) and PCD (binary).
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/scan.h"
+#include "core/surfel.h"
+
+namespace lamina {
+
+// Surfels as vertices: x y z nx ny nz (float), l1 l2 l3 (eigenvalues, float, m^2), thickness_m
+// (float), count (uint), red green blue (uchar; thickness from blue at 0 to red at 50 mm). Same
+// surfels, same bytes. Throw OutputError.
+void WriteSurfelsPly(const std::string& path, const SurfelMap& surfels);
+void WriteSurfelsPcd(const std::string& path, const SurfelMap& surfels);
+
+// A cloud written piece by piece, in bounded memory: the count in the header is patched at the end.
+// Format by the ending of the path: .ply or .pcd (x y z intensity, float). Throws OutputError.
+class CloudWriter {
+ public:
+  explicit CloudWriter(const std::string& path);
+  ~CloudWriter();
+  void Append(const std::vector<ScanPoint>& points);
+  void Commit();  // Without it, nothing is left on disk.
+  std::size_t size() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace lamina

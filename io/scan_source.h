@@ -1,0 +1,61 @@
+// Where scans come from: one interface for every layout of files on disk.
+//
+// Layouts that OpenScans recognises in a PATH, in this order:
+//   KITTI odometry   PATH = .../sequences/NN: `velodyne/*.bin`, `times.txt`, `calib.txt`
+//   KITTI raw        PATH = a drive: `velodyne_points/data/*.bin|*.txt`,
+//   `velodyne_points/timestamps.txt` plain folder     PATH holds files *.bin, *.pcd or *.ply, in
+//   the natural order of their names
+// Stamps come from times.txt / timestamps.txt where there is one, else from file names that are
+// whole numbers of nanoseconds, microseconds, or decimal seconds since an epoch, else from
+// `frame_period_s`.
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <string>
+
+#include "core/options.h"
+#include "core/scan.h"
+
+namespace lamina {
+
+struct ScanSourceOptions {
+  // Time between scans where the recording carries no stamps.
+  double frame_period_s = 0.1;
+  // Unit of a per-point time field of PCD and PLY files.
+  enum class TimeUnit { kAuto, kSeconds, kMilliseconds, kMicroseconds, kNanoseconds };
+  TimeUnit point_time_unit = TimeUnit::kAuto;
+
+  void Visit(OptionVisitor& v);
+};
+
+// Random access to the scans of a recording. Thread-safe: all members may be called at once.
+class ScanSource {
+ public:
+  virtual ~ScanSource() = default;
+
+  virtual std::size_t size() const = 0;
+
+  // Name of the file behind scan i, for messages.
+  virtual std::string Name(std::size_t i) const = 0;
+
+  // Stamp of scan i, known without reading its points. Not promised to increase: that is for the
+  // pipeline to judge.
+  virtual StampNs Stamp(std::size_t i) const = 0;
+
+  // Reads scan i as it stands in the file: no filtering, non-finite points included. Throws
+  // InputError naming file, place and rule (missing, truncated, not a point file, ...).
+  virtual Scan Read(std::size_t i) const = 0;
+
+  // T_camera_lidar of KITTI odometry's calib.txt ("Tr:"); identity where there is none.
+  virtual SE3 T_camera_lidar() const { return SE3(); }
+};
+
+// Throws InputError if the path is missing, unreadable, or holds no scans.
+std::unique_ptr<ScanSource> OpenScans(const std::string& path, const ScanSourceOptions& options);
+
+// Reads one point file by its ending: .bin, .pcd or .ply (KITTI raw's .txt too). stamp_ns of the
+// result is 0 unless the file itself carries absolute per-point stamps. Throws InputError.
+Scan ReadScanFile(const std::string& path, const ScanSourceOptions& options);
+
+}  // namespace lamina
