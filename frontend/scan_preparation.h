@@ -1,0 +1,66 @@
+// From raw returns to usable points: finiteness and range filter, vertical-angle correction, and
+// the time of every point.
+//
+// Points are NOT deskewed here. They stay in the LiDAR frame of their own instant, with that
+// instant beside them; clusters of them are deskewed later, in closed form, under whatever motion
+// is known best at that moment (TimedCluster in core/point_cluster.h).
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "core/options.h"
+#include "core/scan.h"
+
+namespace lamina {
+
+struct ScanPreparationOptions {
+  double min_range_m = 2.0;
+  double max_range_m = 100.0;
+
+  // Turns each point p by this angle about p x z. HDL-64E scans of KITTI want +0.205.
+  double vertical_correction_deg = 0.0;
+
+  enum class Deskew {
+    kOff,      // scans were deskewed before, or the sensor stood still
+    kTime,     // per-point time of the file; a scan without it is taken as instantaneous
+    kAzimuth,  // a spinning sensor without per-point time: time from the azimuth of the point
+    kAuto,     // per-point time where the file has it, otherwise off
+  };
+  Deskew deskew = Deskew::kAuto;
+
+  // kAzimuth: sense of rotation seen from above, and the azimuth (deg, atan2(y, x)) at which the
+  // sweep is cut, that is, where it starts and ends.
+  enum class Rotation { kClockwise, kCounterclockwise };
+  Rotation rotation = Rotation::kClockwise;
+  double sweep_start_azimuth_deg = 180.0;
+  // kAzimuth: the instant of the stamp, as a fraction of the sweep: 0 start, 0.5 middle, 1 end.
+  double stamp_at_sweep_fraction = 0.5;
+  // kAzimuth: duration of a sweep; 0: taken from the recording's stamps.
+  double sweep_period_s = 0.0;
+
+  void Visit(OptionVisitor& v);
+};
+
+// A point in the LiDAR frame of the instant `time_s` seconds after the scan's stamp.
+struct TimedPoint {
+  float x, y, z, time_s;
+};
+
+struct PreparedScan {
+  std::vector<TimedPoint> points;
+  std::size_t non_finite = 0;    // dropped: NaN or infinite
+  std::size_t out_of_range = 0;  // dropped: nearer than min_range_m or farther than max_range_m
+};
+
+// Pure function of its arguments; thread-safe. `sweep_period_s` is the time between scans by their
+// stamps, used where the option of that name is 0.
+PreparedScan PrepareScan(const Scan& scan, const ScanPreparationOptions& options,
+                         double sweep_period_s);
+
+// The period that PrepareScan wants for scan i: the median of the last (up to 9) positive
+// differences of the stamps up to i, or `fallback_s` where there is none. A dropped scan does not
+// change it.
+double SweepPeriod(const std::vector<StampNs>& stamps_up_to_i, double fallback_s);
+
+}  // namespace lamina
