@@ -1,4 +1,7 @@
 // Maps and clouds on disk, as PLY (binary little-endian) and PCD (binary).
+//
+// Coordinates are written as float, as every viewer expects: exact to 1 mm within 8 km of the
+// world's origin.
 #pragma once
 
 #include <cstddef>
@@ -12,13 +15,17 @@
 namespace lamina {
 
 // Surfels as vertices: x y z nx ny nz (float), l1 l2 l3 (eigenvalues, float, m^2), thickness_m
-// (float), count (uint), red green blue (uchar; thickness from blue at 0 to red at 50 mm). Same
-// surfels, same bytes. Throw OutputError.
+// (float), count (uint), red green blue (uchar). The colour tells the thickness sqrt(l3): blue at
+// 0, green at 25 mm, red at 50 mm and above, blended linearly between. Same surfels, same bytes.
+// Throws OutputError.
 void WriteSurfelsPly(const std::string& path, const SurfelMap& surfels);
+// The same fields under the names that PCL gives them: normal_x normal_y normal_z for nx ny nz, and
+// `rgb` (uint32, 0x00RRGGBB) for the colour.
 void WriteSurfelsPcd(const std::string& path, const SurfelMap& surfels);
 
 // A cloud written piece by piece, in bounded memory: the count in the header is patched at the end.
-// Format by the ending of the path: .ply or .pcd (x y z intensity, float). Throws OutputError.
+// Format by the ending of the path: .ply or .pcd (x y z intensity, float). Throws OutputError, for
+// another ending, too.
 class CloudWriter {
  public:
   explicit CloudWriter(const std::string& path);

@@ -1,13 +1,17 @@
 // Where scans come from: one interface for every layout of files on disk.
 //
 // Layouts that OpenScans recognises in a PATH, in this order:
-//   KITTI odometry   PATH = .../sequences/NN: `velodyne/*.bin`, `times.txt`, `calib.txt`
-//   KITTI raw        PATH = a drive: `velodyne_points/data/*.bin|*.txt`,
-//   `velodyne_points/timestamps.txt` plain folder     PATH holds files *.bin, *.pcd or *.ply, in
-//   the natural order of their names
-// Stamps come from times.txt / timestamps.txt where there is one, else from file names that are
-// whole numbers of nanoseconds, microseconds, or decimal seconds since an epoch, else from
-// `frame_period_s`.
+//
+//   KITTI odometry  PATH = .../sequences/NN, or its velodyne folder: `velodyne/*.bin`, `times.txt`
+//                   (seconds), `calib.txt`; both text files may be missing
+//   KITTI raw       PATH = a drive, or its velodyne_points folder: `velodyne_points/data/*.bin`
+//                   (or *.txt), `velodyne_points/timestamps.txt` (date and time)
+//   plain folder    PATH holds files *.bin, *.pcd or *.ply, in the natural order of their names
+//                   (scan2 before scan10), and perhaps a `times.txt` or `timestamps.txt`
+//
+// Stamps come from times.txt / timestamps.txt where there is one (a line each scan; further lines
+// are fine), else from file names that are whole numbers of nanoseconds, microseconds or
+// milliseconds since the Unix epoch, or seconds with a decimal point; else from `frame_period_s`.
 #pragma once
 
 #include <cstddef>
@@ -22,7 +26,8 @@ namespace lamina {
 struct ScanSourceOptions {
   // Time between scans where the recording carries no stamps.
   double frame_period_s = 0.1;
-  // Unit of a per-point time field of PCD and PLY files.
+  // Unit of a per-point time field of PCD and PLY files. kAuto: the one that makes the scan last
+  // about as long as scans do, between 1 ms and 10 s.
   enum class TimeUnit { kAuto, kSeconds, kMilliseconds, kMicroseconds, kNanoseconds };
   TimeUnit point_time_unit = TimeUnit::kAuto;
 
@@ -43,19 +48,24 @@ class ScanSource {
   // pipeline to judge.
   virtual StampNs Stamp(std::size_t i) const = 0;
 
-  // Reads scan i as it stands in the file: no filtering, non-finite points included. Throws
-  // InputError naming file, place and rule (missing, truncated, not a point file, ...).
+  // Reads scan i as it stands in the file: no filtering, non-finite points included. Its stamp is
+  // Stamp(i), and time_s counts from there. Where the file's point times are readings of a clock,
+  // they are brought to Stamp(i) if the recording's own stamps are of that clock (within 10 s), and
+  // else count from the scan's earliest point. Throws InputError naming file, place and rule
+  // (missing, truncated, not a point file, no points, ...).
   virtual Scan Read(std::size_t i) const = 0;
 
   // T_camera_lidar of KITTI odometry's calib.txt ("Tr:"); identity where there is none.
   virtual SE3 T_camera_lidar() const { return SE3(); }
 };
 
-// Throws InputError if the path is missing, unreadable, or holds no scans.
+// Throws InputError if the path is missing, unreadable, or holds no scans, or if its stamps or
+// calibration are unusable.
 std::unique_ptr<ScanSource> OpenScans(const std::string& path, const ScanSourceOptions& options);
 
 // Reads one point file by its ending: .bin, .pcd or .ply (KITTI raw's .txt too). stamp_ns of the
-// result is 0 unless the file itself carries absolute per-point stamps. Throws InputError.
+// result is 0 unless the file itself carries per-point readings of a clock (times more than 60 s
+// from zero): then it is the earliest of them. Throws InputError.
 Scan ReadScanFile(const std::string& path, const ScanSourceOptions& options);
 
 }  // namespace lamina

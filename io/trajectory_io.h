@@ -1,10 +1,11 @@
 // Trajectories on disk.
 //
 //   KITTI  12 numbers a line, row-major 3x4 [R | t], no stamps.
-//   TUM    `stamp_s tx ty tz qx qy qz qw` a line, # starts a comment.
+//   TUM    `stamp_s tx ty tz qx qy qz qw` a line.
 //
-// Both are written with T_world_lidar, digits enough to read back the same pose to 1e-9 (TUM
-// stamps: 9 decimals, exact ns).
+// Both are written with T_world_lidar, with the digits that read back the very same numbers (a
+// pose to better than 1e-9; TUM stamps have 9 decimals and are exact to the ns). In both, a line
+// that starts with # is a comment, and blank lines and CRLF are tolerated.
 #pragma once
 
 #include <string>
@@ -14,10 +15,11 @@
 
 namespace lamina {
 
-// Reads either form, told apart by the numbers on the first line. KITTI poses get stamps
-// `stamps_ns` if those are given, otherwise their line number. Throws InputError with file and line
-// for a wrong count of numbers, NaN, a rotation that is not orthonormal within 1e-3 (smaller
-// errors, from rounding in text, are repaired).
+// Reads either form, told apart by the count of numbers on the first line. KITTI pose i (from 0)
+// gets the stamp `stamps_ns[i]` if those are given (at least as many as poses), otherwise i. Throws
+// InputError with file and line for a wrong count of numbers, NaN, a rotation that is not
+// orthonormal within 1e-3 (smaller errors, from rounding in text, are repaired); and for a file
+// without any pose.
 Trajectory ReadTrajectory(const std::string& path, const std::vector<StampNs>& stamps_ns = {});
 
 // Poses of the camera to poses of the LiDAR, as KITTI odometry's poses/NN.txt need:

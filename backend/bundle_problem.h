@@ -1,0 +1,44 @@
+// What a bundle adjustment is given: poses, and planes with the clusters that see them.
+//
+// Plain data, filled once before a solve and read by every formulation of the cost.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "core/point_cluster.h"
+#include "core/se3.h"
+
+namespace lamina {
+
+// The points of one frame on one plane: LiDAR frame of that frame, weights (cap, robust kernel)
+// already applied by PointCluster::Scaled, and held during the solve.
+struct PlaneObservation {
+  int frame = 0;  // index into BundleProblem::poses
+  PointCluster cluster;
+};
+
+struct Plane {
+  std::int32_t first = 0, count = 0;  // its observations: [first, first + count), frames ascending
+  PointCluster fixed;                 // world frame; of frames that left the window; may be empty
+  double weight = 1.0;                // 1 / variance of the plane's points, 1/m^2
+};
+
+// A measured motion between two frames of the window: T_a_b, with the information (inverse
+// covariance) of the error LocalDelta(T_a_b, T_world_a^-1 T_world_b). Keeps what no plane sees.
+struct RelativePrior {
+  int a = 0, b = 0;
+  SE3 T_a_b;
+  Matrix6d sqrt_information = Matrix6d::Identity();
+};
+
+struct BundleProblem {
+  std::vector<SE3> poses;  // T_world_lidar, start values
+  std::vector<Plane> planes;
+  std::vector<PlaneObservation> observations;
+  std::vector<RelativePrior> priors;
+  // The first pose is held where nothing else holds the whole (no fixed cluster).
+  bool hold_first_pose = true;
+};
+
+}  // namespace lamina

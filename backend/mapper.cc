@@ -1,0 +1,126 @@
+#include "backend/mapper.h"
+
+#include <cmath>
+
+namespace lamina {
+
+void BackendOptions::Visit(OptionVisitor& v) {
+  v.Flag("enabled", &enabled);
+  v.Integer("solve_every_keyframes", &solve_every_keyframes, 1, 1000);
+  v.Integer("hand_over_lag_frames", &hand_over_lag_frames, 0, 100);
+  v.Number("keyframe_translation_m", &keyframe_translation_m, 0.0, 100.0);
+  v.Number("keyframe_rotation_deg", &keyframe_rotation_deg, 0.0, 180.0);
+  v.Group("window", &window);
+  v.Group("solver", &solver);
+}
+
+Mapper::Mapper(const MapperOptions& options)
+    : options_(options),
+      map_(options.map),
+      odometry_(options.odometry),
+      window_(options.backend.window, options.deskew, &map_) {
+  CheckOptions(options.backend, "backend");
+}
+
+OdometryFrame Mapper::Process(StampNs stamp_ns, std::vector<TimedCluster> clusters) {
+  OdometryFrame frame = odometry_.Register(stamp_ns, clusters, map_);
+  if (options_.deskew && !window_.frames().empty()) {
+    const int passes = keyframes_.size() < 2 ? 4 : 1;
+    for (int i = 0; i < passes; ++i) {
+      RefineLastTwist(stamp_ns, frame.T_world_lidar);
+      map_.Refresh();
+      if (passes > 1) frame = odometry_.Register(stamp_ns, clusters, map_);
+    }
+  }
+  odometry_.Accept(stamp_ns, frame.T_world_lidar);
+  FrameRecord record;
+  record.stamp_ns = stamp_ns;
+  record.keyframe = IsKeyframe(frame.T_world_lidar);
+  if (record.keyframe) AddKeyframe(frame, std::move(clusters));
+  record.keyframe_id = static_cast<std::int64_t>(keyframes_.size()) - 1;
+  record.T_keyframe_lidar = keyframes_.back().Inverse() * frame.T_world_lidar;
+  records_.push_back(record);
+  return frame;
+}
+
+bool Mapper::IsKeyframe(const SE3& T) const {
+  if (keyframes_.empty()) return true;
+  const SE3& last = keyframes_.back();
+  return (T.t - last.t).norm() >= options_.backend.keyframe_translation_m ||
+         RotationAngle(last, T) >= options_.backend.keyframe_rotation_deg * M_PI / 180.0;
+}
+
+void Mapper::RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar) {
+  const std::size_t last = window_.frames().size() - 1;
+  const WindowFrame& frame = window_.frames()[last];
+  const double dt = SecondsBetween(frame.stamp_ns, stamp_ns);
+  if (dt <= 0.0 || dt > 0.5) return;
+  const Vector6d after = TwistLog(frame.T_world_lidar.Inverse() * T_world_lidar) / dt;
+  const Vector6d twist = last == 0 ? after : Vector6d(0.5 * (window_.CentralTwist(last) + after));
+  window_.Move(last, frame.T_world_lidar, twist);
+}
+
+void Mapper::AddKeyframe(const OdometryFrame& odometry, std::vector<TimedCluster> clusters) {
+  if (window_.full()) {
+    const WindowFrame gone = window_.PopOldest();
+    keyframes_[static_cast<std::size_t>(gone.id)] = gone.T_world_lidar;
+  }
+  WindowFrame frame;
+  frame.id = static_cast<std::int64_t>(keyframes_.size());
+  frame.stamp_ns = odometry.stamp_ns;
+  frame.T_world_lidar = odometry.T_world_lidar;
+  frame.twist = odometry.twist;
+  if (!keyframes_.empty())
+    frame.T_previous_this = keyframes_.back().Inverse() * frame.T_world_lidar;
+  frame.measured = std::move(clusters);
+  keyframes_.push_back(frame.T_world_lidar);
+  window_.Push(std::move(frame));
+  map_.Refresh();
+  map_.EvictToBudget(2, nullptr);
+  ++keyframes_since_solve_;
+}
+
+bool Mapper::SolveDue() const {
+  return options_.backend.enabled && solving_.empty() && window_.frames().size() >= 3 &&
+         keyframes_since_solve_ >= options_.backend.solve_every_keyframes;
+}
+
+BundleProblem Mapper::PrepareSolve() {
+  keyframes_since_solve_ = 0;
+  solving_.clear();
+  for (const WindowFrame& frame : window_.frames()) solving_.push_back(frame.id);
+  return window_.BuildProblem();
+}
+
+void Mapper::ApplySolve(const BundleResult& result) {
+  const std::vector<std::int64_t> ids = std::move(solving_);
+  solving_.clear();
+  if (!result.usable()) return;
+  // Frames that have joined since move with the last one that was solved.
+  const auto last = static_cast<std::size_t>(ids.back());
+  const SE3 correction = result.poses.back() * keyframes_[last].Inverse();
+  for (std::size_t k = 0; k < ids.size(); ++k)
+    keyframes_[static_cast<std::size_t>(ids[k])] = result.poses[k];
+  for (std::size_t k = last + 1; k < keyframes_.size(); ++k)
+    keyframes_[k] = correction * keyframes_[k];
+  odometry_.Correct(correction);
+  const auto first = window_.frames().front().id;
+  for (std::size_t i = 0; i < window_.frames().size(); ++i) {
+    window_.SetPose(i, keyframes_[static_cast<std::size_t>(first) + i]);
+  }
+  for (std::size_t i = 0; i < window_.frames().size(); ++i) {
+    window_.Move(i, window_.frames()[i].T_world_lidar, window_.CentralTwist(i));
+  }
+  map_.Refresh();
+}
+
+Trajectory Mapper::CurrentTrajectory() const {
+  Trajectory trajectory;
+  for (const FrameRecord& r : records_) {
+    trajectory.push_back(
+        {r.stamp_ns, keyframes_[static_cast<std::size_t>(r.keyframe_id)] * r.T_keyframe_lidar});
+  }
+  return trajectory;
+}
+
+}  // namespace lamina

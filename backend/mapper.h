@@ -1,0 +1,89 @@
+// The mapping algorithm, one scan after the other, without threads: odometry, keyframes, sliding
+// window, hand-over of bundle adjustment.
+//
+//   Process(scan)      pose from odometry; a keyframe enters window and map
+//   SolveDue()         whether a bundle adjustment of the window is to start now
+//   PrepareSolve()     its problem, a self-contained copy: AdjustBundle may run on any thread
+//   ApplySolve(...)    takes its result in: moves the window's frames, the map and the present pose
+//
+// When ApplySolve is called is for the caller to decide, as long as it is decided by counting
+// frames: then the result is the same whatever the threads do (MappingPipeline).
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "backend/bundle_adjuster.h"
+#include "backend/sliding_window.h"
+#include "core/scan.h"
+#include "core/voxel_map.h"
+#include "frontend/odometry.h"
+
+namespace lamina {
+
+struct BackendOptions {
+  // Off: poses stay as the frontend found them; everything else is the same.
+  bool enabled = true;
+  // A bundle adjustment starts every so many keyframes, and its result takes effect so many frames
+  // later.
+  int solve_every_keyframes = 3;
+  int hand_over_lag_frames = 2;
+  // A frame becomes a keyframe when it moved or turned so far from the last one. 0: every frame.
+  double keyframe_translation_m = 0.1;
+  double keyframe_rotation_deg = 1.0;
+  SlidingWindowOptions window;
+  BundleAdjusterOptions solver;
+
+  void Visit(OptionVisitor& v);
+};
+
+struct MapperOptions {
+  VoxelMapOptions map;
+  OdometryOptions odometry;
+  BackendOptions backend;
+  bool deskew = false;
+};
+
+// What is known of a frame once it is processed.
+struct FrameRecord {
+  StampNs stamp_ns = 0;
+  SE3 T_world_lidar;  // final once the window has passed
+  bool keyframe = false;
+  std::int64_t keyframe_id = 0;  // the keyframe that it hangs on (itself, if it is one)
+  SE3 T_keyframe_lidar;
+};
+
+class Mapper {
+ public:
+  explicit Mapper(const MapperOptions& options);
+
+  // Returns what odometry found. Clusters are moved from.
+  OdometryFrame Process(StampNs stamp_ns, std::vector<TimedCluster> clusters);
+
+  bool SolveDue() const;
+  BundleProblem PrepareSolve();
+  void ApplySolve(const BundleResult& result);
+
+  // Poses of all frames so far, as known now.
+  Trajectory CurrentTrajectory() const;
+
+  VoxelMap& map() { return map_; }
+  const VoxelMap& map() const { return map_; }
+
+ private:
+  bool IsKeyframe(const SE3& T_world_lidar) const;
+  void AddKeyframe(const OdometryFrame& frame, std::vector<TimedCluster> clusters);
+  void RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar);
+
+  MapperOptions options_;
+  VoxelMap map_;
+  Odometry odometry_;
+  SlidingWindow window_;
+  std::vector<FrameRecord> records_;
+  std::vector<SE3> keyframes_;  // final or present poses, by keyframe id
+  int keyframes_since_solve_ = 0;
+  std::vector<std::int64_t> solving_;  // ids of the frames of the problem under way
+};
+
+}  // namespace lamina

@@ -1,0 +1,90 @@
+// The frames that bundle adjustment may still move, and their share of the map.
+//
+// Each frame keeps its clusters as measured (with time), as deskewed under its present twist, and
+// as they stand in the voxel map at its present pose. Moving frames or changing their twist
+// exchanges exactly those clusters in the map, leaf by leaf; association to leaves is made once,
+// when the frame enters. The oldest frame leaves by marginalisation: its clusters join the fixed
+// clusters of their leaves at the final pose.
+//
+// Not thread-safe. The map must outlive the window and be changed by nobody else.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <vector>
+
+#include "backend/bundle_problem.h"
+#include "core/options.h"
+#include "core/scan.h"
+#include "core/voxel_map.h"
+#include "frontend/scan_clusters.h"
+
+namespace lamina {
+
+struct SlidingWindowOptions {
+  int frames = 10;
+  // Weight of a cluster in the map and in bundle adjustment, in points, at most.
+  double max_cluster_weight = 10.0;
+  // Standard deviation that no plane is believed to be better than.
+  double noise_floor_m = 0.02;
+  // Scale of the robust kernel on a cluster's distance to its plane, in standard deviations.
+  double kernel_sigma = 3.0;
+  // Planes of one solve at most; those seen by most frames are kept.
+  int max_planes = 20000;
+  // Standard deviation of the frontend's motion from frame to frame, where no plane says better.
+  double prior_rotation_deg = 0.5;
+  double prior_translation_m = 0.1;
+
+  void Visit(OptionVisitor& v);
+};
+
+struct WindowFrame {
+  std::int64_t id = 0;
+  StampNs stamp_ns = 0;
+  SE3 T_world_lidar;
+  Vector6d twist = Vector6d::Zero();  // body, per second, during the scan
+  std::vector<TimedCluster> measured;
+  std::vector<PointCluster> deskewed;    // LiDAR frame at the stamp
+  std::vector<PointCluster> in_map;      // world frame, capped weight
+  std::vector<VoxelMap::NodeId> leaves;  // kNoNode: outside of what the map can hold
+  SE3 T_previous_this;                   // motion since the frame before, as the frontend found it
+};
+
+class SlidingWindow {
+ public:
+  SlidingWindow(const SlidingWindowOptions& options, bool deskew, VoxelMap* map);
+
+  const std::deque<WindowFrame>& frames() const { return frames_; }
+  bool full() const { return static_cast<int>(frames_.size()) >= options_.frames; }
+
+  // Puts a frame into window and map. id, stamp, pose, twist and `measured` must be set.
+  void Push(WindowFrame frame);
+
+  // Marginalises the oldest frame and returns it, without its clusters.
+  WindowFrame PopOldest();
+
+  // Sets the pose of frame i and leaves its clusters to a later Move.
+  void SetPose(std::size_t i, const SE3& T_world_lidar) {
+    frames_[i].T_world_lidar = T_world_lidar;
+  }
+  // Moves frame i to a new pose and twist. The map must be refreshed afterwards.
+  void Move(std::size_t i, const SE3& T_world_lidar, const Vector6d& twist);
+
+  // The twist of frame i from the poses of its neighbours in the window: the mean of the motions
+  // before and after, which is the velocity at its stamp. Neighbours more than half a second away
+  // do not count.
+  Vector6d CentralTwist(std::size_t i) const;
+
+  // Planes of the map seen by the window's frames, with weights applied.
+  BundleProblem BuildProblem() const;
+
+ private:
+  void UpdateClusters(const SE3& T, WindowFrame* frame) const;
+
+  SlidingWindowOptions options_;
+  bool deskew_;
+  VoxelMap* map_;
+  std::deque<WindowFrame> frames_;
+};
+
+}  // namespace lamina

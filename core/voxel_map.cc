@@ -1,0 +1,297 @@
+#include "core/voxel_map.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/parallel.h"
+
+namespace lamina {
+namespace {
+
+// Which child of a cube around `centre` holds p, and where that child's centre lies.
+inline int ChildSlot(const Eigen::Vector3d& p, double child_half_size, Eigen::Vector3d* centre) {
+  int slot = 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    const bool upper = p(axis) >= (*centre)(axis);
+    slot |= static_cast<int>(upper) << axis;
+    (*centre)(axis) += upper ? child_half_size : -child_half_size;
+  }
+  return slot;
+}
+
+inline std::uint16_t SaturatingAdd(std::uint16_t a, int b) {
+  constexpr int kMost = std::numeric_limits<std::uint16_t>::max();
+  return static_cast<std::uint16_t>(std::min(kMost, static_cast<int>(a) + b));
+}
+
+}  // namespace
+
+void VoxelMapOptions::Visit(OptionVisitor& v) {
+  v.Number("root_size_m", &root_size_m, 0.05, 20.0);
+  v.Integer("depth", &depth, 0, 4);
+  v.Integer("min_points", &min_points, 4, 10000);
+  v.Number("max_thickness_m", &max_thickness_m, 1e-4, 10.0);
+  v.Number("max_flatness", &max_flatness, 1e-6, 1.0);
+  v.Number("min_breadth", &min_breadth, 0.0, 1.0);
+  v.Number("max_fixed_weight", &max_fixed_weight, 1.0, 1e9);
+  v.Number("budget_mb", &budget_mb, 1.0, 1e6);
+}
+
+VoxelMap::VoxelMap(const VoxelMapOptions& options)
+    : options_(options), inverse_root_size_(1.0 / options.root_size_m) {
+  CheckOptions(options, "map");
+}
+
+VoxelMap::NodeId VoxelMap::NewNode(NodeId parent) {
+  NodeId id = free_list_;
+  if (id != kNoNode) {
+    free_list_ = node(id).parent;
+  } else {
+    id = next_unused_++;
+    if ((id & kBlockMask) == 0) blocks_.push_back(std::make_unique<Node[]>(kBlockMask + 1));
+  }
+  Node& n = node(id);
+  n = Node();
+  std::fill(std::begin(n.child), std::end(n.child), kNoNode);
+  n.parent = parent;
+  ++used_nodes_;
+  return id;
+}
+
+void VoxelMap::FreeTree(NodeId id) {
+  Node& n = node(id);
+  for (const NodeId child : n.child) {
+    if (child != kNoNode) FreeTree(child);
+  }
+  n.parent = free_list_;
+  free_list_ = id;
+  --used_nodes_;
+}
+
+VoxelMap::NodeId VoxelMap::RootOf(NodeId id) const {
+  while (node(id).parent != kNoNode) id = node(id).parent;
+  return id;
+}
+
+VoxelMap::NodeId VoxelMap::FindSurface(const Eigen::Vector3d& p) const {
+  const VoxelKey key = VoxelKeyOf(p, inverse_root_size_);
+  NodeId id = index_.Find(key);
+  if (id == kNoNode || node(id).surface.kind == Surface::Kind::kPlane) return id;
+  Eigen::Vector3d centre = VoxelCentre(key, options_.root_size_m);
+  double half = 0.25 * options_.root_size_m;
+  for (int level = 0; level < options_.depth; ++level, half *= 0.5) {
+    id = node(id).child[ChildSlot(p, half, &centre)];
+    if (id == kNoNode || node(id).surface.kind == Surface::Kind::kPlane) return id;
+  }
+  return id;
+}
+
+VoxelMap::NodeId VoxelMap::PlaneAbove(NodeId leaf) const {
+  NodeId best = kNoNode;
+  for (NodeId id = leaf; id != kNoNode; id = node(id).parent) {
+    if (node(id).surface.kind == Surface::Kind::kPlane) best = id;
+  }
+  return best;
+}
+
+PointCluster VoxelMap::Aggregate(NodeId id) const {
+  const Node& n = node(id);
+  PointCluster sum = n.fixed;
+  sum += n.window;
+  for (const NodeId child : n.child) {
+    if (child != kNoNode) sum += Aggregate(child);
+  }
+  return sum;
+}
+
+PointCluster VoxelMap::FixedAggregate(NodeId id) const {
+  const Node& n = node(id);
+  PointCluster sum = n.fixed;
+  for (const NodeId child : n.child) {
+    if (child != kNoNode) sum += FixedAggregate(child);
+  }
+  return sum;
+}
+
+VoxelMap::NodeId VoxelMap::LeafAt(const Eigen::Vector3d& p) {
+  const VoxelKey key = VoxelKeyOf(p, inverse_root_size_);
+  NodeId id = index_.Find(key);
+  if (id == kNoNode) {
+    id = NewNode(kNoNode);
+    node(id).key = key;
+    index_.FindOrInsert(key, id);
+  } else {
+    Unlink(id);
+  }
+  LinkNewest(id);
+  Eigen::Vector3d centre = VoxelCentre(key, options_.root_size_m);
+  double half = 0.25 * options_.root_size_m;
+  for (int level = 0; level < options_.depth; ++level, half *= 0.5) {
+    const int slot = ChildSlot(p, half, &centre);
+    NodeId next = node(id).child[slot];
+    if (next == kNoNode) {
+      next = NewNode(id);
+      node(id).child[slot] = next;
+    }
+    id = next;
+  }
+  return id;
+}
+
+void VoxelMap::Unlink(NodeId root) {
+  Node& n = node(root);
+  (n.older == kNoNode ? oldest_ : node(n.older).newer) = n.newer;
+  (n.newer == kNoNode ? newest_ : node(n.newer).older) = n.older;
+}
+
+void VoxelMap::LinkNewest(NodeId root) {
+  Node& n = node(root);
+  n.older = newest_;
+  n.newer = kNoNode;
+  (newest_ == kNoNode ? oldest_ : node(newest_).newer) = root;
+  newest_ = root;
+}
+
+void VoxelMap::Mark(NodeId leaf) {
+  const NodeId root = RootOf(leaf);
+  if (node(root).marked) return;
+  node(root).marked = true;
+  marked_.push_back(root);
+}
+
+void VoxelMap::AddWindow(NodeId leaf, const PointCluster& cluster, std::int64_t frame) {
+  Node& n = node(leaf);
+  n.window += cluster;
+  if (n.last_added != frame) n.window_frames = SaturatingAdd(n.window_frames, 1);
+  n.last_added = frame;
+  Mark(leaf);
+}
+
+void VoxelMap::ReplaceWindow(NodeId leaf, const PointCluster& before, const PointCluster& after) {
+  Node& n = node(leaf);
+  n.window -= before;
+  n.window += after;
+  Mark(leaf);
+}
+
+void VoxelMap::FixWindow(NodeId leaf, const PointCluster& cluster, std::int64_t frame) {
+  Node& n = node(leaf);
+  if (n.last_fixed != frame) {
+    n.fixed_frames = SaturatingAdd(n.fixed_frames, 1);
+    n.window_frames = static_cast<std::uint16_t>(n.window_frames - 1);
+  }
+  n.last_fixed = frame;
+  n.window -= cluster;
+  n.fixed += cluster;
+  if (n.fixed.count > options_.max_fixed_weight) {
+    n.fixed = n.fixed.Scaled(options_.max_fixed_weight / n.fixed.count);
+  }
+  Mark(leaf);
+}
+
+void VoxelMap::Hold(NodeId leaf) { ++node(RootOf(leaf)).holds; }
+
+void VoxelMap::Release(NodeId leaf) { --node(RootOf(leaf)).holds; }
+
+Surface VoxelMap::MakeSurface(const PointCluster& cluster, int frames) const {
+  Surface s;
+  s.mean = cluster.mean;
+  s.weight = static_cast<float>(cluster.count);
+  s.frames = SaturatingAdd(0, frames);
+  if (cluster.count < options_.min_points) return s;
+  const Eigen3 eigen = cluster.Eigen();
+  s.kind = Surface::Kind::kRough;
+  s.variance = static_cast<float>(std::max(0.0, eigen.l(2)));
+  s.normal = eigen.u.col(2).cast<float>();
+  const double thickness2 = options_.max_thickness_m * options_.max_thickness_m;
+  if (eigen.l(2) <= thickness2 && eigen.l(2) <= options_.max_flatness * eigen.l(1) &&
+      eigen.l(1) >= options_.min_breadth * eigen.l(0)) {
+    s.kind = Surface::Kind::kPlane;
+  }
+  return s;
+}
+
+PointCluster VoxelMap::RefreshTree(NodeId id) {
+  Node& n = node(id);
+  PointCluster sum = n.fixed;
+  sum += n.window;
+  int frames = n.fixed_frames + n.window_frames;
+  for (const NodeId child : n.child) {
+    if (child == kNoNode) continue;
+    sum += RefreshTree(child);
+    // Frames of the children overlap in ways that nobody counts; the largest is a sure lower bound.
+    frames = std::max<int>(frames, node(child).surface.frames);
+  }
+  n.surface = MakeSurface(sum, frames);
+  return sum;
+}
+
+void VoxelMap::Refresh() {
+  ParallelChunks(marked_.size(), 256, [this](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      RefreshTree(marked_[i]);
+      node(marked_[i]).marked = false;
+    }
+  });
+  marked_.clear();
+}
+
+std::size_t VoxelMap::bytes() const {
+  return blocks_.size() * (kBlockMask + 1) * sizeof(Node) + index_.bytes() +
+         marked_.capacity() * sizeof(NodeId);
+}
+
+std::size_t VoxelMap::UsedBytes() const {
+  return used_nodes_ * sizeof(Node) + index_.bytes() + marked_.capacity() * sizeof(NodeId);
+}
+
+std::size_t VoxelMap::EvictToBudget(int min_frames,
+                                    const std::function<void(const Surfel&)>& on_evict) {
+  // Blocks are never given back, they are filled again: so room must be made before the pool would
+  // grow over the budget, with a reserve for what the next frame may add.
+  const double budget = options_.budget_mb * 1048576.0;
+  constexpr double kReserve = 0.95;
+  std::size_t dropped = 0;
+  NodeId root = oldest_;
+  while (root != kNoNode && static_cast<double>(UsedBytes()) > kReserve * budget) {
+    const NodeId next = node(root).newer;
+    if (node(root).holds == 0 && !node(root).marked) {
+      if (on_evict) VisitSurfaces(root, min_frames, on_evict);
+      index_.Erase(node(root).key);
+      Unlink(root);
+      FreeTree(root);
+      ++dropped;
+    }
+    root = next;
+  }
+  return dropped;
+}
+
+void VoxelMap::VisitSurfaces(NodeId id, int min_frames,
+                             const std::function<void(const Surfel&)>& visit) const {
+  const Node& n = node(id);
+  if (n.surface.kind == Surface::Kind::kPlane && n.surface.frames >= min_frames) {
+    const PointCluster cluster = Aggregate(id);
+    const Eigen3 eigen = cluster.Eigen();
+    Surfel surfel;
+    surfel.centre = cluster.mean;
+    surfel.normal = eigen.u.col(2).cast<float>();
+    surfel.eigenvalues = eigen.l.cwiseMax(0.0).cast<float>();
+    surfel.count = static_cast<std::uint32_t>(std::lround(cluster.count));
+    visit(surfel);
+    return;
+  }
+  for (const NodeId child : n.child) {
+    if (child != kNoNode) VisitSurfaces(child, min_frames, visit);
+  }
+}
+
+void VoxelMap::ForEachSurface(int min_frames,
+                              const std::function<void(const Surfel&)>& visit) const {
+  for (NodeId root = oldest_; root != kNoNode; root = node(root).newer) {
+    VisitSurfaces(root, min_frames, visit);
+  }
+}
+
+}  // namespace lamina

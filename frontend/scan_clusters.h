@@ -1,0 +1,30 @@
+// The points of one scan, gathered into clusters by leaf voxel of the LiDAR frame.
+//
+// After this step no raw point is touched again: matching, deskewing, the map and the bundle
+// adjustment all work on the clusters. One pass over the points, one hash look-up for each.
+#pragma once
+
+#include <vector>
+
+#include "core/point_cluster.h"
+#include "core/scan.h"
+#include "frontend/scan_preparation.h"
+
+namespace lamina {
+
+struct ScanClusters {
+  StampNs stamp_ns = 0;
+  std::vector<TimedCluster> clusters;  // in the order in which the points first met the voxels
+};
+
+// leaf_size_m > 0; points must lie within 2^20 leaves of the origin (the range filter sees to
+// that). Pure function; thread-safe.
+std::vector<TimedCluster> BuildScanClusters(const std::vector<TimedPoint>& points,
+                                            double leaf_size_m);
+
+// All clusters in the LiDAR frame at the stamp, for a sensor with the constant body twist [w; v]
+// (rad/s, m/s) during the scan. result[i] belongs to clusters[i].
+std::vector<PointCluster> DeskewClusters(const std::vector<TimedCluster>& clusters,
+                                         const Vector6d& twist);
+
+}  // namespace lamina

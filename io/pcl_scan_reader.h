@@ -1,0 +1,19 @@
+// PCD and PLY files, read by PCL. Private to io; the one door through which PCL comes in.
+#pragma once
+
+#include <string>
+
+#include "core/scan.h"
+#include "io/scan_source.h"
+
+namespace lamina {
+
+// Any set of fields with x, y and z (float or double). Taken up as well, if they are there:
+// intensity, reflectivity or i, of any type; and a time of each point: t, time, timestamp,
+// offset_time, time_offset, point_time_offset or ts, of any type, see io/point_times.h. Upper case
+// and a leading `scalar_` (CloudCompare) make no difference. Throw InputError, also for a file of
+// no points.
+Scan ReadPcd(const std::string& path, const ScanSourceOptions& options);
+Scan ReadPly(const std::string& path, const ScanSourceOptions& options);
+
+}  // namespace lamina
