@@ -32,7 +32,7 @@ OdometryFrame Mapper::Process(StampNs stamp_ns, std::vector<TimedCluster> cluste
       if (passes > 1) frame = odometry_.Register(stamp_ns, clusters, map_);
     }
   }
-  odometry_.Accept(stamp_ns, frame.T_world_lidar);
+  odometry_.Accept(frame);
   FrameRecord record;
   record.stamp_ns = stamp_ns;
   record.keyframe = IsKeyframe(frame.T_world_lidar);

@@ -27,7 +27,7 @@ struct BackendOptions {
   bool enabled = true;
   // A bundle adjustment starts every so many keyframes, and its result takes effect so many frames
   // later.
-  int solve_every_keyframes = 3;
+  int solve_every_keyframes = 5;
   int hand_over_lag_frames = 2;
   // A frame becomes a keyframe when it moved or turned so far from the last one. 0: every frame.
   double keyframe_translation_m = 0.1;

@@ -22,9 +22,9 @@
 namespace lamina {
 
 struct SlidingWindowOptions {
-  int frames = 10;
+  int frames = 15;
   // Weight of a cluster in the map and in bundle adjustment, in points, at most.
-  double max_cluster_weight = 10.0;
+  double max_cluster_weight = 4.0;
   // Standard deviation that no plane is believed to be better than.
   double noise_floor_m = 0.02;
   // Scale of the robust kernel on a cluster's distance to its plane, in standard deviations.

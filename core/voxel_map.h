@@ -34,17 +34,17 @@ namespace lamina {
 
 struct VoxelMapOptions {
   // Edge of a root voxel, and how often it is halved: leaf = root_size_m / 2^depth.
-  double root_size_m = 1.0;
+  double root_size_m = 1.6;
   int depth = 1;
   // A node is planar if it holds at least so many points, ...
   int min_points = 8;
   // ... sqrt(l3) is at most so thick, ...
   double max_thickness_m = 0.10;
   // ... l3 <= max_flatness * l2 (thin) and l2 >= min_breadth * l1 (not a line).
-  double max_flatness = 0.0625;
+  double max_flatness = 0.1;
   double min_breadth = 0.02;
   // Points that a fixed cluster weighs at most: later data can still correct an old surface.
-  double max_fixed_weight = 400.0;
+  double max_fixed_weight = 30.0;
   // Memory of the map.
   double budget_mb = 2048.0;
 

@@ -1,6 +1,9 @@
 #include "frontend/odometry.h"
 
 #include <algorithm>
+#include <cmath>
+
+#include "core/parallel.h"
 
 namespace lamina {
 
@@ -8,6 +11,19 @@ void OdometryOptions::Visit(OptionVisitor& v) {
   v.Integer("deskew_passes", &deskew_passes, 0, 10);
   v.Number("max_prediction_gap_s", &max_prediction_gap_s, 0.0, 1e6);
   v.Group("matcher", &matcher);
+  v.Group("search", &search);
+}
+
+void RotationSearchOptions::Visit(OptionVisitor& v) {
+  v.Flag("enabled", &enabled);
+  v.Number("trigger_rotation_deg", &trigger_rotation_deg, 0.0, 180.0);
+  v.Number("trigger_translation_m", &trigger_translation_m, 0.0, 1e3);
+  v.Number("trigger_inlier_ratio", &trigger_inlier_ratio, 0.0, 10.0);
+  v.Number("range_deg", &range_deg, 0.0, 60.0);
+  v.Number("step_deg", &step_deg, 0.5, 60.0);
+  v.Integer("clusters", &clusters, 10, 100000);
+  v.Number("score_scale_m", &score_scale_m, 0.001, 10.0);
+  v.Integer("refined", &refined, 1, 1000);
 }
 
 Odometry::Odometry(const OdometryOptions& options) : options_(options), matcher_(options.matcher) {
@@ -23,7 +39,12 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
   const bool known = dt <= options_.max_prediction_gap_s;
   frame.twist = known ? velocity_ : Vector6d::Zero();
   frame.T_world_predicted = T_world_last_ * TwistExp(frame.twist * dt);
-  frame.match = matcher_.Match(DeskewClusters(clusters, frame.twist), frame.T_world_predicted, map);
+  const std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.twist);
+  frame.match = matcher_.Match(deskewed, frame.T_world_predicted, map);
+  if (NeedsSearch(frame)) {
+    frame.searched = true;
+    frame.match = Search(deskewed, {frame.T_world_predicted, T_world_last_}, frame.match, map);
+  }
   const bool timed = std::any_of(clusters.begin(), clusters.end(), [](const TimedCluster& c) {
     return c.time_scatter > 0.0 || c.mean_time_s != 0.0;
   });
@@ -36,12 +57,72 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
   return frame;
 }
 
-void Odometry::Accept(StampNs stamp_ns, const SE3& T_world_lidar) {
-  const double dt = SecondsBetween(last_stamp_ns_, stamp_ns);
+bool Odometry::NeedsSearch(const OdometryFrame& frame) const {
+  const RotationSearchOptions& o = options_.search;
+  if (!o.enabled) return false;
+  if (frame.match.status == MatchResult::Status::kTooFewMatches) return true;
+  const SE3& a = frame.T_world_predicted;
+  const SE3& b = frame.match.T_world_lidar;
+  if (RotationAngle(a, b) > o.trigger_rotation_deg * M_PI / 180.0) return true;
+  if ((a.t - b.t).norm() > o.trigger_translation_m) return true;
+  if (recent_inliers_.empty()) return false;
+  std::vector<double> sorted(recent_inliers_.begin(), recent_inliers_.end());
+  std::sort(sorted.begin(), sorted.end());
+  return frame.match.inlier_share < o.trigger_inlier_ratio * sorted[sorted.size() / 2];
+}
+
+MatchResult Odometry::Search(const std::vector<PointCluster>& clusters,
+                             const std::vector<SE3>& centres, const MatchResult& given,
+                             const VoxelMap& map) const {
+  const RotationSearchOptions& o = options_.search;
+  const int steps = static_cast<int>(std::floor(o.range_deg / o.step_deg + 1e-9));
+  std::vector<SE3> hypotheses;
+  for (const SE3& centre : centres) {
+    for (int x = -steps; x <= steps; ++x) {
+      for (int y = -steps; y <= steps; ++y) {
+        for (int z = -steps; z <= steps; ++z) {
+          const Eigen::Vector3d w = o.step_deg * M_PI / 180.0 * Eigen::Vector3d(x, y, z);
+          hypotheses.emplace_back(centre.q * ExpSO3(w), centre.t);
+        }
+      }
+    }
+  }
+  const std::size_t stride =
+      std::max<std::size_t>(1, clusters.size() / static_cast<std::size_t>(o.clusters));
+  std::vector<std::pair<double, std::size_t>> scores(hypotheses.size());
+  ParallelChunks(hypotheses.size(), 16, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      scores[i] = {-matcher_.Score(clusters, hypotheses[i], map, o.score_scale_m, stride), i};
+    }
+  });
+  const std::size_t refined = std::min(scores.size(), static_cast<std::size_t>(o.refined));
+  std::partial_sort(scores.begin(), scores.begin() + static_cast<std::ptrdiff_t>(refined),
+                    scores.end());
+  std::vector<MatchResult> results(refined);
+  ParallelChunks(refined, 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      results[i] = matcher_.Match(clusters, hypotheses[scores[i].second], map);
+    }
+  });
+  MatchResult best = given;
+  for (const MatchResult& r : results) {
+    if (r.status != MatchResult::Status::kTooFewMatches && r.inlier_share > best.inlier_share)
+      best = r;
+  }
+  return best;
+}
+
+void Odometry::Accept(const OdometryFrame& frame) {
+  constexpr std::size_t kRecent = 15;
+  const double dt = SecondsBetween(last_stamp_ns_, frame.stamp_ns);
   velocity_.setZero();
-  if (accepted_ > 0 && dt > 0.0) velocity_ = TwistLog(T_world_last_.Inverse() * T_world_lidar) / dt;
-  last_stamp_ns_ = stamp_ns;
-  T_world_last_ = T_world_lidar;
+  if (accepted_ > 0 && dt > 0.0) {
+    velocity_ = TwistLog(T_world_last_.Inverse() * frame.T_world_lidar) / dt;
+    recent_inliers_.push_back(frame.match.inlier_share);
+    if (recent_inliers_.size() > kRecent) recent_inliers_.pop_front();
+  }
+  last_stamp_ns_ = frame.stamp_ns;
+  T_world_last_ = frame.T_world_lidar;
   ++accepted_;
 }
 

@@ -1,6 +1,7 @@
 // One scan in, one pose out: predict, deskew, match.
 #pragma once
 
+#include <deque>
 #include <vector>
 
 #include "core/options.h"
@@ -11,12 +12,35 @@
 
 namespace lamina {
 
+// Search over rotations about the prediction, for sensors that turn faster than matching alone can
+// follow (hand-held, narrow view): hypotheses on a grid of rotation vectors are scored on the map's
+// planes, a hash look-up for each cluster, and the best are refined by matching.
+struct RotationSearchOptions {
+  bool enabled = true;
+  // Started when match and prediction differ by more than this, or ...
+  double trigger_rotation_deg = 2.0;
+  double trigger_translation_m = 0.5;
+  // ... the share of inliers is below this part of its recent median.
+  double trigger_inlier_ratio = 0.7;
+  // The grid: -range, ..., -step, 0, step, ..., range about each axis.
+  double range_deg = 15.0;
+  double step_deg = 5.0;
+  // Clusters scored for each hypothesis, at most, and the scale of the score.
+  int clusters = 400;
+  double score_scale_m = 0.2;
+  // Hypotheses refined by matching.
+  int refined = 6;
+
+  void Visit(OptionVisitor& v);
+};
+
 struct OdometryOptions {
   // Deskew and match again so often with the motion just found.
   int deskew_passes = 1;
   // A gap longer than this leaves nothing of the old velocity: the prediction is to stand still.
   double max_prediction_gap_s = 1.0;
   ScanMatcherOptions matcher;
+  RotationSearchOptions search;
 
   void Visit(OptionVisitor& v);
 };
@@ -27,6 +51,7 @@ struct OdometryFrame {
   SE3 T_world_predicted;
   Vector6d twist = Vector6d::Zero();  // body, per second, during the scan
   MatchResult match;
+  bool searched = false;  // the rotation search ran
 };
 
 // Not thread-safe; deterministic.
@@ -39,15 +64,21 @@ class Odometry {
                          const VoxelMap& map) const;
 
   // Makes a frame the last one: the next prediction starts from it.
-  void Accept(StampNs stamp_ns, const SE3& T_world_lidar);
+  void Accept(const OdometryFrame& frame);
   // The last pose moves: T -> correction * T.
   void Correct(const SE3& correction);
 
   const Vector6d& velocity() const { return velocity_; }
 
  private:
+  bool NeedsSearch(const OdometryFrame& frame) const;
+  // The best of the matches from hypotheses about the centres and the given one.
+  MatchResult Search(const std::vector<PointCluster>& clusters, const std::vector<SE3>& centres,
+                     const MatchResult& given, const VoxelMap& map) const;
+
   OdometryOptions options_;
   ScanMatcher matcher_;
+  std::deque<double> recent_inliers_;
   int accepted_ = 0;
   StampNs last_stamp_ns_ = 0;
   SE3 T_world_last_;

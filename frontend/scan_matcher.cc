@@ -17,8 +17,10 @@ struct NormalEquations {
   double weight = 0.0;     // sum of the weights (1/m^2)
   double robust = 0.0;     // sum of the kernel's weights in [0, 1]
   double residual2 = 0.0;  // sum of kernel weight * distance^2
-  double range = 0.0;      // sum of weight * range^2
+  double range2 = 0.0;     // sum of weight * range^2
   int matched = 0;
+  // Information along given directions that comes from clusters which clearly face them.
+  Vector6d facing = Vector6d::Zero();
 
   NormalEquations& operator+=(const NormalEquations& o) {
     H += o.H;
@@ -26,68 +28,206 @@ struct NormalEquations {
     weight += o.weight;
     robust += o.robust;
     residual2 += o.residual2;
-    range += o.range;
+    range2 += o.range2;
     matched += o.matched;
+    facing += o.facing;
     return *this;
   }
 };
 
-// Adds a residual `distance` along the unit direction `normal` (world), of weight w.
-inline void AddDirection(const Eigen::Vector3d& normal, const Eigen::Vector3d& normal_lidar,
-                         const Eigen::Vector3d& mu, double distance, double w,
-                         NormalEquations* sum) {
-  Vector6d j;
-  j << mu.cross(normal_lidar), normal;
-  for (int c = 0; c < 6; ++c) {
-    const double wj = w * j(c);
-    for (int r = c; r < 6; ++r) sum->H(r, c) += wj * j(r);
-    sum->g(c) += wj * distance;
+// Rotations times the scan's mean range are metres: tangent vectors then have one unit.
+struct TangentScale {
+  double range_m = 1.0;
+  Vector6d ToTangent(const Vector6d& scaled) const {
+    Vector6d v = scaled;
+    v.head<3>() /= range_m;
+    return v;
   }
-  sum->weight += w;
-  sum->range += w * mu.squaredNorm();
-}
+  Matrix6d ToTangent(const Matrix6d& scaled) const {
+    Matrix6d m = scaled;
+    m.topRows<3>() /= range_m;
+    m.leftCols<3>() /= range_m;
+    return m;
+  }
+};
 
-struct Linearisation {
-  const ScanMatcherOptions& options;
-  const VoxelMap& map;
-  const std::vector<PointCluster>& clusters;
+struct Directions {
+  Matrix6d columns = Matrix6d::Zero();  // scaled tangent vectors, orthonormal
+  int count = 0;
+};
+
+// Collects the residuals of all clusters at one pose.
+class Lineariser {
+ public:
+  Lineariser(const ScanMatcherOptions& options, const VoxelMap& map,
+             const std::vector<PointCluster>& clusters)
+      : options_(options), map_(map), clusters_(clusters) {}
+
+  // Rough structure takes part as well.
+  bool use_rough = false;
+  // If not null, `facing` is gathered for these directions.
+  const Directions* watched = nullptr;
+  TangentScale scale;
 
   NormalEquations At(const SE3& T, double kernel_sigma) const {
     const Eigen::Matrix3d R = T.R();
     NormalEquations total =
-        ParallelSum(clusters.size(), 1024, NormalEquations(), [&](size_t begin, size_t end) {
+        ParallelSum(clusters_.size(), 1024, NormalEquations(), [&](size_t begin, size_t end) {
           NormalEquations sum;
-          for (size_t i = begin; i < end; ++i) AddCluster(clusters[i], R, T.t, kernel_sigma, &sum);
+          for (size_t i = begin; i < end; ++i) AddCluster(clusters_[i], R, T.t, kernel_sigma, &sum);
           return sum;
         });
     total.H = total.H.selfadjointView<Eigen::Lower>();
     return total;
   }
 
+ private:
   void AddCluster(const PointCluster& cluster, const Eigen::Matrix3d& R, const Eigen::Vector3d& t,
                   double kernel_sigma, NormalEquations* sum) const {
     const Eigen::Vector3d p = R * cluster.mean + t;
-    if (!map.CanHold(p)) return;
-    const VoxelMap::NodeId id = map.FindSurface(p);
+    if (!map_.CanHold(p)) return;
+    const VoxelMap::NodeId id = map_.FindSurface(p);
     if (id == VoxelMap::kNoNode) return;
-    const Surface& surface = map.surface(id);
-    if (surface.kind != Surface::Kind::kPlane) return;
+    const Surface& surface = map_.surface(id);
+    if (surface.kind == Surface::Kind::kPlane) {
+      AddPlane(cluster, R, p, surface, kernel_sigma, sum);
+    } else if (use_rough && surface.kind == Surface::Kind::kRough) {
+      AddRough(cluster, R, p, id, kernel_sigma, sum);
+    }
+  }
+
+  void AddPlane(const PointCluster& cluster, const Eigen::Matrix3d& R, const Eigen::Vector3d& p,
+                const Surface& surface, double kernel_sigma, NormalEquations* sum) const {
     const Eigen::Vector3d normal = surface.normal.cast<double>();
     const double distance = normal.dot(p - surface.mean);
-    if (std::abs(distance) > options.max_distance_m) return;
+    if (std::abs(distance) > options_.max_distance_m) return;
     const Eigen::Vector3d normal_lidar = R.transpose() * normal;
     const double spread = normal_lidar.dot(cluster.scatter * normal_lidar) / cluster.count;
-    const double variance = options.noise_floor_m * options.noise_floor_m +
+    const double variance = options_.noise_floor_m * options_.noise_floor_m +
                             static_cast<double>(surface.variance) + spread;
     const double e2 = distance * distance / (variance * kernel_sigma * kernel_sigma);
     const double robust = 1.0 / ((1.0 + e2) * (1.0 + e2));
-    const double w = robust * std::min(cluster.count, options.max_cluster_weight) / variance;
+    const double w = robust * std::min(cluster.count, options_.max_cluster_weight) / variance;
     AddDirection(normal, normal_lidar, cluster.mean, distance, w, sum);
     sum->robust += robust;
     sum->residual2 += robust * distance * distance;
     ++sum->matched;
   }
+
+  // A pole or an edge has no plane, but is narrow across: every narrow axis of the joint
+  // distribution of cluster and leaf holds its direction. Wide axes end at the voxel's faces, not
+  // at anything real, and say nothing.
+  void AddRough(const PointCluster& cluster, const Eigen::Matrix3d& R, const Eigen::Vector3d& p,
+                VoxelMap::NodeId leaf, double kernel_sigma, NormalEquations* sum) const {
+    constexpr double kNarrow = 0.15;  // of a leaf; a leaf filled evenly has 0.29
+    const PointCluster map_cluster = map_.Aggregate(leaf);
+    Symmetric3 joint = map_cluster.Covariance();
+    joint += cluster.Covariance().Rotated(R);
+    const Eigen3 eigen = EigenDecompose(joint);
+    const double floor2 = options_.noise_floor_m * options_.noise_floor_m;
+    const double widest2 = std::pow(kNarrow * map_.options().LeafSize(), 2);
+    for (int i = 0; i < 3; ++i) {
+      if (eigen.l(i) > widest2) continue;
+      const Eigen::Vector3d axis = eigen.u.col(i);
+      const double distance = axis.dot(p - map_cluster.mean);
+      const double variance = floor2 + eigen.l(i);
+      const double e2 = distance * distance / (variance * kernel_sigma * kernel_sigma);
+      const double w = std::min(cluster.count, options_.max_cluster_weight) /
+                       (variance * (1.0 + e2) * (1.0 + e2));
+      AddDirection(axis, R.transpose() * axis, cluster.mean, distance, w, sum);
+    }
+  }
+
+  // Adds a residual `distance` along the unit direction `normal` (world), of weight w.
+  void AddDirection(const Eigen::Vector3d& normal, const Eigen::Vector3d& normal_lidar,
+                    const Eigen::Vector3d& mu, double distance, double w,
+                    NormalEquations* sum) const {
+    Vector6d j;
+    j << mu.cross(normal_lidar), normal;
+    for (int c = 0; c < 6; ++c) {
+      const double wj = w * j(c);
+      for (int r = c; r < 6; ++r) sum->H(r, c) += wj * j(r);
+      sum->g(c) += wj * distance;
+    }
+    sum->weight += w;
+    sum->range2 += w * mu.squaredNorm();
+    if (watched == nullptr) return;
+    // Errors of the normals leak a little information into every direction; a thousand times a
+    // little looks like much. Only what faces a direction by more than 15 degrees counts.
+    constexpr double kFacing = 0.26;
+    const Vector6d scaled = scale.ToTangent(j);
+    for (int k = 0; k < watched->count; ++k) {
+      const double along = watched->columns.col(k).dot(scaled);
+      if (std::abs(along) > kFacing) sum->facing(k) += w * along * along;
+    }
+  }
+
+  const ScanMatcherOptions& options_;
+  const VoxelMap& map_;
+  const std::vector<PointCluster>& clusters_;
 };
+
+constexpr int kMinMatches = 10;
+
+// Gauss-Newton from `initial`, keeping out of the directions `held`. False if there are too few
+// matches.
+bool Descend(const Lineariser& lineariser, const ScanMatcherOptions& options, const SE3& initial,
+             const Directions& held, MatchResult* result, NormalEquations* eq) {
+  result->T_world_lidar = initial;
+  result->status = MatchResult::Status::kIterationLimit;
+  double kernel = options.kernel_start_sigma;
+  const Matrix6d keep = Matrix6d::Identity() - held.columns * held.columns.transpose();
+  for (int i = 0; i < options.max_iterations; ++i) {
+    *eq = lineariser.At(result->T_world_lidar, kernel);
+    ++result->iterations;
+    if (eq->matched < kMinMatches) return false;
+    const TangentScale scale = {std::sqrt(eq->range2 / eq->weight)};
+    const Matrix6d Hs = keep * scale.ToTangent(eq->H) * keep;
+    // A whisper of stiffness keeps the factorisation alive where nothing is measured.
+    const Matrix6d damped = Hs + 1e-9 * eq->weight * Matrix6d::Identity();
+    const Vector6d gs = keep * scale.ToTangent(eq->g);
+    const Vector6d step = -scale.ToTangent(Vector6d(keep * damped.ldlt().solve(gs)));
+    if (!step.allFinite()) return false;
+    result->T_world_lidar = Retract(result->T_world_lidar, step);
+    const bool narrow = kernel <= options.kernel_end_sigma;
+    kernel = std::max(options.kernel_end_sigma, 0.5 * kernel);
+    if (narrow && step.head<3>().norm() < options.min_rotation_step_deg * M_PI / 180.0 &&
+        step.tail<3>().norm() < options.min_translation_step_m) {
+      result->status = MatchResult::Status::kConverged;
+      break;
+    }
+  }
+  return true;
+}
+
+// Directions in which the clusters that face them leave the pose uncertain; also fills the result's
+// information.
+Directions FindUnobservable(Lineariser lineariser, const ScanMatcherOptions& options,
+                            MatchResult* result) {
+  NormalEquations eq = lineariser.At(result->T_world_lidar, options.kernel_end_sigma);
+  lineariser.scale = {std::sqrt(eq.range2 / eq.weight)};
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(lineariser.scale.ToTangent(eq.H));
+  const Directions all = {solver.eigenvectors(), 6};
+  lineariser.watched = &all;
+  eq = lineariser.At(result->T_world_lidar, options.kernel_end_sigma);
+  Directions held;
+  Matrix6d covariance = Matrix6d::Zero();
+  result->worst_sigma_m = 0.0;
+  for (int k = 0; k < 6; ++k) {
+    const Vector6d v = all.columns.col(k);
+    const double sigma = 1.0 / std::sqrt(std::max(eq.facing(k), 1e-12));
+    result->worst_sigma_m = std::max(result->worst_sigma_m, sigma);
+    const bool open = sigma > options.max_direction_sigma_m;
+    if (open) held.columns.col(held.count++) = v;
+    // Where the scan says nothing the prediction's own uncertainty stands, a metre or a turn of
+    // that at mean range.
+    covariance += v * v.transpose() * (open ? 1.0 : 1.0 / std::max(solver.eigenvalues()(k), 1e-12));
+  }
+  result->covariance = lineariser.scale.ToTangent(covariance);
+  result->degenerate = held.count;
+  result->degenerate_directions = held.columns;
+  return held;
+}
 
 }  // namespace
 
@@ -100,7 +240,7 @@ void ScanMatcherOptions::Visit(OptionVisitor& v) {
   v.Number("kernel_start_sigma", &kernel_start_sigma, 0.1, 1e3);
   v.Number("kernel_end_sigma", &kernel_end_sigma, 0.1, 1e3);
   v.Number("max_distance_m", &max_distance_m, 0.01, 100.0);
-  v.Number("min_information_share", &min_information_share, 0.0, 0.3);
+  v.Number("max_direction_sigma_m", &max_direction_sigma_m, 1e-4, 1e6);
 }
 
 ScanMatcher::ScanMatcher(const ScanMatcherOptions& options) : options_(options) {
@@ -109,57 +249,49 @@ ScanMatcher::ScanMatcher(const ScanMatcherOptions& options) : options_(options) 
 
 MatchResult ScanMatcher::Match(const std::vector<PointCluster>& clusters, const SE3& initial,
                                const VoxelMap& map) const {
-  constexpr int kMinMatches = 10;
-  const Linearisation linearisation{options_, map, clusters};
   MatchResult result;
-  result.T_world_lidar = initial;
   result.clusters = static_cast<int>(clusters.size());
-  SE3 T = initial;
-  double kernel = options_.kernel_start_sigma;
+  Lineariser lineariser(options_, map, clusters);
   NormalEquations eq;
-  for (int i = 0; i < options_.max_iterations; ++i) {
-    eq = linearisation.At(T, kernel);
-    result.iterations = i + 1;
-    if (eq.matched < kMinMatches) return result;
-    const double scale = std::sqrt(eq.range / eq.weight);
-    Vector6d scaling;
-    scaling << Eigen::Vector3d::Constant(1.0 / scale), Eigen::Vector3d::Ones();
-    const Matrix6d Hs = scaling.asDiagonal() * eq.H * scaling.asDiagonal();
-    const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(Hs);
-    Vector6d step = Vector6d::Zero();
-    const Vector6d gs = scaling.asDiagonal() * eq.g;
-    result.degenerate = 0;
-    result.min_information_share = solver.eigenvalues()(0) / eq.weight;
-    Matrix6d cov = Matrix6d::Zero();
-    for (int k = 0; k < 6; ++k) {
-      const Vector6d v = solver.eigenvectors().col(k);
-      const double l = solver.eigenvalues()(k);
-      if (l < options_.min_information_share * eq.weight) {
-        result.degenerate_directions.col(result.degenerate++) = v;
-        cov += v * v.transpose();
-        continue;
-      }
-      step -= v * (v.dot(gs) / l);
-      cov += v * v.transpose() / l;
-    }
-    result.covariance = scaling.asDiagonal() * cov * scaling.asDiagonal();
-    step = scaling.asDiagonal() * step;
-    T = Retract(T, step);
-    const bool narrow = kernel <= options_.kernel_end_sigma;
-    kernel = std::max(options_.kernel_end_sigma, 0.5 * kernel);
-    if (narrow && step.head<3>().norm() < options_.min_rotation_step_deg * M_PI / 180.0 &&
-        step.tail<3>().norm() < options_.min_translation_step_m) {
-      result.status = MatchResult::Status::kConverged;
-      break;
+  // First with planes alone; where they leave a direction open, with rough structure; what is open
+  // even then is held at the prediction.
+  bool enough = Descend(lineariser, options_, initial, Directions(), &result, &eq);
+  if (enough && FindUnobservable(lineariser, options_, &result).count > 0) {
+    lineariser.use_rough = true;
+    enough = Descend(lineariser, options_, initial, Directions(), &result, &eq);
+    if (enough) {
+      const Directions held = FindUnobservable(lineariser, options_, &result);
+      if (held.count > 0) enough = Descend(lineariser, options_, initial, held, &result, &eq);
     }
   }
-  if (result.status != MatchResult::Status::kConverged)
-    result.status = MatchResult::Status::kIterationLimit;
-  result.T_world_lidar = T;
+  if (!enough) {
+    result.status = MatchResult::Status::kTooFewMatches;
+    result.T_world_lidar = initial;
+  }
   result.matched = eq.matched;
-  result.inlier_share = eq.robust / static_cast<double>(clusters.size());
+  result.inlier_share = eq.robust / static_cast<double>(std::max<std::size_t>(1, clusters.size()));
   result.residual_rms_m = std::sqrt(eq.residual2 / std::max(eq.robust, 1e-9));
   return result;
+}
+
+double ScanMatcher::Score(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
+                          const VoxelMap& map, double scale_m, std::size_t stride) const {
+  const Eigen::Matrix3d R = T_world_lidar.R();
+  const double inverse2 = 1.0 / (scale_m * scale_m);
+  double sum = 0.0;
+  std::size_t visited = 0;
+  for (std::size_t i = 0; i < clusters.size(); i += stride, ++visited) {
+    const Eigen::Vector3d p = R * clusters[i].mean + T_world_lidar.t;
+    if (!map.CanHold(p)) continue;
+    const VoxelMap::NodeId id = map.FindSurface(p);
+    if (id == VoxelMap::kNoNode) continue;
+    const Surface& surface = map.surface(id);
+    if (surface.kind != Surface::Kind::kPlane) continue;
+    const double distance = surface.normal.cast<double>().dot(p - surface.mean);
+    const double k = 1.0 + distance * distance * inverse2;
+    sum += 1.0 / (k * k);
+  }
+  return visited == 0 ? 0.0 : sum / static_cast<double>(visited);
 }
 
 }  // namespace lamina

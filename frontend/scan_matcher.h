@@ -15,10 +15,11 @@
 // leave a direction open, rough leaves join with all three directions of their distribution
 // (Magnusson's NDT, in the distribution-to-distribution form).
 //
-// Degeneracy. With the information matrix H = sum w J'J, w in 1/m^2 and rotations scaled by the
-// scan's mean range, an eigenvector of H whose share of the information is below
-// `min_information_share` is *unobservable*: the update keeps out of it, the pose stays on the
-// prediction there, and the result says so.
+// Degeneracy. Rotations are scaled by the scan's mean range, so that tangent vectors are in metres.
+// Along an eigenvector v of H = sum w J'J, the information that counts is that of the residuals
+// which face v by more than 15 degrees (|J v| > 0.26); where 1 / sqrt(that) exceeds
+// `max_direction_sigma_m` the direction is *unobservable*: the pose stays on the prediction there,
+// and the result says so.
 #pragma once
 
 #include <vector>
@@ -45,8 +46,8 @@ struct ScanMatcherOptions {
   double kernel_end_sigma = 2.0;
   // Distance beyond which a plane is no match at all.
   double max_distance_m = 1.0;
-  // Share of the information below which a direction counts as unobservable.
-  double min_information_share = 0.004;
+  // Standard deviation along a direction beyond which it counts as unobservable.
+  double max_direction_sigma_m = 0.05;
 
   void Visit(OptionVisitor& v);
 };
@@ -67,8 +68,9 @@ struct MatchResult {
   // Covariance of the pose, tangent order [rotation; translation] (rad^2, m^2); in unobservable
   // directions that of the prediction stands in its place (large).
   Matrix6d covariance = Matrix6d::Zero();
-  // Eigenvalues' smallest share of the information, see above.
-  double min_information_share = 0.0;
+  // Largest standard deviation over all directions, from the residuals that face them: the
+  // degeneracy signal.
+  double worst_sigma_m = 0.0;
   // Number of directions held at the prediction, and these directions (columns, first `degenerate`
   // are valid), unit tangent vectors with rotations scaled by `rotation_scale_m`.
   int degenerate = 0;
@@ -85,6 +87,12 @@ class ScanMatcher {
   // Clusters in the LiDAR frame, deskewed to one instant.
   MatchResult Match(const std::vector<PointCluster>& clusters, const SE3& initial,
                     const VoxelMap& map) const;
+
+  // How well the clusters lie on the map's planes at a pose, in [0, 1]: the mean over the clusters
+  // of 1 / (1 + (distance / scale_m)^2)^2, a cluster without a plane around it counting 0. Visits
+  // every `stride`-th cluster: cheap enough to compare hundreds of poses.
+  double Score(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
+               const VoxelMap& map, double scale_m, std::size_t stride = 1) const;
 
  private:
   ScanMatcherOptions options_;
