@@ -1,0 +1,181 @@
+#include "io/scan_names.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdlib>
+#include <ctime>
+#include <limits>
+
+#include "core/error.h"
+#include "io/text_input.h"
+
+namespace lamina {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool IsDigit(char c) { return c >= '0' && c <= '9'; }
+
+bool ParseWhole(std::string_view word, std::int64_t* value) {
+  const char* const end = word.data() + word.size();
+  const auto [ptr, error] = std::from_chars(word.data(), end, *value);
+  return !word.empty() && IsDigit(word[0]) && ptr == end && error == std::errc();
+}
+
+// Cuts the run of digits that `text` starts with off it; returns it without leading zeros.
+std::string_view TakeNumber(std::string_view* text) {
+  const auto end = std::find_if_not(text->begin(), text->end(), IsDigit);
+  std::string_view number = text->substr(0, static_cast<std::size_t>(end - text->begin()));
+  text->remove_prefix(number.size());
+  number.remove_prefix(std::min(number.find_first_not_of('0'), number.size()));
+  return number;
+}
+
+// How many ns the unit of an epoch stamp of this size has; 0 for a number that is none.
+std::int64_t EpochNsPerUnit(std::int64_t value) {
+  // From 1e8 to 1e10 seconds: the three ranges do not meet.
+  for (const std::int64_t ns_per_unit : {1, 1000, 1000000}) {
+    const double seconds = static_cast<double>(value) * static_cast<double>(ns_per_unit) * 1e-9;
+    if (seconds >= 1e8 && seconds < 9.2e9) return ns_per_unit;
+  }
+  return 0;
+}
+
+// `form` tells names of different forms apart; 0: no stamp.
+struct NameStamp {
+  StampNs stamp_ns = 0;
+  std::int64_t form = 0;
+};
+
+NameStamp StampFromName(const std::string& name) {
+  std::int64_t whole = 0;
+  if (ParseWhole(name, &whole)) {
+    const std::int64_t ns_per_unit = EpochNsPerUnit(whole);
+    return {whole * ns_per_unit, ns_per_unit};
+  }
+  const bool decimal =
+      std::all_of(name.begin(), name.end(), [](char c) { return IsDigit(c) || c == '.'; });
+  NameStamp stamp;
+  if (decimal && ParseSecondsNs(name, &stamp.stamp_ns)) stamp.form = -1;
+  return stamp;
+}
+
+// `2011-09-26 13:02:25.594360375`.
+bool ParseDateTime(std::string_view text, StampNs* stamp_ns) {
+  constexpr std::string_view kForm = "0000-00-00 00:00:";
+  if (text.size() < kForm.size() + 2) return false;
+  for (std::size_t i = 0; i < kForm.size(); ++i) {
+    const bool separator = text[i] == kForm[i] || (i == 10 && text[i] == 'T');
+    if (kForm[i] == '0' ? !IsDigit(text[i]) : !separator) return false;
+  }
+  const auto number = [&](std::size_t at, std::size_t size) {
+    return std::atoi(std::string(text.substr(at, size)).c_str());
+  };
+  std::tm date = {};
+  date.tm_year = number(0, 4) - 1900;
+  date.tm_mon = number(5, 2) - 1;
+  date.tm_mday = number(8, 2);
+  date.tm_hour = number(11, 2);
+  date.tm_min = number(14, 2);
+  const std::tm as_written = date;
+  const std::int64_t minute_s = timegm(&date);
+  // timegm makes February 30 a day in March.
+  if (date.tm_mon != as_written.tm_mon || date.tm_mday != as_written.tm_mday ||
+      date.tm_hour != as_written.tm_hour || date.tm_min != as_written.tm_min) {
+    return false;
+  }
+  const std::string_view seconds = text.substr(kForm.size());
+  StampNs ns = 0;
+  if (!IsDigit(seconds[0]) || !ParseSecondsNs(seconds, &ns) || ns >= 61'000'000'000) return false;
+  // Years whose ns fit 64 bits.
+  if (as_written.tm_year < 1700 - 1900 || as_written.tm_year > 2250 - 1900) return false;
+  *stamp_ns = minute_s * 1'000'000'000 + ns;
+  return true;
+}
+
+// For each file the line that holds its stamp, see ReadStamps.
+std::vector<std::size_t> LinesOfFiles(const std::vector<fs::path>& files, std::size_t lines) {
+  std::vector<std::size_t> by_name, by_order;
+  for (const fs::path& file : files) {
+    by_order.push_back(by_order.size());
+    std::int64_t number = 0;
+    if (ParseWhole(file.stem().string(), &number) && static_cast<std::size_t>(number) < lines) {
+      by_name.push_back(static_cast<std::size_t>(number));
+    }
+  }
+  return lines > files.size() && by_name.size() == files.size() ? by_name : by_order;
+}
+
+}  // namespace
+
+bool NaturalLess(std::string_view a, std::string_view b) {
+  const std::string_view whole_a = a, whole_b = b;
+  while (!a.empty() && !b.empty()) {
+    if (IsDigit(a[0]) && IsDigit(b[0])) {
+      const std::string_view m = TakeNumber(&a), n = TakeNumber(&b);
+      if (m != n) return m.size() != n.size() ? m.size() < n.size() : m < n;
+    } else if (a[0] != b[0]) {
+      return a[0] < b[0];
+    } else {
+      a.remove_prefix(1);
+      b.remove_prefix(1);
+    }
+  }
+  // One may be the other's beginning, or they differ in leading zeros alone.
+  if (a.empty() != b.empty()) return a.empty();
+  return whole_a < whole_b;
+}
+
+std::vector<fs::path> ListFiles(const fs::path& folder, const std::vector<std::string>& endings) {
+  std::vector<fs::path> files;
+  try {
+    for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+      const std::string ending = entry.path().extension().string();
+      const bool hidden = entry.path().filename().string()[0] == '.';
+      const bool wanted = std::find(endings.begin(), endings.end(), ending) != endings.end();
+      if (wanted && !hidden && entry.is_regular_file()) files.push_back(entry.path());
+    }
+  } catch (const fs::filesystem_error& error) {
+    throw InputError(
+        fmt::format("{}: cannot be read: {}", folder.string(), error.code().message()));
+  }
+  std::sort(files.begin(), files.end(), [](const fs::path& a, const fs::path& b) {
+    return NaturalLess(a.filename().string(), b.filename().string());
+  });
+  return files;
+}
+
+std::vector<StampNs> StampsFromNames(const std::vector<fs::path>& files) {
+  std::vector<StampNs> stamps;
+  std::int64_t form = 0;
+  for (const fs::path& file : files) {
+    const NameStamp stamp = StampFromName(file.stem().string());
+    if (stamps.empty()) form = stamp.form;
+    if (stamp.form == 0 || stamp.form != form) return {};
+    stamps.push_back(stamp.stamp_ns);
+  }
+  return stamps;
+}
+
+std::vector<StampNs> ReadStamps(const std::string& stamp_file, const std::vector<fs::path>& files) {
+  const std::string text = ReadFile(stamp_file);
+  LineReader lines(stamp_file, text);
+  std::vector<StampNs> all;
+  while (lines.Next()) {
+    StampNs* const stamp_ns = &all.emplace_back();
+    if (ParseDateTime(lines.line(), stamp_ns) || ParseSecondsNs(lines.line(), stamp_ns)) continue;
+    lines.Fail("a stamp must be seconds or a date and time like 2011-09-26 13:02:25.594360375");
+  }
+  if (all.size() < files.size()) {
+    lines.Fail(fmt::format("the file ends after {} stamps, but there are {} scans", all.size(),
+                           files.size()));
+  }
+  std::vector<StampNs> stamps;
+  for (const std::size_t line : LinesOfFiles(files, all.size())) stamps.push_back(all[line]);
+  return stamps;
+}
+
+}  // namespace lamina

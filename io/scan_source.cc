@@ -1,0 +1,161 @@
+#include "io/scan_source.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "core/error.h"
+#include "io/scan_names.h"
+#include "io/text_input.h"
+
+namespace lamina {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Stamps of the recording and of the points that are further apart come from different clocks.
+constexpr double kSameClockNs = 10e9;
+
+// Where the parts of a recording are; files may be missing.
+struct Layout {
+  fs::path scans;
+  fs::path stamps;
+  fs::path calibration;
+  bool text_scans = false;  // *.txt are scans where there is no other
+};
+
+// False only if there is surely nothing: what cannot be looked at shall fail when it is read.
+bool MayExist(const fs::path& path) {
+  std::error_code ignored;
+  return !path.empty() && fs::status(path, ignored).type() != fs::file_type::not_found;
+}
+
+Layout FindLayout(const fs::path& path) {
+  std::error_code error;
+  const fs::file_status status = fs::status(path, error);
+  if (!fs::exists(status)) {
+    throw InputError(fmt::format("{}: cannot be read: {}", path.string(), error.message()));
+  }
+  if (!fs::is_directory(status)) {
+    throw InputError(
+        fmt::format("{}: is not a folder; scans are given by the folder that holds "
+                    "them",
+                    path.string()));
+  }
+  // Through the absolute path, so that `.` and a trailing slash do not hide the folder's name.
+  const fs::path folder = fs::weakly_canonical(path, error);
+  const fs::path up = folder.parent_path();
+  const auto odometry = [](const fs::path& root, const fs::path& scans) {
+    return Layout{scans, root / "times.txt", root / "calib.txt", false};
+  };
+  const auto raw = [](const fs::path& scans, const fs::path& root) {
+    return Layout{scans, root / "timestamps.txt", "", true};
+  };
+  if (fs::is_directory(path / "velodyne", error)) return odometry(path, path / "velodyne");
+  if (folder.filename() == "velodyne") return odometry(up, path);
+  if (fs::is_directory(path / "velodyne_points" / "data", error)) {
+    return raw(path / "velodyne_points" / "data", path / "velodyne_points");
+  }
+  if (folder.filename() == "velodyne_points") return raw(path / "data", path);
+  if (folder.filename() == "data" && up.filename() == "velodyne_points") return raw(path, up);
+  const char* name = MayExist(path / "times.txt") ? "times.txt" : "timestamps.txt";
+  return Layout{path, path / name, "", false};
+}
+
+SE3 ReadCalibration(const fs::path& file) {
+  const std::string text = ReadFile(file.string());
+  LineReader lines(file.string(), text);
+  while (lines.Next()) {
+    const auto words = lines.Words();
+    if (words[0] != "Tr:") continue;
+    std::vector<double> numbers;
+    for (std::size_t i = 1; i < words.size(); ++i) {
+      if (!ParseNumber(words[i], &numbers.emplace_back())) lines.Fail("Tr: must have 12 numbers");
+    }
+    return PoseFromRowMajor(numbers, lines);
+  }
+  return SE3();
+}
+
+class FileScanSource final : public ScanSource {
+ public:
+  FileScanSource(const Layout& layout, const ScanSourceOptions& options) : options_(options) {
+    files_ = ListFiles(layout.scans, {".bin", ".pcd", ".ply"});
+    if (files_.empty() && layout.text_scans) files_ = ListFiles(layout.scans, {".txt"});
+    if (files_.empty()) {
+      throw InputError(fmt::format("{}: holds no scans (*.bin, *.pcd, *.ply{})",
+                                   layout.scans.string(), layout.text_scans ? ", *.txt" : ""));
+    }
+    FindStamps(layout);
+    if (MayExist(layout.calibration)) {
+      T_camera_lidar_ = ReadCalibration(layout.calibration);
+    }
+  }
+
+  std::size_t size() const override { return files_.size(); }
+  std::string Name(std::size_t i) const override { return files_.at(i).string(); }
+  StampNs Stamp(std::size_t i) const override { return stamps_.at(i); }
+  SE3 T_camera_lidar() const override { return T_camera_lidar_; }
+
+  Scan Read(std::size_t i) const override {
+    Scan scan = ReadScanFile(Name(i), options_);
+    const StampNs clock_ns = scan.stamp_ns;
+    scan.stamp_ns = Stamp(i);
+    // The difference in double first: that of int64 might not fit.
+    const double apart_ns = static_cast<double>(clock_ns) - static_cast<double>(scan.stamp_ns);
+    if (clock_ns != 0 && recorded_stamps_ && std::abs(apart_ns) <= kSameClockNs) {
+      const float shift_s = static_cast<float>(SecondsBetween(scan.stamp_ns, clock_ns));
+      for (float& t : scan.time_s) t += shift_s;
+    }
+    return scan;
+  }
+
+ private:
+  void FindStamps(const Layout& layout) {
+    if (MayExist(layout.stamps)) {
+      stamps_ = ReadStamps(layout.stamps.string(), files_);
+    } else {
+      stamps_ = StampsFromNames(files_);
+      SortByStamp();
+    }
+    recorded_stamps_ = !stamps_.empty();
+    for (std::size_t i = stamps_.size(); i < files_.size(); ++i) {
+      stamps_.push_back(std::llround(static_cast<double>(i) * options_.frame_period_s * 1e9));
+    }
+  }
+
+  // Stamps in names say the order better than the names do: 1.25 comes before 1.5.
+  void SortByStamp() {
+    if (stamps_.empty()) return;
+    std::vector<std::pair<StampNs, fs::path>> order;
+    for (std::size_t i = 0; i < files_.size(); ++i) order.emplace_back(stamps_[i], files_[i]);
+    std::stable_sort(order.begin(), order.end(),
+                     [](const auto& a, const auto& b) { return a.first < b.first; });
+    for (std::size_t i = 0; i < files_.size(); ++i) std::tie(stamps_[i], files_[i]) = order[i];
+  }
+
+  const ScanSourceOptions options_;
+  std::vector<fs::path> files_;
+  std::vector<StampNs> stamps_;
+  bool recorded_stamps_ = false;  // not made up from frame_period_s
+  SE3 T_camera_lidar_;
+};
+
+}  // namespace
+
+void ScanSourceOptions::Visit(OptionVisitor& v) {
+  v.Number("frame_period_s", &frame_period_s, 1e-6, 1e6);
+  v.EnumChoice("point_time_unit", &point_time_unit, {"auto", "s", "ms", "us", "ns"});
+}
+
+std::unique_ptr<ScanSource> OpenScans(const std::string& path, const ScanSourceOptions& options) {
+  CheckOptions(options, "scans");
+  return std::make_unique<FileScanSource>(FindLayout(path), options);
+}
+
+}  // namespace lamina

@@ -1,0 +1,114 @@
+#include "io/file_writer.h"
+
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <stdexcept>
+
+#include "io_test_files.h"
+
+namespace lamina {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::AllOf;
+using testing::HasSubstr;
+
+// Files cannot grow beyond `bytes` while it lives: stands in for a full disk, without privileges.
+class FileSizeLimit {
+ public:
+  explicit FileSizeLimit(rlim_t bytes) : handler_(std::signal(SIGXFSZ, SIG_IGN)) {
+    getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit limit = {bytes, before_.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &limit);
+  }
+  ~FileSizeLimit() {
+    setrlimit(RLIMIT_FSIZE, &before_);
+    std::signal(SIGXFSZ, handler_);
+  }
+
+ private:
+  void (*handler_)(int);
+  rlimit before_ = {};
+};
+
+using FileWriterTest = FilesTest;
+
+TEST_F(FileWriterTest, FileAppearsAtCommitAndNotBefore) {
+  FileWriter writer(Path("a.txt"));
+  writer.Write("one ");
+  writer.Write("two");
+  EXPECT_FALSE(fs::exists(Path("a.txt")));
+  writer.Commit();
+  EXPECT_EQ(Bytes(Path("a.txt")), "one two");
+  EXPECT_FALSE(fs::exists(Path("a.txt.partial")));
+}
+
+TEST_F(FileWriterTest, OverwriteReplacesAndWritingGoesOnAtTheEnd) {
+  FileWriter writer(Path("a.txt"));
+  writer.Write("count=0000 body");
+  writer.Overwrite(6, "1234");
+  writer.Write(" end");
+  writer.Commit();
+  EXPECT_EQ(Bytes(Path("a.txt")), "count=1234 body end");
+}
+
+TEST_F(FileWriterTest, WithoutCommitTheOldFileStaysAndNothingElse) {
+  Write("a.txt", "old");
+  { FileWriter(Path("a.txt")).Write("new"); }
+  EXPECT_EQ(Bytes(Path("a.txt")), "old");
+  EXPECT_FALSE(fs::exists(Path("a.txt.partial")));
+}
+
+TEST_F(FileWriterTest, WriteFailureMidwayLeavesTheOldFileIntact) {
+  Write("a.txt", "old");
+  const std::string message = MessageOf<OutputError>([&] {
+    const FileSizeLimit limit(100000);
+    FileWriter writer(Path("a.txt"));
+    for (int i = 0; i < 100; ++i) writer.Write(std::string(10000, 'x'));
+    writer.Commit();
+  });
+  EXPECT_THAT(message, AllOf(HasSubstr(Path("a.txt")), HasSubstr("File too large")));
+  EXPECT_EQ(Bytes(Path("a.txt")), "old");
+  EXPECT_FALSE(fs::exists(Path("a.txt.partial")));
+}
+
+TEST_F(FileWriterTest, FailureOfBufferedBytesShowsAtCommit) {
+  Write("a.txt", "old");
+  const FileSizeLimit limit(10);
+  FileWriter writer(Path("a.txt"));
+  writer.Write("more than ten bytes");
+  EXPECT_THROW(writer.Commit(), OutputError);
+  EXPECT_EQ(Bytes(Path("a.txt")), "old");
+}
+
+TEST_F(FileWriterTest, MissingFolderIsNamed) {
+  const std::string message =
+      MessageOf<OutputError>([&] { FileWriter writer(Path("none/a.txt")); });
+  EXPECT_THAT(message, AllOf(HasSubstr("none/a.txt"), HasSubstr("No such file")));
+}
+
+TEST_F(FileWriterTest, UnwritableFolderIsNamed) {
+  if (geteuid() == 0) GTEST_SKIP() << "root may write anywhere";
+  fs::permissions(folder_, fs::perms::owner_read | fs::perms::owner_exec);
+  const std::string message = MessageOf<OutputError>([&] { FileWriter writer(Path("a.txt")); });
+  fs::permissions(folder_, fs::perms::owner_all);
+  EXPECT_THAT(message, AllOf(HasSubstr("a.txt"), HasSubstr("Permission denied")));
+}
+
+TEST_F(FileWriterTest, FoldersAndDevicesAreNotReplaced) {
+  EXPECT_THROW(FileWriter(folder_.string()), OutputError);
+  EXPECT_THROW(FileWriter("/dev/null"), OutputError);
+}
+
+TEST_F(FileWriterTest, UseAfterCommitIsAProgrammersError) {
+  FileWriter writer(Path("a.txt"));
+  writer.Commit();
+  EXPECT_THROW(writer.Write("x"), std::logic_error);
+  EXPECT_THROW(writer.Overwrite(0, "x"), std::logic_error);
+  EXPECT_THROW(writer.Commit(), std::logic_error);
+}
+
+}  // namespace
+}  // namespace lamina
