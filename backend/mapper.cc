@@ -1,6 +1,7 @@
 #include "backend/mapper.h"
 
 #include <cmath>
+#include <utility>
 
 namespace lamina {
 
@@ -10,36 +11,53 @@ void BackendOptions::Visit(OptionVisitor& v) {
   v.Integer("hand_over_lag_frames", &hand_over_lag_frames, 0, 100);
   v.Number("keyframe_translation_m", &keyframe_translation_m, 0.0, 100.0);
   v.Number("keyframe_rotation_deg", &keyframe_rotation_deg, 0.0, 180.0);
+  v.Integer("restart_after_lost_frames", &restart_after_lost_frames, 0, 1000000);
+  v.Integer("min_surfel_frames", &min_surfel_frames, 1, 1000);
   v.Group("window", &window);
   v.Group("solver", &solver);
 }
 
-Mapper::Mapper(const MapperOptions& options)
+Mapper::Mapper(const MapperOptions& options, std::function<void(const Surfel&)> on_evicted)
     : options_(options),
       map_(options.map),
       odometry_(options.odometry),
-      window_(options.backend.window, options.deskew, &map_) {
+      window_(options.backend.window, &map_),
+      on_evicted_(std::move(on_evicted)) {
   CheckOptions(options.backend, "backend");
 }
 
-OdometryFrame Mapper::Process(StampNs stamp_ns, std::vector<TimedCluster> clusters) {
-  OdometryFrame frame = odometry_.Register(stamp_ns, clusters, map_);
-  if (options_.deskew && !window_.frames().empty()) {
-    const int passes = keyframes_.size() < 2 ? 4 : 1;
-    for (int i = 0; i < passes; ++i) {
-      RefineLastTwist(stamp_ns, frame.T_world_lidar);
-      map_.Refresh();
-      if (passes > 1) frame = odometry_.Register(stamp_ns, clusters, map_);
-    }
+MappedFrame Mapper::Process(StampNs stamp_ns, std::vector<TimedCluster> clusters) {
+  MappedFrame result;
+  result.odometry = Register(stamp_ns, clusters);
+  OdometryFrame& frame = result.odometry;
+  if (frame.status == OdometryFrame::Status::kLost) {
+    result.restarted = ++lost_in_a_row_ > options_.backend.restart_after_lost_frames;
   }
-  odometry_.Accept(frame);
+  if (frame.status != OdometryFrame::Status::kLost || result.restarted) {
+    lost_in_a_row_ = 0;
+    odometry_.Accept(frame);
+    result.keyframe = result.restarted || IsKeyframe(frame.T_world_lidar);
+    if (result.keyframe) AddKeyframe(frame, std::move(clusters));
+  }
   FrameRecord record;
   record.stamp_ns = stamp_ns;
-  record.keyframe = IsKeyframe(frame.T_world_lidar);
-  if (record.keyframe) AddKeyframe(frame, std::move(clusters));
   record.keyframe_id = static_cast<std::int64_t>(keyframes_.size()) - 1;
   record.T_keyframe_lidar = keyframes_.back().Inverse() * frame.T_world_lidar;
   records_.push_back(record);
+  return result;
+}
+
+OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) {
+  OdometryFrame frame = odometry_.Register(stamp_ns, clusters, map_);
+  // The first scan was put into the map as if the sensor stood still: two scans later its motion is
+  // known, so both are brought to agree before anything is built on them.
+  const int passes = keyframes_.size() == 1 ? 4 : 1;
+  for (int i = 0; i < passes && frame.status == OdometryFrame::Status::kTracked; ++i) {
+    if (!RefineLastTwist(stamp_ns, frame.T_world_lidar)) break;
+    if (passes == 1) break;
+    map_.Refresh();
+    frame = odometry_.Register(stamp_ns, clusters, map_);
+  }
   return frame;
 }
 
@@ -50,14 +68,16 @@ bool Mapper::IsKeyframe(const SE3& T) const {
          RotationAngle(last, T) >= options_.backend.keyframe_rotation_deg * M_PI / 180.0;
 }
 
-void Mapper::RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar) {
+bool Mapper::RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar) {
+  if (window_.frames().empty() || window_.frames().back().measured.empty()) return false;
   const std::size_t last = window_.frames().size() - 1;
   const WindowFrame& frame = window_.frames()[last];
   const double dt = SecondsBetween(frame.stamp_ns, stamp_ns);
-  if (dt <= 0.0 || dt > 0.5) return;
+  if (dt <= 0.0 || dt > SlidingWindow::kMaxTwistGapS) return false;
   const Vector6d after = TwistLog(frame.T_world_lidar.Inverse() * T_world_lidar) / dt;
   const Vector6d twist = last == 0 ? after : Vector6d(0.5 * (window_.CentralTwist(last) + after));
   window_.Move(last, frame.T_world_lidar, twist);
+  return true;
 }
 
 void Mapper::AddKeyframe(const OdometryFrame& odometry, std::vector<TimedCluster> clusters) {
@@ -76,13 +96,16 @@ void Mapper::AddKeyframe(const OdometryFrame& odometry, std::vector<TimedCluster
   keyframes_.push_back(frame.T_world_lidar);
   window_.Push(std::move(frame));
   map_.Refresh();
-  map_.EvictToBudget(2, nullptr);
+  map_.EvictToBudget(options_.backend.min_surfel_frames, on_evicted_);
   ++keyframes_since_solve_;
 }
 
+bool Mapper::SolvePossible() const {
+  return options_.backend.enabled && solving_.empty() && window_.frames().size() >= 3;
+}
+
 bool Mapper::SolveDue() const {
-  return options_.backend.enabled && solving_.empty() && window_.frames().size() >= 3 &&
-         keyframes_since_solve_ >= options_.backend.solve_every_keyframes;
+  return SolvePossible() && keyframes_since_solve_ >= options_.backend.solve_every_keyframes;
 }
 
 BundleProblem Mapper::PrepareSolve() {

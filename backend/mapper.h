@@ -32,6 +32,10 @@ struct BackendOptions {
   // A frame becomes a keyframe when it moved or turned so far from the last one. 0: every frame.
   double keyframe_translation_m = 0.1;
   double keyframe_rotation_deg = 1.0;
+  // Lost for so many frames in a row: the next one enters the map at its predicted pose after all.
+  int restart_after_lost_frames = 20;
+  // Frames that must have seen a plane before it counts as part of the map that is written out.
+  int min_surfel_frames = 2;
   SlidingWindowOptions window;
   BundleAdjusterOptions solver;
 
@@ -42,7 +46,12 @@ struct MapperOptions {
   VoxelMapOptions map;
   OdometryOptions odometry;
   BackendOptions backend;
-  bool deskew = false;
+};
+
+struct MappedFrame {
+  OdometryFrame odometry;
+  bool keyframe = false;
+  bool restarted = false;  // lost for so long that mapping starts anew from the prediction
 };
 
 // What is known of a frame once it is processed.
@@ -56,25 +65,30 @@ struct FrameRecord {
 
 class Mapper {
  public:
-  explicit Mapper(const MapperOptions& options);
+  // `on_evicted` gets the planes of parts of the map that leave memory; may be empty.
+  Mapper(const MapperOptions& options, std::function<void(const Surfel&)> on_evicted);
 
-  // Returns what odometry found. Clusters are moved from.
-  OdometryFrame Process(StampNs stamp_ns, std::vector<TimedCluster> clusters);
+  // Stamps must increase. A lost frame leaves the map as it is.
+  MappedFrame Process(StampNs stamp_ns, std::vector<TimedCluster> clusters);
 
   bool SolveDue() const;
+  // Whether there is anything to solve at all, due or not.
+  bool SolvePossible() const;
   BundleProblem PrepareSolve();
   void ApplySolve(const BundleResult& result);
 
   // Poses of all frames so far, as known now.
   Trajectory CurrentTrajectory() const;
 
-  VoxelMap& map() { return map_; }
   const VoxelMap& map() const { return map_; }
 
  private:
+  OdometryFrame Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters);
   bool IsKeyframe(const SE3& T_world_lidar) const;
   void AddKeyframe(const OdometryFrame& frame, std::vector<TimedCluster> clusters);
-  void RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar);
+  // Deskews the last keyframe again, now that the motion after it is known too. False if it makes
+  // no difference.
+  bool RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar);
 
   MapperOptions options_;
   VoxelMap map_;
@@ -84,6 +98,8 @@ class Mapper {
   std::vector<SE3> keyframes_;  // final or present poses, by keyframe id
   int keyframes_since_solve_ = 0;
   std::vector<std::int64_t> solving_;  // ids of the frames of the problem under way
+  int lost_in_a_row_ = 0;
+  std::function<void(const Surfel&)> on_evicted_;
 };
 
 }  // namespace lamina

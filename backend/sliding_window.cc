@@ -31,8 +31,8 @@ void SlidingWindowOptions::Visit(OptionVisitor& v) {
   v.Number("prior_translation_m", &prior_translation_m, 1e-4, 1e3);
 }
 
-SlidingWindow::SlidingWindow(const SlidingWindowOptions& options, bool deskew, VoxelMap* map)
-    : options_(options), deskew_(deskew), map_(map) {
+SlidingWindow::SlidingWindow(const SlidingWindowOptions& options, VoxelMap* map)
+    : options_(options), map_(map) {
   CheckOptions(options, "backend.window");
 }
 
@@ -48,7 +48,7 @@ void SlidingWindow::UpdateClusters(const SE3& T, WindowFrame* frame) const {
 
 void SlidingWindow::Push(WindowFrame frame) {
   frame.deskewed = DeskewClusters(frame.measured, frame.twist);
-  if (!deskew_) frame.measured.clear();
+  if (!AnyTimed(frame.measured)) frame.measured.clear();
   UpdateClusters(frame.T_world_lidar, &frame);
   frame.leaves.assign(frame.in_map.size(), VoxelMap::kNoNode);
   for (std::size_t i = 0; i < frame.in_map.size(); ++i) {
@@ -78,7 +78,7 @@ WindowFrame SlidingWindow::PopOldest() {
 void SlidingWindow::Move(std::size_t i, const SE3& T_world_lidar, const Vector6d& twist) {
   WindowFrame& frame = frames_[i];
   frame.T_world_lidar = T_world_lidar;
-  if (deskew_) {
+  if (!frame.measured.empty()) {
     frame.twist = twist;
     frame.deskewed = DeskewClusters(frame.measured, twist);
   }
@@ -91,13 +91,12 @@ void SlidingWindow::Move(std::size_t i, const SE3& T_world_lidar, const Vector6d
 }
 
 Vector6d SlidingWindow::CentralTwist(std::size_t i) const {
-  constexpr double kMaxGapS = 0.5;
   Vector6d sum = Vector6d::Zero();
   int terms = 0;
   for (const std::size_t a : {i - 1, i}) {
     if (a + 1 >= frames_.size() || (a == i - 1 && i == 0)) continue;
     const double dt = SecondsBetween(frames_[a].stamp_ns, frames_[a + 1].stamp_ns);
-    if (dt <= 0.0 || dt > kMaxGapS) continue;
+    if (dt <= 0.0 || dt > kMaxTwistGapS) continue;
     sum += TwistLog(frames_[a].T_world_lidar.Inverse() * frames_[a + 1].T_world_lidar) / dt;
     ++terms;
   }

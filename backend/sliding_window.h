@@ -42,8 +42,8 @@ struct WindowFrame {
   std::int64_t id = 0;
   StampNs stamp_ns = 0;
   SE3 T_world_lidar;
-  Vector6d twist = Vector6d::Zero();  // body, per second, during the scan
-  std::vector<TimedCluster> measured;
+  Vector6d twist = Vector6d::Zero();     // body, per second, during the scan
+  std::vector<TimedCluster> measured;    // emptied if they carry no time: nothing to deskew
   std::vector<PointCluster> deskewed;    // LiDAR frame at the stamp
   std::vector<PointCluster> in_map;      // world frame, capped weight
   std::vector<VoxelMap::NodeId> leaves;  // kNoNode: outside of what the map can hold
@@ -52,7 +52,10 @@ struct WindowFrame {
 
 class SlidingWindow {
  public:
-  SlidingWindow(const SlidingWindowOptions& options, bool deskew, VoxelMap* map);
+  // Frames farther apart in time say nothing of the velocity at either.
+  static constexpr double kMaxTwistGapS = 0.5;
+
+  SlidingWindow(const SlidingWindowOptions& options, VoxelMap* map);
 
   const std::deque<WindowFrame>& frames() const { return frames_; }
   bool full() const { return static_cast<int>(frames_.size()) >= options_.frames; }
@@ -82,7 +85,6 @@ class SlidingWindow {
   void UpdateClusters(const SE3& T, WindowFrame* frame) const;
 
   SlidingWindowOptions options_;
-  bool deskew_;
   VoxelMap* map_;
   std::deque<WindowFrame> frames_;
 };

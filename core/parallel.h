@@ -7,6 +7,7 @@
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <cstddef>
@@ -22,10 +23,13 @@ void ParallelChunks(size_t size, size_t chunk, const Body& body) {
     if (size > 0) body(size_t{0}, size);
     return;
   }
-  tbb::parallel_for(tbb::blocked_range<size_t>(0, chunks, 1), [&](const auto& range) {
-    for (size_t c = range.begin(); c != range.end(); ++c) {
-      body(c * chunk, std::min(size, (c + 1) * chunk));
-    }
+  // Isolated: a thread that waits for the last chunk must not start a long task from elsewhere.
+  tbb::this_task_arena::isolate([&] {
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, chunks, 1), [&](const auto& range) {
+      for (size_t c = range.begin(); c != range.end(); ++c) {
+        body(c * chunk, std::min(size, (c + 1) * chunk));
+      }
+    });
   });
 }
 

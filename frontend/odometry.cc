@@ -10,6 +10,7 @@ namespace lamina {
 void OdometryOptions::Visit(OptionVisitor& v) {
   v.Integer("deskew_passes", &deskew_passes, 0, 10);
   v.Number("max_prediction_gap_s", &max_prediction_gap_s, 0.0, 1e6);
+  v.Number("lost_inlier_ratio", &lost_inlier_ratio, 0.0, 1.0);
   v.Group("matcher", &matcher);
   v.Group("search", &search);
 }
@@ -34,7 +35,7 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
                                  const VoxelMap& map) const {
   OdometryFrame frame;
   frame.stamp_ns = stamp_ns;
-  if (accepted_ == 0) return frame;
+  if (!started_) return frame;
   const double dt = SecondsBetween(last_stamp_ns_, stamp_ns);
   const bool known = dt <= options_.max_prediction_gap_s;
   frame.twist = known ? velocity_ : Vector6d::Zero();
@@ -45,15 +46,19 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
     frame.searched = true;
     frame.match = Search(deskewed, {frame.T_world_predicted, T_world_last_}, frame.match, map);
   }
-  const bool timed = std::any_of(clusters.begin(), clusters.end(), [](const TimedCluster& c) {
-    return c.time_scatter > 0.0 || c.mean_time_s != 0.0;
-  });
+  const bool timed = AnyTimed(clusters);
   for (int pass = 0; timed && known && pass < options_.deskew_passes; ++pass) {
     frame.twist = TwistLog(T_world_last_.Inverse() * frame.match.T_world_lidar) / dt;
     frame.match =
         matcher_.Match(DeskewClusters(clusters, frame.twist), frame.match.T_world_lidar, map);
   }
   frame.T_world_lidar = frame.match.T_world_lidar;
+  frame.status = OdometryFrame::Status::kTracked;
+  if (frame.match.status == MatchResult::Status::kTooFewMatches ||
+      frame.match.inlier_share < options_.lost_inlier_ratio * RecentInliers()) {
+    frame.status = OdometryFrame::Status::kLost;
+    frame.T_world_lidar = frame.T_world_predicted;
+  }
   return frame;
 }
 
@@ -65,10 +70,14 @@ bool Odometry::NeedsSearch(const OdometryFrame& frame) const {
   const SE3& b = frame.match.T_world_lidar;
   if (RotationAngle(a, b) > o.trigger_rotation_deg * M_PI / 180.0) return true;
   if ((a.t - b.t).norm() > o.trigger_translation_m) return true;
-  if (recent_inliers_.empty()) return false;
+  return frame.match.inlier_share < o.trigger_inlier_ratio * RecentInliers();
+}
+
+double Odometry::RecentInliers() const {
+  if (recent_inliers_.empty()) return 0.0;
   std::vector<double> sorted(recent_inliers_.begin(), recent_inliers_.end());
   std::sort(sorted.begin(), sorted.end());
-  return frame.match.inlier_share < o.trigger_inlier_ratio * sorted[sorted.size() / 2];
+  return sorted[sorted.size() / 2];
 }
 
 MatchResult Odometry::Search(const std::vector<PointCluster>& clusters,
@@ -116,14 +125,16 @@ void Odometry::Accept(const OdometryFrame& frame) {
   constexpr std::size_t kRecent = 15;
   const double dt = SecondsBetween(last_stamp_ns_, frame.stamp_ns);
   velocity_.setZero();
-  if (accepted_ > 0 && dt > 0.0) {
+  if (frame.status == OdometryFrame::Status::kTracked && dt > 0.0) {
     velocity_ = TwistLog(T_world_last_.Inverse() * frame.T_world_lidar) / dt;
     recent_inliers_.push_back(frame.match.inlier_share);
     if (recent_inliers_.size() > kRecent) recent_inliers_.pop_front();
+  } else {
+    recent_inliers_.clear();
   }
   last_stamp_ns_ = frame.stamp_ns;
   T_world_last_ = frame.T_world_lidar;
-  ++accepted_;
+  started_ = true;
 }
 
 void Odometry::Correct(const SE3& correction) { T_world_last_ = correction * T_world_last_; }

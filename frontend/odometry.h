@@ -39,6 +39,8 @@ struct OdometryOptions {
   int deskew_passes = 1;
   // A gap longer than this leaves nothing of the old velocity: the prediction is to stand still.
   double max_prediction_gap_s = 1.0;
+  // Lost when, after a search too, the share of inliers is below this part of its recent median.
+  double lost_inlier_ratio = 0.35;
   ScanMatcherOptions matcher;
   RotationSearchOptions search;
 
@@ -46,6 +48,12 @@ struct OdometryOptions {
 };
 
 struct OdometryFrame {
+  enum class Status {
+    kFirst,  // nothing to match against yet: the pose is the start
+    kTracked,
+    kLost,  // no match to be trusted: the pose is the prediction, and must not enter a map
+  };
+  Status status = Status::kFirst;
   StampNs stamp_ns = 0;
   SE3 T_world_lidar;
   SE3 T_world_predicted;
@@ -63,7 +71,8 @@ class Odometry {
   OdometryFrame Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                          const VoxelMap& map) const;
 
-  // Makes a frame the last one: the next prediction starts from it.
+  // Makes a frame the last one: the next prediction starts from it. Not for lost frames, unless
+  // mapping is to start anew from there.
   void Accept(const OdometryFrame& frame);
   // The last pose moves: T -> correction * T.
   void Correct(const SE3& correction);
@@ -71,6 +80,7 @@ class Odometry {
   const Vector6d& velocity() const { return velocity_; }
 
  private:
+  double RecentInliers() const;
   bool NeedsSearch(const OdometryFrame& frame) const;
   // The best of the matches from hypotheses about the centres and the given one.
   MatchResult Search(const std::vector<PointCluster>& clusters, const std::vector<SE3>& centres,
@@ -79,7 +89,7 @@ class Odometry {
   OdometryOptions options_;
   ScanMatcher matcher_;
   std::deque<double> recent_inliers_;
-  int accepted_ = 0;
+  bool started_ = false;
   StampNs last_stamp_ns_ = 0;
   SE3 T_world_last_;
   Vector6d velocity_ = Vector6d::Zero();

@@ -1,5 +1,6 @@
 #include "frontend/scan_clusters.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "core/parallel.h"
@@ -81,6 +82,12 @@ std::vector<PointCluster> DeskewClusters(const std::vector<TimedCluster>& cluste
     for (std::size_t i = begin; i < end; ++i) result[i] = clusters[i].Deskewed(twist);
   });
   return result;
+}
+
+bool AnyTimed(const std::vector<TimedCluster>& clusters) {
+  return std::any_of(clusters.begin(), clusters.end(), [](const TimedCluster& c) {
+    return c.time_scatter > 0.0 || c.mean_time_s != 0.0;
+  });
 }
 
 }  // namespace lamina

@@ -27,4 +27,7 @@ std::vector<TimedCluster> BuildScanClusters(const std::vector<TimedPoint>& point
 std::vector<PointCluster> DeskewClusters(const std::vector<TimedCluster>& clusters,
                                          const Vector6d& twist);
 
+// Whether any cluster was measured at another instant than the stamp.
+bool AnyTimed(const std::vector<TimedCluster>& clusters);
+
 }  // namespace lamina

@@ -1,0 +1,230 @@
+#include "config/config.h"
+
+#include <fmt/format.h>
+#include <yaml-cpp/yaml.h>
+
+#include <algorithm>
+#include <fstream>
+#include <map>
+#include <set>
+#include <sstream>
+
+namespace lamina {
+namespace {
+
+std::string JoinNames(const std::vector<std::string>& names) {
+  std::string joined;
+  for (const std::string& name : names) joined += (joined.empty() ? "" : ", ") + name;
+  return joined;
+}
+
+struct Setting {
+  std::string value;
+  std::string place;  // file:line, or the pair as given
+};
+
+using Settings = std::map<std::string, Setting>;
+
+// Gives options the values of `settings`, and remembers which names there are.
+class Assigner final : public NamedOptionVisitor {
+ public:
+  explicit Assigner(const Settings& settings) : settings_(settings) {}
+
+  void Number(const char* name, double* value, double low, double high) override {
+    Assign(name, "a number", value,
+           [&] { OptionChecker("").Number(FullName(name).c_str(), value, low, high); });
+  }
+  void Integer(const char* name, int* value, int low, int high) override {
+    Assign(name, "a whole number", value,
+           [&] { OptionChecker("").Integer(FullName(name).c_str(), value, low, high); });
+  }
+  void Flag(const char* name, bool* value) override {
+    Assign(name, "true or false", value, [] {});
+  }
+  void Choice(const char* name, int* index, const std::vector<std::string>& names) override {
+    const Setting* setting = Find(name);
+    if (setting == nullptr) return;
+    const auto found = std::find(names.begin(), names.end(), setting->value);
+    if (found == names.end()) {
+      throw OptionError(fmt::format("{}: {} = {}: must be one of {}", setting->place,
+                                    FullName(name), setting->value, JoinNames(names)));
+    }
+    *index = static_cast<int>(found - names.begin());
+  }
+
+  const std::vector<std::string>& names() const { return names_; }
+
+ private:
+  const Setting* Find(const char* name) {
+    names_.push_back(FullName(name));
+    const auto found = settings_.find(names_.back());
+    return found == settings_.end() ? nullptr : &found->second;
+  }
+
+  template <typename T, typename Check>
+  void Assign(const char* name, const char* rule, T* value, const Check& check) {
+    const Setting* setting = Find(name);
+    if (setting == nullptr) return;
+    try {
+      *value = YAML::Load(setting->value).as<T>();
+    } catch (const YAML::Exception&) {
+      throw OptionError(fmt::format("{}: {} = {}: must be {}", setting->place, FullName(name),
+                                    setting->value, rule));
+    }
+    try {
+      check();
+    } catch (const OptionError& error) {
+      throw OptionError(fmt::format("{}: {}", setting->place, error.what()));
+    }
+  }
+
+  const Settings& settings_;
+  std::vector<std::string> names_;
+};
+
+// Levenshtein distance, to guess what a misspelt key was meant to be.
+std::size_t EditDistance(const std::string& a, const std::string& b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
+  for (std::size_t i = 1; i <= a.size(); ++i) {
+    std::size_t diagonal = row[0];
+    row[0] = i;
+    for (std::size_t j = 1; j <= b.size(); ++j) {
+      const std::size_t substitute = diagonal + (a[i - 1] == b[j - 1] ? 0 : 1);
+      diagonal = row[j];
+      row[j] = std::min({row[j] + 1, row[j - 1] + 1, substitute});
+    }
+  }
+  return row.back();
+}
+
+void RefuseUnknown(const Settings& settings, const std::vector<std::string>& names) {
+  const std::set<std::string> known(names.begin(), names.end());
+  for (const auto& [name, setting] : settings) {
+    if (known.count(name) > 0) continue;
+    const std::string& key = name;
+    const auto nearest = std::min_element(names.begin(), names.end(),
+                                          [&](const std::string& a, const std::string& b) {
+                                            return EditDistance(key, a) < EditDistance(key, b);
+                                          });
+    throw OptionError(
+        fmt::format("{}: unknown option '{}'; did you mean '{}'?", setting.place, name, *nearest));
+  }
+}
+
+void Flatten(const YAML::Node& node, const std::string& prefix, const std::string& file,
+             Settings* settings) {
+  for (const auto& entry : node) {
+    const auto key = entry.first.as<std::string>();
+    const std::string name = prefix.empty() ? key : prefix + "." + key;
+    const std::string place = fmt::format("{}:{}", file, entry.first.Mark().line + 1);
+    if (entry.second.IsMap()) {
+      Flatten(entry.second, name, file, settings);
+    } else if (entry.second.IsScalar()) {
+      if (!settings->emplace(name, Setting{entry.second.Scalar(), place}).second) {
+        throw OptionError(fmt::format("{}: option '{}' is given twice", place, name));
+      }
+    } else {
+      throw OptionError(fmt::format("{}: '{}' must be a single value or a group", place, name));
+    }
+  }
+}
+
+Settings ReadYaml(const std::string& path) {
+  std::ifstream file(path);
+  if (!file) throw InputError(fmt::format("cannot read the configuration {}", path));
+  std::stringstream text;
+  text << file.rdbuf();
+  Settings settings;
+  try {
+    const YAML::Node root = YAML::Load(text.str());
+    if (root.IsNull()) return settings;
+    if (!root.IsMap()) throw OptionError(fmt::format("{}:1: must be a map of options", path));
+    Flatten(root, "", path, &settings);
+  } catch (const YAML::Exception& error) {
+    throw OptionError(
+        fmt::format("{}:{}: not valid YAML: {}", path, error.mark.line + 1, error.msg));
+  }
+  return settings;
+}
+
+// The options as YAML text.
+class Emitter final : public OptionVisitor {
+ public:
+  void Number(const char* name, double* value, double, double) override {
+    Line(name, fmt::format("{}", *value));
+  }
+  void Integer(const char* name, int* value, int, int) override {
+    Line(name, std::to_string(*value));
+  }
+  void Flag(const char* name, bool* value) override { Line(name, *value ? "true" : "false"); }
+  void Choice(const char* name, int* index, const std::vector<std::string>& names) override {
+    Line(name, names.at(static_cast<std::size_t>(*index)));
+  }
+  void BeginGroup(const char* name) override {
+    text += std::string(indent_, ' ') + name + ":\n";
+    indent_ += 2;
+  }
+  void EndGroup() override { indent_ -= 2; }
+
+  std::string text;
+
+ private:
+  void Line(const char* name, const std::string& value) {
+    text += std::string(indent_, ' ') + name + ": " + value + "\n";
+  }
+  std::size_t indent_ = 0;
+};
+
+void Apply(const Settings& settings, LaminaConfig* config) {
+  Assigner assigner(settings);
+  config->Visit(assigner);
+  RefuseUnknown(settings, assigner.names());
+}
+
+}  // namespace
+
+void LaminaConfig::Visit(OptionVisitor& v) {
+  v.Group("scans", &scans);
+  v.Group("preparation", &preparation);
+  v.Group("map", &map);
+  v.Group("frontend", &frontend);
+  v.Group("backend", &backend);
+  v.Group("pipeline", &pipeline);
+}
+
+MappingOptions LaminaConfig::Mapping() const {
+  return {preparation, {map, frontend, backend}, pipeline};
+}
+
+LaminaConfig LoadConfig(const std::string& path, const std::vector<std::string>& key_values) {
+  LaminaConfig config;
+  if (!path.empty()) Apply(ReadYaml(path), &config);
+  Settings pairs;
+  for (const std::string& pair : key_values) {
+    const std::size_t equals = pair.find('=');
+    if (equals == std::string::npos || equals == 0) {
+      throw OptionError(fmt::format("--set {}: must have the form key=value", pair));
+    }
+    pairs[pair.substr(0, equals)] = {pair.substr(equals + 1), "--set " + pair};
+  }
+  Apply(pairs, &config);
+  return config;
+}
+
+std::string ToYaml(const LaminaConfig& config) {
+  Emitter emitter;
+  LaminaConfig copy = config;
+  copy.Visit(emitter);
+  return emitter.text;
+}
+
+std::vector<std::string> OptionNames() {
+  const Settings none;
+  Assigner assigner(none);
+  LaminaConfig config;
+  config.Visit(assigner);
+  return assigner.names();
+}
+
+}  // namespace lamina

@@ -1,0 +1,39 @@
+// The whole configuration of a run, YAML in and YAML out.
+//
+// Defaults live in the option structs alone. A YAML file names what differs; `key=value` pairs come
+// after it. Keys are those of the Visit functions: `backend.window.frames` is frames below window
+// below backend. An unknown key, a wrong type or a value out of range is an OptionError that names
+// file, line, value and rule.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "backend/mapping_pipeline.h"
+#include "core/options.h"
+
+namespace lamina {
+
+struct LaminaConfig {
+  ScanSourceOptions scans;
+  ScanPreparationOptions preparation;
+  VoxelMapOptions map;
+  OdometryOptions frontend;
+  BackendOptions backend;
+  PipelineOptions pipeline;
+
+  void Visit(OptionVisitor& v);
+  MappingOptions Mapping() const;
+};
+
+// Defaults, then the file (none if the path is empty), then the pairs, each checked. Throws
+// OptionError; InputError if the file cannot be read.
+LaminaConfig LoadConfig(const std::string& path, const std::vector<std::string>& key_values);
+
+// Every option with its value, as YAML that LoadConfig reads back to the same configuration.
+std::string ToYaml(const LaminaConfig& config);
+
+// All dotted names, in order.
+std::vector<std::string> OptionNames();
+
+}  // namespace lamina
