@@ -87,90 +87,122 @@ Fields SurfelFields(const std::array<std::string_view, 3>& normal, const Fields&
   return fields;
 }
 
-template <typename AppendColour>
-void WriteSurfels(const std::string& path, const std::string& header, const SurfelMap& surfels,
-                  const AppendColour& append_colour) {
-  FileWriter writer(path);
-  writer.Write(header);
-  std::string record;
-  for (const Surfel& s : surfels) {
-    record.clear();
-    // Rounding may leave the eigenvalue of a perfect plane below zero.
-    const float thickness_m = std::sqrt(std::max(0.0F, s.eigenvalues[2]));
-    const Eigen::Vector3f centre = s.centre.cast<float>();
-    for (const Eigen::Vector3f& v : {centre, s.normal, s.eigenvalues}) {
-      for (int i = 0; i < 3; ++i) AppendBytes(v[i], &record);
-    }
-    AppendBytes(thickness_m, &record);
-    AppendBytes(s.count, &record);
-    append_colour(ThicknessColour(thickness_m), &record);
-    writer.Write(record);
+// A file of equal records whose header tells their number, which is known at the end alone.
+class RecordFile {
+ public:
+  RecordFile(const std::string& path, Fields ply_fields, Fields pcd_fields)
+      : ply_(IsPly(path)), fields_(std::move(ply_ ? ply_fields : pcd_fields)), writer_(path) {
+    writer_.Write(Header());
   }
-  writer.Commit();
-}
 
-}  // namespace
+  bool ply() const { return ply_; }
+  std::size_t count() const { return count_; }
 
-void WriteSurfelsPly(const std::string& path, const SurfelMap& surfels) {
-  const Fields fields = SurfelFields(
-      {"nx", "ny", "nz"},
-      {{"red", "uchar", 'U', 1}, {"green", "uchar", 'U', 1}, {"blue", "uchar", 'U', 1}});
-  WriteSurfels(path, PlyHeader(fields, surfels.size()), surfels,
-               [](Colour c, std::string* record) { AppendBytes(c, record); });
-}
+  void Append(std::string_view bytes, std::size_t records) {
+    writer_.Write(bytes);
+    count_ += records;
+  }
 
-void WriteSurfelsPcd(const std::string& path, const SurfelMap& surfels) {
-  const Fields fields =
-      SurfelFields({"normal_x", "normal_y", "normal_z"}, {{"rgb", "uint", 'U', 4}});
-  WriteSurfels(path, PcdHeader(fields, surfels.size()), surfels, [](Colour c, std::string* record) {
-    AppendBytes(std::array<std::uint8_t, 4>{c.blue, c.green, c.red, 0}, record);
-  });
-}
+  void Commit() {
+    writer_.Overwrite(0, Header());
+    writer_.Commit();
+  }
 
-struct CloudWriter::Impl {
-  explicit Impl(const std::string& path)
-      : ply(std::filesystem::path(path).extension() == ".ply"), writer(Checked(path)) {}
-
-  static const std::string& Checked(const std::string& path) {
+ private:
+  static bool IsPly(const std::string& path) {
     const auto ending = std::filesystem::path(path).extension();
-    if (ending == ".ply" || ending == ".pcd") return path;
-    throw OutputError(fmt::format("{}: a cloud's name must end in .ply or .pcd", path));
+    if (ending == ".ply" || ending == ".pcd") return ending == ".ply";
+    throw OutputError(fmt::format("{}: the name must end in .ply or .pcd", path));
   }
 
   // The header for any count has the same length: a comment makes up for missing digits. (Leading
   // zeros would do, too, but some readers take them for octal.)
   std::string Header() const {
-    const Fields fields = {Float("x"), Float("y"), Float("z"), Float("intensity")};
-    const auto make = ply ? PlyHeader : PcdHeader;
-    const std::size_t missing =
-        make(fields, std::numeric_limits<std::size_t>::max()).size() - make(fields, count).size();
-    std::string header = make(fields, count);
-    const std::string_view mark = ply ? "comment Lamina" : "- Lamina";
+    const auto make = ply_ ? PlyHeader : PcdHeader;
+    const std::size_t missing = make(fields_, std::numeric_limits<std::size_t>::max()).size() -
+                                make(fields_, count_).size();
+    std::string header = make(fields_, count_);
+    const std::string_view mark = ply_ ? "comment Lamina" : "- Lamina";
     return header.insert(header.find(mark) + mark.size(), missing, '.');
   }
 
-  bool ply;
-  FileWriter writer;
-  std::size_t count = 0;
+  bool ply_;
+  Fields fields_;
+  FileWriter writer_;
+  std::size_t count_ = 0;
 };
 
-CloudWriter::CloudWriter(const std::string& path) : impl_(std::make_unique<Impl>(path)) {
-  impl_->writer.Write(impl_->Header());
+Fields PlySurfelFields() {
+  return SurfelFields(
+      {"nx", "ny", "nz"},
+      {{"red", "uchar", 'U', 1}, {"green", "uchar", 'U', 1}, {"blue", "uchar", 'U', 1}});
 }
+
+Fields PcdSurfelFields() {
+  return SurfelFields({"normal_x", "normal_y", "normal_z"}, {{"rgb", "uint", 'U', 4}});
+}
+
+Fields CloudFields() { return {Float("x"), Float("y"), Float("z"), Float("intensity")}; }
+
+}  // namespace
+
+struct SurfelWriter::Impl {
+  RecordFile file;
+  std::string record;
+};
+
+SurfelWriter::SurfelWriter(const std::string& path)
+    : impl_(new Impl{{path, PlySurfelFields(), PcdSurfelFields()}, ""}) {}
+
+SurfelWriter::~SurfelWriter() = default;
+
+void SurfelWriter::Append(const Surfel& s) {
+  std::string& record = impl_->record;
+  record.clear();
+  // Rounding may leave the eigenvalue of a perfect plane below zero.
+  const float thickness_m = std::sqrt(std::max(0.0F, s.eigenvalues[2]));
+  const Eigen::Vector3f centre = s.centre.cast<float>();
+  for (const Eigen::Vector3f& v : {centre, s.normal, s.eigenvalues}) {
+    for (int i = 0; i < 3; ++i) AppendBytes(v[i], &record);
+  }
+  AppendBytes(thickness_m, &record);
+  AppendBytes(s.count, &record);
+  const Colour c = ThicknessColour(thickness_m);
+  if (impl_->file.ply()) {
+    AppendBytes(c, &record);
+  } else {
+    AppendBytes(std::array<std::uint8_t, 4>{c.blue, c.green, c.red, 0}, &record);
+  }
+  impl_->file.Append(record, 1);
+}
+
+void SurfelWriter::Commit() { impl_->file.Commit(); }
+
+std::size_t SurfelWriter::size() const { return impl_->file.count(); }
+
+void WriteSurfels(const std::string& path, const SurfelMap& surfels) {
+  SurfelWriter writer(path);
+  for (const Surfel& surfel : surfels) writer.Append(surfel);
+  writer.Commit();
+}
+
+struct CloudWriter::Impl {
+  RecordFile file;
+};
+
+CloudWriter::CloudWriter(const std::string& path)
+    : impl_(new Impl{{path, CloudFields(), CloudFields()}}) {}
 
 CloudWriter::~CloudWriter() = default;
 
 void CloudWriter::Append(const std::vector<ScanPoint>& points) {
-  impl_->writer.Write(std::string_view(reinterpret_cast<const char*>(points.data()),
-                                       points.size() * sizeof(ScanPoint)));
-  impl_->count += points.size();
+  impl_->file.Append(std::string_view(reinterpret_cast<const char*>(points.data()),
+                                      points.size() * sizeof(ScanPoint)),
+                     points.size());
 }
 
-void CloudWriter::Commit() {
-  impl_->writer.Overwrite(0, impl_->Header());
-  impl_->writer.Commit();
-}
+void CloudWriter::Commit() { impl_->file.Commit(); }
 
-std::size_t CloudWriter::size() const { return impl_->count; }
+std::size_t CloudWriter::size() const { return impl_->file.count(); }
 
 }  // namespace lamina

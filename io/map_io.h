@@ -14,14 +14,27 @@
 
 namespace lamina {
 
-// Surfels as vertices: x y z nx ny nz (float), l1 l2 l3 (eigenvalues, float, m^2), thickness_m
-// (float), count (uint), red green blue (uchar). The colour tells the thickness sqrt(l3): blue at
-// 0, green at 25 mm, red at 50 mm and above, blended linearly between. Same surfels, same bytes.
-// Throws OutputError.
-void WriteSurfelsPly(const std::string& path, const SurfelMap& surfels);
-// The same fields under the names that PCL gives them: normal_x normal_y normal_z for nx ny nz, and
-// `rgb` (uint32, 0x00RRGGBB) for the colour.
-void WriteSurfelsPcd(const std::string& path, const SurfelMap& surfels);
+// Surfels written one by one, in bounded memory; format by the ending of the path, .ply or .pcd:
+// x y z nx ny nz (float), l1 l2 l3 (eigenvalues, float, m^2), thickness_m (float), count (uint),
+// red green blue (uchar). The colour tells the thickness sqrt(l3): blue at 0, green at 25 mm, red
+// at 50 mm and above, blended linearly between. PCD has the names that PCL gives to normals,
+// normal_x normal_y normal_z, and `rgb` (uint32, 0x00RRGGBB) for the colour. Same surfels, same
+// bytes. All members throw OutputError, for another ending, too.
+class SurfelWriter {
+ public:
+  explicit SurfelWriter(const std::string& path);
+  ~SurfelWriter();
+  void Append(const Surfel& surfel);
+  void Commit();  // Without it, nothing is left on disk.
+  std::size_t size() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// The same in one call.
+void WriteSurfels(const std::string& path, const SurfelMap& surfels);
 
 // A cloud written piece by piece, in bounded memory: the count in the header is patched at the end.
 // Format by the ending of the path: .ply or .pcd (x y z intensity, float). Throws OutputError, for

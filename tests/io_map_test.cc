@@ -29,7 +29,7 @@ std::string Body(const std::string& bytes, const std::string& end_of_header) {
 class MapTest : public FilesTest {
  protected:
   std::string RecordPly(const Surfel& surfel) const {
-    WriteSurfelsPly(Path("m.ply"), {surfel});
+    WriteSurfels(Path("m.ply"), {surfel});
     return Body(Bytes(Path("m.ply")), "end_header\n");
   }
 };
@@ -64,7 +64,7 @@ TEST_F(MapTest, EigenvalueRoundedBelowZeroIsNoThickness) {
 
 TEST_F(MapTest, SurfelPcdByteByByte) {
   const Surfel s = MakeSurfel(0.0);
-  WriteSurfelsPcd(Path("m.pcd"), {s, s});
+  WriteSurfels(Path("m.pcd"), {s, s});
   const std::string bytes = Bytes(Path("m.pcd"));
   const std::string record =
       Pack(1.5F, -2.5F, 3.5F, 0.0F, 0.0F, 1.0F, 0.25F, 0.125F, 0.0F, 0.0F, 70000U, 0x000000ffU);
@@ -78,8 +78,8 @@ TEST_F(MapTest, SurfelPcdByteByByte) {
 
 TEST_F(MapTest, SurfelFilesAreReadBackAsClouds) {
   const SurfelMap surfels = {MakeSurfel(0.0), MakeSurfel(0.03)};
-  WriteSurfelsPly(Path("m.ply"), surfels);
-  WriteSurfelsPcd(Path("m.pcd"), surfels);
+  WriteSurfels(Path("m.ply"), surfels);
+  WriteSurfels(Path("m.pcd"), surfels);
   for (const char* name : {"m.ply", "m.pcd"}) {
     const Scan scan = ReadScanFile(Path(name), {});
     ASSERT_EQ(scan.points.size(), 2U) << name;
@@ -89,13 +89,13 @@ TEST_F(MapTest, SurfelFilesAreReadBackAsClouds) {
 
 TEST_F(MapTest, SameSurfelsSameBytes) {
   const SurfelMap surfels = {MakeSurfel(0.01), MakeSurfel(0.03)};
-  WriteSurfelsPly(Path("a.ply"), surfels);
-  WriteSurfelsPly(Path("b.ply"), surfels);
+  WriteSurfels(Path("a.ply"), surfels);
+  WriteSurfels(Path("b.ply"), surfels);
   EXPECT_EQ(Bytes(Path("a.ply")), Bytes(Path("b.ply")));
 }
 
 TEST_F(MapTest, EmptyMapIsAFile) {
-  WriteSurfelsPly(Path("m.ply"), {});
+  WriteSurfels(Path("m.ply"), {});
   EXPECT_THAT(Bytes(Path("m.ply")), testing::EndsWith("end_header\n"));
 }
 
@@ -127,8 +127,8 @@ TEST_F(MapTest, OutputsThatCannotBeAreNamed) {
   EXPECT_THAT(MessageOf<OutputError>([&] { CloudWriter writer(Path("c.xyz")); }),
               AllOf(HasSubstr("c.xyz"), HasSubstr(".ply or .pcd")));
   EXPECT_THROW(CloudWriter(Path("none/c.ply")), OutputError);
-  EXPECT_THROW(WriteSurfelsPly(Path("none/m.ply"), {}), OutputError);
-  EXPECT_THROW(WriteSurfelsPcd(Path("none/m.pcd"), {}), OutputError);
+  EXPECT_THROW(WriteSurfels(Path("none/m.ply"), {}), OutputError);
+  EXPECT_THROW(WriteSurfels(Path("none/m.pcd"), {}), OutputError);
 }
 
 }  // namespace

@@ -1,1 +1,46 @@
-int main() { return 0; }
+// The program `lamina`: parses the command line, runs a subcommand, turns errors into messages.
+// Exit codes: 0 done, 1 failed with a reason, 2 wrong usage.
+
+#include <fmt/format.h>
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <exception>
+#include <functional>
+#include <new>
+
+#include "tools/eval_command.h"
+#include "tools/export_command.h"
+#include "tools/run_command.h"
+#include "tools/synth_command.h"
+
+int main(int argc, char** argv) {
+  // Results go to standard output, everything about the way there to standard error.
+  spdlog::set_default_logger(spdlog::stderr_color_mt("lamina"));
+  spdlog::set_pattern("%H:%M:%S %^%l%$ %v");
+
+  CLI::App app("Lamina: scans of a LiDAR in, poses and a map out.");
+  app.require_subcommand(1);
+  app.footer(
+      "Exit codes: 0 done, 1 failed with a reason, 2 wrong usage.\n"
+      "`lamina COMMAND --help` explains a command.");
+  std::function<int()> run;
+  lamina::AddRunCommand(&app, &run);
+  lamina::AddEvalCommand(&app, &run);
+  lamina::AddExportCommand(&app, &run);
+  lamina::AddSynthCommand(&app, &run);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+  try {
+    return run();
+  } catch (const std::bad_alloc&) {
+    fmt::print(stderr, "lamina: error: out of memory\n");
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "lamina: error: {}\n", error.what());
+  }
+  return 1;
+}

@@ -1,0 +1,102 @@
+#include "tools/export_command.h"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include "config/config.h"
+#include "core/error.h"
+#include "io/map_io.h"
+#include "io/scan_source.h"
+#include "io/trajectory_io.h"
+#include "tools/export_cloud.h"
+
+namespace lamina {
+namespace {
+
+// Run directories hold the stamps that they were given, to the nanosecond.
+constexpr double kStampToleranceS = 1e-6;
+
+struct ExportArguments {
+  std::string run;
+  std::string scans;
+  std::string format = "ply";
+  std::string out;
+  ExportOptions options;
+};
+
+int RunExport(const ExportArguments& arguments) {
+  const std::filesystem::path run = arguments.run;
+  const LaminaConfig config = LoadConfig((run / "config.yaml").string(), {});
+  const Trajectory trajectory = ReadTrajectory((run / "trajectory_tum.txt").string());
+  const std::unique_ptr<ScanSource> scans = OpenScans(arguments.scans, config.scans);
+  ExportOptions options = arguments.options;
+  options.preparation = config.preparation;
+  options.frame_period_s = config.scans.frame_period_s;
+
+  const std::vector<PosedScan> posed = PoseScans(*scans, trajectory, kStampToleranceS);
+  if (posed.empty()) {
+    throw InputError(fmt::format(
+        "{}: none of its {} poses has the stamp of one of the {} scans of {}; is it another "
+        "recording?",
+        (run / "trajectory_tum.txt").string(), trajectory.size(), scans->size(), arguments.scans));
+  }
+  const std::string out =
+      arguments.out.empty() ? (run / ("cloud." + arguments.format)).string() : arguments.out;
+  CloudWriter writer(out);
+  const ExportResult result = ExportCloud(*scans, posed, options, &writer);
+  writer.Commit();
+  fmt::print("{}: {} points, one per {} m voxel, of {} scans ({} of {} poses, {} of the recording)",
+             out, result.points, options.resolution_m, posed.size(), posed.size(),
+             trajectory.size(), scans->size());
+  fmt::print(", in {} {}\n", result.passes, result.passes == 1 ? "pass" : "passes");
+  if (result.points_beyond_grid > 0) {
+    fmt::print("left out {} points too far from the origin for voxels of {} m\n",
+               result.points_beyond_grid, options.resolution_m);
+  }
+  return 0;
+}
+
+}  // namespace
+
+void AddExportCommand(CLI::App* app, std::function<int()>* run) {
+  CLI::App* command = app->add_subcommand(
+      "export", "Write the full point map of a finished run, thinned to one point per voxel");
+  auto arguments = std::make_shared<ExportArguments>();
+  command
+      ->add_option("--run", arguments->run,
+                   "Directory written by `lamina run`; read are trajectory_tum.txt (the poses) and "
+                   "config.yaml (ranges, deskewing)")
+      ->type_name("DIR")
+      ->required();
+  command
+      ->add_option("--scans", arguments->scans,
+                   "The recording that the run was made from. Scans are found by stamp; those "
+                   "without a pose are left out")
+      ->type_name("PATH")
+      ->required();
+  command
+      ->add_option("--resolution", arguments->options.resolution_m,
+                   "Edge of the voxels of which each keeps its first point")
+      ->type_name("METRES")
+      ->required();
+  command->add_option("--format", arguments->format, "Format of the default output file")
+      ->check(CLI::IsMember({"ply", "pcd"}))
+      ->capture_default_str();
+  command
+      ->add_option("--out", arguments->out,
+                   "Output file, .ply or .pcd. Default: cloud.ply or cloud.pcd in the run "
+                   "directory")
+      ->type_name("FILE");
+  command
+      ->add_option("--budget-mb", arguments->options.budget_mb,
+                   "Memory for the set of voxels taken. A larger map is made in several "
+                   "passes over the scans; its points are the same")
+      ->type_name("MIB")
+      ->capture_default_str();
+  command->callback([arguments, run] { *run = [arguments] { return RunExport(*arguments); }; });
+}
+
+}  // namespace lamina

@@ -1,0 +1,127 @@
+#include "tools/plot.h"
+
+#include <fmt/format.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <sstream>
+
+#include "core/error.h"
+
+namespace lamina {
+namespace {
+
+// A string in gnuplot's single quotes, in which only the quote itself is special. Line breaks would
+// end the command.
+std::string Quoted(const std::string& text) {
+  std::string quoted = "'";
+  for (const char c : text) {
+    if (c == '\'') quoted += '\'';
+    quoted += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
+  }
+  return quoted + "'";
+}
+
+bool ProgramExists(const std::string& name) {
+  const char* path = std::getenv("PATH");
+  std::istringstream folders(path == nullptr ? "" : path);
+  std::string folder;
+  while (std::getline(folders, folder, ':')) {
+    if (access((folder + "/" + name).c_str(), X_OK) == 0) return true;
+  }
+  return false;
+}
+
+// Writing to a gnuplot that has already given up must be an error here, not the end of the program.
+class IgnoreBrokenPipes {
+ public:
+  IgnoreBrokenPipes() : before_(std::signal(SIGPIPE, SIG_IGN)) {}
+  ~IgnoreBrokenPipes() { std::signal(SIGPIPE, before_); }
+  IgnoreBrokenPipes(const IgnoreBrokenPipes&) = delete;
+  IgnoreBrokenPipes& operator=(const IgnoreBrokenPipes&) = delete;
+
+ private:
+  void (*before_)(int);
+};
+
+void RequireWritable(const std::string& partial, const std::string& path) {
+  std::FILE* file = std::fopen(partial.c_str(), "wb");
+  if (file == nullptr) {
+    throw OutputError("cannot write " + path + ": " + std::strerror(errno));
+  }
+  std::fclose(file);
+}
+
+void RunGnuplot(const std::string& script, const std::string& path) {
+  if (!ProgramExists("gnuplot")) {
+    throw OutputError("cannot draw " + path +
+                      ": gnuplot is not in PATH (on Debian: apt install gnuplot-nox)");
+  }
+  const IgnoreBrokenPipes ignore_broken_pipes;
+  std::FILE* gnuplot = popen("gnuplot", "w");
+  if (gnuplot == nullptr) {
+    throw OutputError("cannot draw " + path + ": gnuplot did not start: " + std::strerror(errno));
+  }
+  const bool written = std::fwrite(script.data(), 1, script.size(), gnuplot) == script.size();
+  const int status = pclose(gnuplot);
+  if (!written || status == -1 || !WIFEXITED(status) || WEXITSTATUS(status) != 0) {
+    throw OutputError("cannot draw " + path + ": gnuplot failed, see its message above");
+  }
+}
+
+}  // namespace
+
+std::string GnuplotScript(const Plot& plot, const std::string& output_path) {
+  const bool png = std::filesystem::path(output_path).extension() == ".png";
+  std::string script = fmt::format("set terminal {} size 1000,750 noenhanced\n",
+                                   png ? "pngcairo" : "svg background 'white'");
+  script += fmt::format("set output {}\n", Quoted(output_path));
+  script += fmt::format("set title {}\nset xlabel {}\nset ylabel {}\n", Quoted(plot.title),
+                        Quoted(plot.x_label), Quoted(plot.y_label));
+  script += "set grid\nset key top left\nset datafile missing 'nan'\n";
+  if (plot.equal_axes) script += "set size ratio -1\n";
+  for (size_t k = 0; k < plot.series.size(); ++k) {
+    script += fmt::format("$series{} << EOD\n", k);
+    for (const Eigen::Vector2d& p : plot.series[k].points) {
+      script += p.allFinite() ? fmt::format("{:.6g} {:.6g}\n", p.x(), p.y()) : "\n";
+    }
+    script += "EOD\n";
+  }
+  script += "plot ";
+  for (size_t k = 0; k < plot.series.size(); ++k) {
+    script += fmt::format("{}$series{} using 1:2 with lines linewidth 2 title {}",
+                          k == 0 ? "" : ", ", k, Quoted(plot.series[k].title));
+  }
+  return script + "\nunset output\n";
+}
+
+void WritePlot(const Plot& plot, const std::string& path) {
+  const std::string ending = std::filesystem::path(path).extension().string();
+  if (ending != ".svg" && ending != ".png") {
+    throw OptionError("cannot draw " + path + ": the name must end in .svg or .png");
+  }
+  const std::string partial = path + ".partial" + ending;
+  // gnuplot would tell only its own screen, and draw there.
+  RequireWritable(partial, path);
+  try {
+    RunGnuplot(GnuplotScript(plot, partial), path);
+    if (std::filesystem::file_size(partial) == 0) {
+      throw OutputError("cannot draw " + path + ": gnuplot drew nothing, see its message above");
+    }
+  } catch (...) {
+    std::remove(partial.c_str());
+    throw;
+  }
+  std::error_code error;
+  std::filesystem::rename(partial, path, error);
+  if (error) throw OutputError("cannot write " + path + ": " + error.message());
+}
+
+}  // namespace lamina

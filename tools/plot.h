@@ -1,0 +1,31 @@
+// Line plots drawn by gnuplot, which must be installed (Debian: gnuplot-nox); it runs as a program
+// of its own and gets its script through a pipe.
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+namespace lamina {
+
+struct PlotSeries {
+  std::string title;
+  std::vector<Eigen::Vector2d> points;  // non-finite points break the line
+};
+
+struct Plot {
+  std::string title;
+  std::string x_label, y_label;  // with units
+  bool equal_axes = false;       // one metre is as long in x as in y
+  std::vector<PlotSeries> series;
+};
+
+// The script that WritePlot pipes to gnuplot; the picture goes to `output_path`.
+std::string GnuplotScript(const Plot& plot, const std::string& output_path);
+
+// Draws into a file, whole or not at all; the ending of the path, .svg or .png, says which kind.
+// Throws OptionError for another ending, OutputError if gnuplot is missing or fails or the file
+// cannot be written.
+void WritePlot(const Plot& plot, const std::string& path);
+
+}  // namespace lamina

@@ -1,0 +1,254 @@
+#include "tools/run_command.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+#include <tbb/global_control.h>
+
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <charconv>
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "config/config.h"
+#include "core/error.h"
+#include "io/map_io.h"
+#include "io/trajectory_io.h"
+#include "tools/run_progress.h"
+#include "tools/run_report.h"
+
+namespace lamina {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct RunArguments {
+  std::string scans, out, config, frames, truth;
+  std::string progress = "auto";
+  std::vector<std::string> set;
+  int threads = 0;
+};
+
+// Set by Ctrl-C. A signal handler may touch nothing else.
+std::atomic<bool> stop_requested{false};
+
+void RequestStop(int) {
+  stop_requested = true;
+  // A second Ctrl-C ends the program at once.
+  std::signal(SIGINT, SIG_DFL);
+}
+
+struct Range {
+  std::size_t begin = 0, end = 0;
+};
+
+std::size_t ParseIndex(const std::string& text, std::size_t fallback, const std::string& whole) {
+  if (text.empty()) return fallback;
+  std::size_t value = 0;
+  const auto [rest, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error == std::errc() && rest == text.data() + text.size()) return value;
+  throw OptionError(
+      fmt::format("--frames {}: must have the form A:B, with whole numbers 0 <= A < B", whole));
+}
+
+// A:B is [A, B), either may be left out; counts start at 0.
+Range ParseRange(const std::string& text, std::size_t size) {
+  if (text.empty()) return {0, size};
+  const std::size_t colon = text.find(':');
+  if (colon == std::string::npos) ParseIndex("-", 0, text);
+  const Range range = {ParseIndex(text.substr(0, colon), 0, text),
+                       std::min(size, ParseIndex(text.substr(colon + 1), size, text))};
+  if (range.begin < range.end) return range;
+  throw OptionError(fmt::format("--frames {}: names none of the {} scans", text, size));
+}
+
+void MakeDirectory(const std::string& path) {
+  std::error_code error;
+  fs::create_directories(path, error);
+  if (error) throw OutputError(fmt::format("cannot make the folder {}: {}", path, error.message()));
+}
+
+void WriteText(const std::string& path, const std::string& text) {
+  FileWriter writer(path);
+  writer.Write(text);
+  writer.Commit();
+}
+
+// Truth for the frames of a run: matched by line number where it has no stamps of its own.
+TrajectoryErrors CompareWithTruth(const std::string& path, const ScanSource& source,
+                                  const Trajectory& frames) {
+  std::vector<StampNs> stamps;
+  for (std::size_t i = 0; i < source.size(); ++i) stamps.push_back(source.Stamp(i));
+  Trajectory truth = CameraToLidar(ReadTrajectory(path, stamps), source.T_camera_lidar());
+  Trajectory estimate = frames;
+  constexpr double kToleranceS = 1e-3;
+  MatchByStamp(kToleranceS, &estimate, &truth);
+  return CompareTrajectories(estimate, truth, Alignment::kSe3);
+}
+
+void LogScan(const ScanReport& report, RunProgress* progress) {
+  if (report.skipped) {
+    progress->Warn(fmt::format("skipped scan {}: {}", report.index, report.detail));
+  } else if (report.odometry.status == OdometryFrame::Status::kLost) {
+    progress->Warn(fmt::format(
+        "lost at scan {}: {:.0f} % of its clusters agree with the map; kept out of the map",
+        report.index, 100.0 * report.odometry.match.inlier_share));
+  }
+}
+
+void PrintSummary(const std::string& out, const MappingResult& result, const nlohmann::json& json) {
+  fmt::print("{} frames in {:.1f} s ({:.1f} frames/s, {:.1f} ms CPU a frame), {} surfels\n",
+             result.frames.size(), json["wall_s"].get<double>(), json.value("frames_per_s", 0.0),
+             json.value("cpu_ms_per_frame", 0.0), json["map_surfels"].get<std::size_t>());
+  if (json["skipped_scans"] > 0) fmt::print("skipped: {}\n", json["skipped_by_reason"].dump());
+  if (result.lost > 0) {
+    fmt::print("lost on {} frames (status `lost` in frames.csv), mapping restarted {} times\n",
+               result.lost, result.restarts);
+  }
+  if (result.degenerate > 0) {
+    fmt::print("degenerate on {} frames: motion along unobservable directions is predicted\n",
+               result.degenerate);
+  }
+  if (json.contains("ape_rmse_m")) {
+    fmt::print("against the truth: APE {:.4f} m, RPE {:.4f} m (RMSE, SE(3)-aligned)\n",
+               json["ape_rmse_m"].get<double>(), json["rpe_rmse_m"].get<double>());
+  }
+  fmt::print(
+      "trajectory  {0}/trajectory_tum.txt, {0}/trajectory_kitti.txt\n"
+      "map         {0}/map_surfels.ply\n"
+      "figures     {0}/summary.json, {0}/frames.csv\n",
+      out);
+}
+
+// Everything that a run leaves in its folder.
+class RunOutput {
+ public:
+  explicit RunOutput(const std::string& directory)
+      : directory_(directory), frames_(Path("frames.csv")), surfels_(Path("map_surfels.ply")) {}
+
+  FrameTable& frames() { return frames_; }
+  SurfelWriter& surfels() { return surfels_; }
+
+  nlohmann::json Finish(const MappingResult& result, const VoxelMap& map, int min_surfel_frames,
+                        RunFigures figures, const TrajectoryErrors* errors) {
+    // First what cannot be made again: poses, then the map.
+    WriteKittiTrajectory(Path("trajectory_kitti.txt"), result.all_scans);
+    WriteTumTrajectory(Path("trajectory_tum.txt"), result.frames);
+    map.ForEachSurface(min_surfel_frames, [&](const Surfel& s) { surfels_.Append(s); });
+    surfels_.Commit();
+    frames_.Commit();
+    figures.map_surfels = surfels_.size();
+    nlohmann::json summary = Summarise(result, map, figures, errors);
+    WriteText(Path("summary.json"), summary.dump(2) + "\n");
+    return summary;
+  }
+
+  std::string Path(const char* name) const { return (fs::path(directory_) / name).string(); }
+
+ private:
+  std::string directory_;
+  FrameTable frames_;
+  SurfelWriter surfels_;
+};
+
+int Run(const RunArguments& arguments) {
+  const LaminaConfig config = LoadConfig(arguments.config, arguments.set);
+  const auto source = OpenScans(arguments.scans, config.scans);
+  const Range range = ParseRange(arguments.frames, source->size());
+  MakeDirectory(arguments.out);
+  RunOutput output(arguments.out);
+  WriteText(output.Path("config.yaml"), ToYaml(config));
+
+  std::optional<tbb::global_control> limit;
+  if (arguments.threads > 0) {
+    limit.emplace(tbb::global_control::max_allowed_parallelism,
+                  static_cast<std::size_t>(arguments.threads));
+  }
+  const auto mode = arguments.progress == "on"    ? RunProgress::Mode::kOn
+                    : arguments.progress == "off" ? RunProgress::Mode::kOff
+                                                  : RunProgress::Mode::kAuto;
+  RunProgress progress(mode, range.end - range.begin);
+  std::signal(SIGINT, RequestStop);
+  std::signal(SIGTERM, RequestStop);
+
+  const auto start = std::chrono::steady_clock::now();
+  const double cpu_start = ProcessCpuSeconds();
+  MappingPipeline pipeline(config.Mapping(),
+                           [&](const Surfel& surfel) { output.surfels().Append(surfel); });
+  MappingCallbacks callbacks;
+  callbacks.on_scan = [&](const ScanReport& report) {
+    output.frames().Append(report);
+    LogScan(report, &progress);
+    progress.Step();
+  };
+  const MappingResult result =
+      pipeline.Run(*source, range.begin, range.end, callbacks, &stop_requested);
+  progress.Finish();
+  RunFigures figures;
+  figures.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  figures.cpu_s = ProcessCpuSeconds() - cpu_start;
+
+  std::optional<TrajectoryErrors> errors;
+  std::string truth_problem;
+  if (!arguments.truth.empty()) {
+    // A bad truth file must not cost the run.
+    try {
+      errors = CompareWithTruth(arguments.truth, *source, result.frames);
+    } catch (const InputError& error) {
+      truth_problem = error.what();
+    }
+  }
+  const nlohmann::json summary =
+      output.Finish(result, pipeline.map(), config.backend.min_surfel_frames, figures,
+                    errors ? &*errors : nullptr);
+  PrintSummary(arguments.out, result, summary);
+  if (!truth_problem.empty()) throw InputError(truth_problem + " (all else is written)");
+  if (result.frames.empty()) {
+    throw InputError(arguments.scans + ": not one usable scan; summary.json says why");
+  }
+  return 0;
+}
+
+}  // namespace
+
+void AddRunCommand(CLI::App* app, std::function<int()>* run) {
+  auto arguments = std::make_shared<RunArguments>();
+  RunArguments& a = *arguments;
+  CLI::App* command = app->add_subcommand(
+      "run", "Estimate the pose of every scan of a recording and build its map");
+  command
+      ->add_option("--scans", a.scans,
+                   "Recording: a KITTI sequence (velodyne/, times.txt, calib.txt), a KITTI raw "
+                   "drive (velodyne_points/), or a folder of .bin, .pcd or .ply files")
+      ->required();
+  command->add_option("--out", a.out, "Folder for the results; made if it is not there")
+      ->required();
+  command->add_option("--config", a.config,
+                      "YAML with the options that differ from the defaults, e.g. "
+                      "config/kitti_raw.yaml; config/default.yaml explains every option");
+  command->add_option("--set", a.set,
+                      "One option, as key=value with the key's full name, e.g. "
+                      "backend.window.frames=20; may be repeated, comes after --config");
+  command->add_option("--frames", a.frames,
+                      "Part of the recording: A:B takes scans A to B-1, counted from 0; either may "
+                      "be left out");
+  command->add_option("--threads", a.threads, "Threads at most; 0: as many as there are cores")
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
+  command->add_option("--truth", a.truth,
+                      "True trajectory, KITTI or TUM form, to report errors against. KITTI "
+                      "odometry's poses/NN.txt may be given as it is: calib.txt's Tr is applied");
+  command
+      ->add_option("--progress", a.progress,
+                   "auto: a bar on a terminal, else one log line a second; on: the bar; off")
+      ->check(CLI::IsMember({"auto", "on", "off"}))
+      ->capture_default_str();
+  command->callback([arguments, run] { *run = [arguments] { return Run(*arguments); }; });
+}
+
+}  // namespace lamina

@@ -1,0 +1,32 @@
+// Tells a person how a run goes: a bar on a terminal, a log line a second elsewhere.
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <string>
+
+namespace lamina {
+
+// Not thread-safe. Writes to standard error.
+class RunProgress {
+ public:
+  enum class Mode { kAuto, kOn, kOff };  // kAuto: a bar if standard error is a terminal
+
+  RunProgress(Mode mode, std::size_t total);
+  // One more scan is done.
+  void Step();
+  // A line that must be seen, above the bar.
+  void Warn(const std::string& line);
+  // Ends the bar's line.
+  void Finish();
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  void Show();
+
+  bool bar_, lines_;
+  std::size_t total_, done_ = 0;
+  Clock::time_point start_, last_;
+};
+
+}  // namespace lamina

@@ -1,0 +1,103 @@
+#include "tools/run_report.h"
+
+#include <fmt/format.h>
+#include <sys/resource.h>
+#include <time.h>
+
+#include <cmath>
+
+namespace lamina {
+namespace {
+
+const char* StatusName(const ScanReport& report) {
+  if (report.skipped) return ToString(report.reason);
+  switch (report.odometry.status) {
+    case OdometryFrame::Status::kFirst:
+      return "first";
+    case OdometryFrame::Status::kLost:
+      return "lost";
+    case OdometryFrame::Status::kTracked:
+      break;
+  }
+  return report.odometry.match.degenerate > 0 ? "degenerate" : "tracked";
+}
+
+nlohmann::json NumberOrNull(double value) {
+  return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json();
+}
+
+}  // namespace
+
+FrameTable::FrameTable(const std::string& path) : writer_(path) {
+  writer_.Write(
+      "scan,stamp_s,status,keyframe,points,clusters,matched,iterations,inlier_share,residual_m,"
+      "searched,unobservable_directions,worst_sigma_m,cov_rx,cov_ry,cov_rz,cov_x,cov_y,cov_z,"
+      "read_ms,prepare_ms,cluster_ms,odometry_ms,map_ms,solve_ms\n");
+}
+
+void FrameTable::Append(const ScanReport& r) {
+  const MatchResult& m = r.odometry.match;
+  std::string line =
+      fmt::format("{},{}.{:09},{},{},{},{},{},{},{:.4f},{:.5f},{},{},{:.5f}", r.index,
+                  r.stamp_ns / 1000000000, r.stamp_ns % 1000000000, StatusName(r),
+                  r.keyframe ? 1 : 0, r.points, r.clusters, m.matched, m.iterations, m.inlier_share,
+                  m.residual_rms_m, r.odometry.searched ? 1 : 0, m.degenerate, m.worst_sigma_m);
+  for (int i = 0; i < 6; ++i) line += fmt::format(",{:.3e}", m.covariance(i, i));
+  line += fmt::format(",{:.2f},{:.2f},{:.2f},{:.2f},{:.2f},{:.2f}\n", r.read_ms, r.prepare_ms,
+                      r.cluster_ms, r.odometry_ms, r.map_ms, r.solve_ms);
+  writer_.Write(line);
+}
+
+double ProcessCpuSeconds() {
+  timespec t{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+std::size_t PeakRssBytes() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<std::size_t>(usage.ru_maxrss) * 1024;
+}
+
+nlohmann::json Summarise(const MappingResult& result, const VoxelMap& map,
+                         const RunFigures& figures, const TrajectoryErrors* errors) {
+  const auto frames = static_cast<double>(result.frames.size());
+  nlohmann::json skipped = nlohmann::json::object();
+  std::size_t skipped_total = 0;
+  for (const auto& [reason, count] : result.skipped) {
+    skipped[ToString(reason)] = count;
+    skipped_total += count;
+  }
+  nlohmann::json json = {
+      {"frames", result.frames.size()},
+      {"keyframes", result.keyframes},
+      {"skipped_scans", skipped_total},
+      {"skipped_by_reason", skipped},
+      {"lost_frames", result.lost},
+      {"restarts", result.restarts},
+      {"degenerate_frames", result.degenerate},
+      {"searched_frames", result.searched},
+      {"interrupted", result.interrupted},
+      {"wall_s", figures.wall_s},
+      {"cpu_s", figures.cpu_s},
+      {"cpu_ms_per_frame", NumberOrNull(1e3 * figures.cpu_s / frames)},
+      {"frames_per_s", NumberOrNull(frames / figures.wall_s)},
+      {"peak_rss_bytes", PeakRssBytes()},
+      {"map_voxels", map.roots()},
+      {"map_nodes", map.nodes()},
+      {"map_bytes", map.bytes()},
+      {"map_surfels", figures.map_surfels},
+      {"ba_solves", result.solves},
+      {"ba_failed_solves", result.failed_solves},
+  };
+  if (errors != nullptr) {
+    json["ape_rmse_m"] = NumberOrNull(errors->ape_rmse_m);
+    json["rpe_rmse_m"] = NumberOrNull(errors->rpe_rmse_m);
+    json["kitti_trel_percent"] = NumberOrNull(errors->kitti_trel_percent);
+    json["kitti_rrel_deg_per_m"] = NumberOrNull(errors->kitti_rrel_deg_per_m);
+  }
+  return json;
+}
+
+}  // namespace lamina

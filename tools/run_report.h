@@ -1,0 +1,40 @@
+// What a run tells about itself: frames.csv while it goes on, summary.json at its end.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "backend/mapping_pipeline.h"
+#include "core/trajectory_metrics.h"
+#include "io/file_writer.h"
+
+namespace lamina {
+
+// A line for each scan, in order. Distances in metres, angles in radians, covariance of the pose's
+// tangent [rotation; translation] (core/se3.h). Throws OutputError. Not thread-safe.
+class FrameTable {
+ public:
+  explicit FrameTable(const std::string& path);
+  void Append(const ScanReport& report);
+  void Commit() { writer_.Commit(); }
+
+ private:
+  FileWriter writer_;
+};
+
+// CPU seconds of this process so far, all threads.
+double ProcessCpuSeconds();
+
+// Largest resident set of this process so far.
+std::size_t PeakRssBytes();
+
+struct RunFigures {
+  double wall_s = 0.0, cpu_s = 0.0;
+  std::size_t map_surfels = 0;
+};
+
+// `errors` is null without a true trajectory.
+nlohmann::json Summarise(const MappingResult& result, const VoxelMap& map,
+                         const RunFigures& figures, const TrajectoryErrors* errors);
+
+}  // namespace lamina

@@ -1,0 +1,115 @@
+#include "tools/synth_command.h"
+
+#include <fmt/format.h>
+#include <tbb/global_control.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/error.h"
+#include "tools/synth_writer.h"
+
+namespace lamina {
+namespace {
+
+// What the command line gives; choices by name, as typed.
+struct SynthArguments {
+  std::string directory;
+  std::string sensor = "hdl64", scene = "street", route = "winding";
+  SynthOptions options;
+  int threads = 0;
+};
+
+constexpr int kMaxThreads = 1024;
+
+template <typename Enum>
+Enum ByName(const std::string& option, const std::string& name,
+            const std::vector<std::string>& names) {
+  const auto found = std::find(names.begin(), names.end(), name);
+  if (found == names.end()) {
+    throw OptionError(
+        fmt::format("{} = {}: must be one of {}", option, name, fmt::join(names, ", ")));
+  }
+  return static_cast<Enum>(found - names.begin());
+}
+
+std::string OneOf(const std::string& text, const std::vector<std::string>& names) {
+  return fmt::format("{}: {}", text, fmt::join(names, ", "));
+}
+
+int RunSynth(SynthArguments arguments) {
+  SynthOptions& options = arguments.options;
+  options.sensor = ByName<synth::SensorKind>("--sensor", arguments.sensor, synth::SensorNames());
+  options.scene = ByName<synth::SceneKind>("--scene", arguments.scene, synth::SceneNames());
+  options.route = ByName<synth::RouteKind>("--route", arguments.route, synth::RouteNames());
+  if (arguments.threads < 0 || arguments.threads > kMaxThreads) {
+    throw OptionError(
+        fmt::format("--threads = {}: must be in [0, {}]", arguments.threads, kMaxThreads));
+  }
+  std::optional<tbb::global_control> limit;
+  if (arguments.threads > 0) {
+    limit.emplace(tbb::global_control::max_allowed_parallelism,
+                  static_cast<std::size_t>(arguments.threads));
+  }
+  const auto start = std::chrono::steady_clock::now();
+  const WrittenSequence written =
+      WriteSequence(options, arguments.directory, [](std::size_t done, std::size_t all) {
+        // Progress goes to the error stream, so that the result line stands alone.
+        if (done / 500 != (done - 1) / 500) fmt::print(stderr, "{} of {} scans\n", done, all);
+      });
+  const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
+  fmt::print("{} frames, {} points ({} a frame) in {:.1f} s, {:.1f} frames/s; truth: {}\n",
+             written.frames, written.points, written.points / written.frames, elapsed.count(),
+             static_cast<double>(written.frames) / elapsed.count(), written.truth_path);
+  return 0;
+}
+
+void AddOptions(CLI::App* command, SynthArguments* a) {
+  SynthOptions& o = a->options;
+  command->add_option("--out", a->directory, "directory to write into; created if need be")
+      ->required();
+  command->add_option("--frames", o.frames, "number of scans, 10 a second")->capture_default_str();
+  command->add_option("--sensor", a->sensor, OneOf("model of the sensor", synth::SensorNames()))
+      ->capture_default_str();
+  command->add_option("--scene", a->scene, OneOf("surroundings", synth::SceneNames()))
+      ->capture_default_str();
+  command->add_option("--seed", o.seed, "another seed, another place, motion and noise")
+      ->capture_default_str();
+  command->add_option("--noise", o.noise_m, "standard deviation of the range, m")
+      ->capture_default_str();
+  command->add_option("--movers", o.movers, "number of moving cars and people")
+      ->capture_default_str();
+  command->add_flag("--sweep", o.sweep,
+                    "fire each ray from where the sensor is at that instant (rolling sweep)");
+  command
+      ->add_option("--speed", o.speed_m_per_s,
+                   "mean speed of the sensor, m/s; 0: 10 in a street, else on foot")
+      ->capture_default_str();
+  command->add_option("--route", a->route, OneOf("street: where to drive", synth::RouteNames()))
+      ->capture_default_str();
+  command
+      ->add_option("--loop-blocks", o.loop_blocks,
+                   "street: blocks (96 x 64 m) along each side of a loop")
+      ->capture_default_str();
+  command
+      ->add_option("--threads", a->threads, "most threads to use; 0: all. The bytes are the same")
+      ->capture_default_str();
+}
+
+}  // namespace
+
+void AddSynthCommand(CLI::App* app, std::function<int()>* run) {
+  CLI::App* command = app->add_subcommand(
+      "synth", "Write a synthetic recording (layout of KITTI odometry) with exact ground truth");
+  const auto arguments = std::make_shared<SynthArguments>();
+  AddOptions(command, arguments.get());
+  command->callback([arguments, run] { *run = [arguments] { return RunSynth(*arguments); }; });
+}
+
+}  // namespace lamina

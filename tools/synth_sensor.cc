@@ -1,0 +1,104 @@
+#include "tools/synth_sensor.h"
+
+#include <cmath>
+
+namespace lamina::synth {
+namespace {
+
+constexpr double kDegree = M_PI / 180.0;
+
+std::vector<double> EvenlySpaced(double from, double to, int count) {
+  std::vector<double> values;
+  for (int i = 0; i < count; ++i) values.push_back(from + (to - from) * i / (count - 1));
+  return values;
+}
+
+// Direction of one of the six beams of the rosette: the deflections of the two prisms add up to
+// circles about one another, stretched to the field of view.
+Eigen::Vector3d RosetteDirection(double t_s, std::size_t beam) {
+  constexpr double kHalfWidth = 0.5 * 70.4 * kDegree;
+  constexpr double kHalfHeight = 0.5 * 77.2 * kDegree;
+  // Turns per second, with no common multiple in reach of a recording.
+  constexpr double kFirstPrism = 121.5673, kSecondPrism = -77.7271;
+  constexpr double kBeamSpacing = 0.55 * kDegree;
+  const double first = 2.0 * M_PI * std::fmod(kFirstPrism * t_s, 1.0);
+  const double second = 2.0 * M_PI * std::fmod(kSecondPrism * t_s, 1.0);
+  const double across = 0.5 * kHalfWidth * (std::cos(first) + std::cos(second));
+  const double margin = 2.5 * kBeamSpacing;
+  const double up = 0.5 * (kHalfHeight - margin) * (std::sin(first) + std::sin(second)) +
+                    kBeamSpacing * (static_cast<double>(beam) - 2.5);
+  return {std::cos(up) * std::cos(across), std::cos(up) * std::sin(across), std::sin(up)};
+}
+
+}  // namespace
+
+const std::vector<std::string>& SensorNames() {
+  static const std::vector<std::string> names = {"hdl64", "avia", "os1", "vlp16"};
+  return names;
+}
+
+SensorModel::SensorModel(SensorKind kind) : kind_(kind) {
+  switch (kind) {
+    case SensorKind::kHdl64: {
+      std::vector<double> elevations = EvenlySpaced(2.0, -8.0 - 1.0 / 3.0, 32);
+      for (const double e : EvenlySpaced(-8.83, -24.8, 32)) elevations.push_back(e);
+      groups_ = 1900;
+      min_range_m_ = 0.9;
+      max_range_m_ = 120.0;
+      SetElevations(elevations);
+      break;
+    }
+    case SensorKind::kOs1:
+      groups_ = 1024;
+      min_range_m_ = 0.3;
+      max_range_m_ = 100.0;
+      SetElevations(EvenlySpaced(22.5, -22.5, 64));
+      break;
+    case SensorKind::kVlp16:
+      groups_ = 1800;
+      min_range_m_ = 0.4;
+      max_range_m_ = 100.0;
+      SetElevations(EvenlySpaced(15.0, -15.0, 16));
+      break;
+    case SensorKind::kAvia:
+      groups_ = 4000;
+      rays_per_group_ = 6;
+      min_range_m_ = 0.3;
+      max_range_m_ = 190.0;
+      stamp_fraction_ = 0.0;
+      break;
+  }
+}
+
+void SensorModel::SetElevations(std::vector<double> degrees) {
+  for (const double e : degrees) beams_.emplace_back(std::cos(kDegree * e), std::sin(kDegree * e));
+  rays_per_group_ = beams_.size();
+}
+
+double SensorModel::TimeOf(std::size_t group) const {
+  // Spinning sensors fire in the middle of their azimuth step.
+  const double within = kind_ == SensorKind::kAvia ? 0.0 : 0.5;
+  const double fraction = (static_cast<double>(group) + within) / static_cast<double>(groups_);
+  return (fraction - stamp_fraction_) * period_s();
+}
+
+void SensorModel::Directions(std::int64_t frame, std::size_t group,
+                             std::vector<Eigen::Vector3d>* directions) const {
+  directions->clear();
+  if (kind_ == SensorKind::kAvia) {
+    const double t = static_cast<double>(frame) * period_s() + TimeOf(group);
+    for (std::size_t beam = 0; beam < rays_per_group_; ++beam) {
+      directions->push_back(RosetteDirection(t, beam));
+    }
+    return;
+  }
+  const double fraction = (static_cast<double>(group) + 0.5) / static_cast<double>(groups_);
+  const double azimuth = M_PI * (1.0 - 2.0 * fraction);
+  const double c = std::cos(azimuth);
+  const double s = std::sin(azimuth);
+  for (const Eigen::Vector2d& beam : beams_) {
+    directions->emplace_back(beam.x() * c, beam.x() * s, beam.y());
+  }
+}
+
+}  // namespace lamina::synth

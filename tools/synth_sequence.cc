@@ -1,0 +1,232 @@
+#include "tools/synth_sequence.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "core/parallel.h"
+#include "tools/synth_indoor.h"
+#include "tools/synth_random.h"
+#include "tools/synth_street.h"
+
+namespace lamina {
+
+using synth::SceneHit;
+using synth::SceneKind;
+
+namespace {
+
+constexpr std::size_t kGroupsPerChunk = 48;
+// Scans in the making may be some apart; the street needs up to 30 blocks around each.
+constexpr std::size_t kMaxCachedBlocks = 64;
+
+double DefaultSpeed(SceneKind scene) {
+  switch (scene) {
+    case SceneKind::kStreet:
+      return 10.0;
+    case SceneKind::kRoom:
+      return 0.6;
+    case SceneKind::kStairs:
+      return 0.8;
+    default:
+      return 1.2;
+  }
+}
+
+// How vividly the sensor is moved about in the hand: see synth::ShakeOf.
+double Liveliness(SceneKind scene, synth::SensorKind sensor) {
+  switch (scene) {
+    case SceneKind::kCorridor:
+      return 0.05;
+    case SceneKind::kRoom:
+      return sensor == synth::SensorKind::kAvia ? 1.0 : 0.4;
+    default:
+      return sensor == synth::SensorKind::kAvia ? 0.5 : 0.25;
+  }
+}
+
+// Does a ray that meets a surface come back to the detector? Grazing and far returns fade, and
+// glass lets most light through.
+bool Returns01(const SceneHit& hit, double cosine, double max_range_m, double chance) {
+  const double far = hit.range_m / max_range_m;
+  double probability = std::min(1.0, cosine / 0.06);
+  // The power that comes back falls with the square of the range; dark surfaces vanish first.
+  const double power = synth::Reflectivity(hit.material) * (0.15 + 0.85 * cosine);
+  probability *= std::min(1.0, power / (0.15 * far * far + 1e-9));
+  if (hit.material == synth::Material::kGlass) probability *= 0.35;
+  return chance < probability;
+}
+
+}  // namespace
+
+void SynthOptions::Visit(OptionVisitor& v) {
+  v.Integer("frames", &frames, 1, 10000000);
+  v.EnumChoice("sensor", &sensor, synth::SensorNames());
+  v.EnumChoice("scene", &scene, synth::SceneNames());
+  v.Integer("seed", &seed, 0, 2147483647);
+  v.Number("noise_m", &noise_m, 0.0, 1.0);
+  v.Integer("movers", &movers, 0, 200);
+  v.Flag("sweep", &sweep);
+  v.Number("speed_m_per_s", &speed_m_per_s, 0.0, 40.0);
+  v.EnumChoice("route", &route, synth::RouteNames());
+  v.Integer("loop_blocks", &loop_blocks, 1, 50);
+}
+
+// What one chunk of groups measured.
+struct SynthSequence::Returns {
+  std::vector<ScanPoint> points;
+  std::vector<float> time_s;
+};
+
+// What all rays of a scan share.
+struct SynthSequence::FrameContext {
+  std::int64_t index;
+  double stamp_s;
+  synth::SceneView view;
+  std::vector<const synth::Mover*> movers;  // in reach
+};
+
+SynthSequence::SynthSequence(const SynthOptions& options)
+    : options_(options), sensor_(options.sensor) {
+  CheckOptions(options, "synth");
+  if (options_.speed_m_per_s == 0.0) options_.speed_m_per_s = DefaultSpeed(options_.scene);
+  if (options_.scene == SceneKind::kStreet) {
+    BuildStreet();
+  } else {
+    BuildIndoors();
+  }
+  T_scene_world_ = motion_->T_scene_lidar(0.0);
+  T_world_scene_ = T_scene_world_.Inverse();
+}
+
+void SynthSequence::BuildStreet() {
+  auto model = std::make_unique<synth::StreetModel>(options_.seed);
+  const synth::Terrain terrain = model->terrain();
+  const auto route = std::make_shared<const synth::Route>(options_.route, options_.loop_blocks,
+                                                          model->BlockSize());
+  const auto drive = std::make_shared<const synth::DriveProfile>(*route, options_.speed_m_per_s);
+  scene_ = std::make_unique<synth::SyntheticScene>(std::move(model), kMaxCachedBlocks);
+  motion_ = std::make_unique<synth::CarMotion>(terrain, route, drive, options_.seed);
+  movers_ = synth::MakeTraffic(options_.movers, terrain, route, drive, options_.speed_m_per_s,
+                               options_.seed);
+}
+
+void SynthSequence::BuildIndoors() {
+  std::unique_ptr<synth::SceneModel> model;
+  switch (options_.scene) {
+    case SceneKind::kRoom:
+      model = synth::MakeRoom(options_.seed);
+      break;
+    case SceneKind::kStairs:
+      model = synth::MakeStairs(options_.seed);
+      break;
+    case SceneKind::kHall:
+      model = synth::MakeHall(options_.seed);
+      break;
+    default:
+      model = synth::MakeCorridor();
+      break;
+  }
+  scene_ = std::make_unique<synth::SyntheticScene>(std::move(model), kMaxCachedBlocks);
+  const auto path = synth::MakeIndoorPath(options_.scene, options_.speed_m_per_s);
+  motion_ = std::make_unique<synth::HandheldMotion>(
+      path, synth::ShakeOf(Liveliness(options_.scene, options_.sensor)), options_.seed);
+  movers_ = synth::MakeCompany(options_.movers, path, synth::kSensorInHand, options_.speed_m_per_s,
+                               options_.seed);
+}
+
+StampNs SynthSequence::Stamp(std::size_t i) const {
+  return static_cast<StampNs>(i) * std::llround(1e9 * sensor_.period_s());
+}
+
+SE3 SynthSequence::TruePose(std::size_t i) const {
+  if (i == 0) return SE3();  // without rounding
+  return TruePoseAt(SecondsBetween(0, Stamp(i)));
+}
+
+SE3 SynthSequence::TruePoseAt(double t_s) const {
+  return T_world_scene_ * motion_->T_scene_lidar(t_s);
+}
+
+synth::SceneView SynthSequence::ViewAround(const Eigen::Vector3d& p_world, double radius_m) const {
+  return scene_->ViewAround(T_scene_world_ * p_world, radius_m);
+}
+
+void SynthSequence::CastGroup(const FrameContext& frame, std::size_t group,
+                              std::vector<Eigen::Vector3d>* directions, Returns* out) const {
+  const double since_stamp = options_.sweep ? sensor_.TimeOf(group) : 0.0;
+  const double t = frame.stamp_s + since_stamp;
+  const SE3 T_scene_lidar = motion_->T_scene_lidar(t);
+  const Eigen::Matrix3d R = T_scene_lidar.R();
+  sensor_.Directions(frame.index, group, directions);
+  std::vector<synth::UprightPose> mover_poses;
+  mover_poses.reserve(frame.movers.size());
+  for (const synth::Mover* mover : frame.movers) mover_poses.push_back(mover->At(t));
+  for (std::size_t ray = 0; ray < directions->size(); ++ray) {
+    const Eigen::Vector3d direction = R * (*directions)[ray];
+    std::optional<SceneHit> hit =
+        frame.view.Cast(T_scene_lidar.t, direction, sensor_.max_range_m());
+    for (std::size_t m = 0; m < frame.movers.size(); ++m) {
+      const double nearer = hit ? hit->range_m : sensor_.max_range_m();
+      const auto closer = frame.movers[m]->Cast(mover_poses[m], T_scene_lidar.t, direction, nearer);
+      if (closer) hit = closer;
+    }
+    if (!hit || hit->range_m < sensor_.min_range_m()) continue;
+    const auto number = static_cast<std::int64_t>(group * directions->size() + ray);
+    const std::uint64_t key = synth::HashOf({options_.seed, frame.index, number});
+    const double cosine = std::abs(hit->normal.cast<double>().dot(direction));
+    if (!Returns01(*hit, cosine, sensor_.max_range_m(),
+                   synth::UniformFrom(synth::ScrambleBits(key)))) {
+      continue;
+    }
+    const double range = hit->range_m + options_.noise_m * synth::GaussianFrom(key);
+    const Eigen::Vector3f p = (range * (*directions)[ray]).cast<float>();
+    // Intensity as KITTI has it: in steps of 0.01.
+    const double light = synth::Reflectivity(hit->material) * (0.3 + 0.7 * cosine);
+    out->points.push_back(
+        {p.x(), p.y(), p.z(), static_cast<float>(std::round(100.0 * light) / 100.0)});
+    if (options_.sweep) out->time_s.push_back(static_cast<float>(since_stamp));
+  }
+}
+
+Scan SynthSequence::Generate(std::size_t i) const {
+  FrameContext frame;
+  frame.index = static_cast<std::int64_t>(i);
+  frame.stamp_s = SecondsBetween(0, Stamp(i));
+  const Eigen::Vector3d here = motion_->T_scene_lidar(frame.stamp_s).t;
+  // A sweep moves the sensor by some metres at most.
+  const double reach = sensor_.max_range_m() + 5.0;
+  frame.view = scene_->ViewAround(here, reach);
+  for (const synth::Mover& mover : movers_) {
+    if ((mover.At(frame.stamp_s).position - here).norm() < reach + 10.0) {
+      frame.movers.push_back(&mover);
+    }
+  }
+  std::vector<Returns> chunks((sensor_.groups() + kGroupsPerChunk - 1) / kGroupsPerChunk);
+  ParallelChunks(sensor_.groups(), kGroupsPerChunk, [&](std::size_t begin, std::size_t end) {
+    Returns& out = chunks[begin / kGroupsPerChunk];
+    out.points.reserve(kGroupsPerChunk * sensor_.rays_per_group());
+    std::vector<Eigen::Vector3d> directions;
+    for (std::size_t group = begin; group < end; ++group) {
+      CastGroup(frame, group, &directions, &out);
+    }
+  });
+  Scan scan;
+  scan.stamp_ns = Stamp(i);
+  for (const Returns& chunk : chunks) {
+    scan.points.insert(scan.points.end(), chunk.points.begin(), chunk.points.end());
+    scan.time_s.insert(scan.time_s.end(), chunk.time_s.begin(), chunk.time_s.end());
+  }
+  return scan;
+}
+
+SynthScanSource::SynthScanSource(std::shared_ptr<const SynthSequence> sequence)
+    : sequence_(std::move(sequence)) {}
+
+std::string SynthScanSource::Name(std::size_t i) const {
+  return fmt::format("synthetic scan {}", i);
+}
+
+}  // namespace lamina
