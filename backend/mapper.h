@@ -30,8 +30,8 @@ struct BackendOptions {
   int solve_every_keyframes = 5;
   int hand_over_lag_frames = 2;
   // A frame becomes a keyframe when it moved or turned so far from the last one. 0: every frame.
-  double keyframe_translation_m = 0.1;
-  double keyframe_rotation_deg = 1.0;
+  double keyframe_translation_m = 0.03;
+  double keyframe_rotation_deg = 0.3;
   // Lost for so many frames in a row: the next one enters the map at its predicted pose after all.
   int restart_after_lost_frames = 20;
   // Frames that must have seen a plane before it counts as part of the map that is written out.

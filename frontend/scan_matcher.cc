@@ -63,6 +63,8 @@ class Lineariser {
              const std::vector<PointCluster>& clusters)
       : options_(options), map_(map), clusters_(clusters) {}
 
+  const VoxelMap& map() const { return map_; }
+
   // Rough structure takes part as well.
   bool use_rough = false;
   // If not null, `facing` is gathered for these directions.
@@ -168,6 +170,7 @@ class Lineariser {
 };
 
 constexpr int kMinMatches = 10;
+constexpr double kLeastInformation = 1e-4;  // 1/m^2: nothing is known worse than to 100 m
 
 // Gauss-Newton from `initial`, keeping out of the directions `held`. False if there are too few
 // matches.
@@ -186,8 +189,11 @@ bool Descend(const Lineariser& lineariser, const ScanMatcherOptions& options, co
     // A whisper of stiffness keeps the factorisation alive where nothing is measured.
     const Matrix6d damped = Hs + 1e-9 * eq->weight * Matrix6d::Identity();
     const Vector6d gs = keep * scale.ToTangent(eq->g);
-    const Vector6d step = -scale.ToTangent(Vector6d(keep * damped.ldlt().solve(gs)));
+    Vector6d step = -(keep * damped.ldlt().solve(gs));
     if (!step.allFinite()) return false;
+    // Associations are good for about a voxel: a longer step is a leap in the dark.
+    step *= std::min(1.0, 0.5 * lineariser.map().options().root_size_m / step.norm());
+    step = scale.ToTangent(step);
     result->T_world_lidar = Retract(result->T_world_lidar, step);
     const bool narrow = kernel <= options.kernel_end_sigma;
     kernel = std::max(options.kernel_end_sigma, 0.5 * kernel);
@@ -201,27 +207,32 @@ bool Descend(const Lineariser& lineariser, const ScanMatcherOptions& options, co
 }
 
 // Directions in which the clusters that face them leave the pose uncertain; also fills the result's
-// information.
+// information. Evaluated at the result's pose.
 Directions FindUnobservable(Lineariser lineariser, const ScanMatcherOptions& options,
-                            MatchResult* result) {
-  NormalEquations eq = lineariser.At(result->T_world_lidar, options.kernel_end_sigma);
+                            double kernel_sigma, MatchResult* result) {
+  NormalEquations eq = lineariser.At(result->T_world_lidar, kernel_sigma);
+  Directions held;
+  if (eq.matched < kMinMatches) return held;
   lineariser.scale = {std::sqrt(eq.range2 / eq.weight)};
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(lineariser.scale.ToTangent(eq.H));
   const Directions all = {solver.eigenvectors(), 6};
-  lineariser.watched = &all;
-  eq = lineariser.At(result->T_world_lidar, options.kernel_end_sigma);
-  Directions held;
+  // No leak makes up such a share of the information: the second pass is for doubtful scans.
+  constexpr double kClearShare = 0.01;
+  Vector6d facing = solver.eigenvalues();
+  if (facing(0) < kClearShare * eq.weight) {
+    lineariser.watched = &all;
+    facing = lineariser.At(result->T_world_lidar, kernel_sigma).facing;
+  }
   Matrix6d covariance = Matrix6d::Zero();
   result->worst_sigma_m = 0.0;
   for (int k = 0; k < 6; ++k) {
     const Vector6d v = all.columns.col(k);
-    const double sigma = 1.0 / std::sqrt(std::max(eq.facing(k), 1e-12));
+    const double sigma = 1.0 / std::sqrt(std::max(facing(k), kLeastInformation));
     result->worst_sigma_m = std::max(result->worst_sigma_m, sigma);
     const bool open = sigma > options.max_direction_sigma_m;
     if (open) held.columns.col(held.count++) = v;
-    // Where the scan says nothing the prediction's own uncertainty stands, a metre or a turn of
-    // that at mean range.
-    covariance += v * v.transpose() * (open ? 1.0 : 1.0 / std::max(solver.eigenvalues()(k), 1e-12));
+    covariance +=
+        v * v.transpose() / std::max(open ? facing(k) : solver.eigenvalues()(k), kLeastInformation);
   }
   result->covariance = lineariser.scale.ToTangent(covariance);
   result->degenerate = held.count;
@@ -251,17 +262,24 @@ MatchResult ScanMatcher::Match(const std::vector<PointCluster>& clusters, const 
                                const VoxelMap& map) const {
   MatchResult result;
   result.clusters = static_cast<int>(clusters.size());
+  result.T_world_lidar = initial;
   Lineariser lineariser(options_, map, clusters);
   NormalEquations eq;
-  // First with planes alone; where they leave a direction open, with rough structure; what is open
-  // even then is held at the prediction.
-  bool enough = Descend(lineariser, options_, initial, Directions(), &result, &eq);
-  if (enough && FindUnobservable(lineariser, options_, &result).count > 0) {
+  // What planes leave open already at the prediction is given to rough structure; what is open even
+  // then is held from the start, or the first steps would slide along it, out of the map.
+  Directions held = FindUnobservable(lineariser, options_, options_.kernel_start_sigma, &result);
+  if (held.count > 0) {
     lineariser.use_rough = true;
-    enough = Descend(lineariser, options_, initial, Directions(), &result, &eq);
-    if (enough) {
-      const Directions held = FindUnobservable(lineariser, options_, &result);
-      if (held.count > 0) enough = Descend(lineariser, options_, initial, held, &result, &eq);
+    held = FindUnobservable(lineariser, options_, options_.kernel_start_sigma, &result);
+  }
+  bool enough = Descend(lineariser, options_, initial, held, &result, &eq);
+  if (enough) {
+    const Directions after =
+        FindUnobservable(lineariser, options_, options_.kernel_end_sigma, &result);
+    // Outliers may have posed as structure before the kernel had narrowed.
+    if (after.count > held.count) {
+      lineariser.use_rough = true;
+      enough = Descend(lineariser, options_, initial, after, &result, &eq);
     }
   }
   if (!enough) {

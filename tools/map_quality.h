@@ -6,7 +6,7 @@
 // by N) of its points and l1 >= l2 >= l3 > 0 its eigenvalues (never taken below (0.1 mm)^2):
 //
 //   MME        mean over voxels of 1/2 ln det(2 pi e Sigma), the mean map entropy (Droeschel and
-//              Behnke, ICRA 2014); lower is crisper, -0.69 is one halving of one direction
+//              Behnke, ICRA 2014); lower is crisper (halving the spread in one direction: -0.69)
 //   thickness  sqrt(l3), over the planar voxels, those with l3 / l2 < 1/16; millimetres
 //   common     the same over one set of voxels for all trajectories of a call: those that count for
 //              every one of them, and for the thickness are planar in at least one. Without it a

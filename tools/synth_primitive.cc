@@ -126,12 +126,27 @@ float TubeDistance(const Primitive& p, const Vector3f& point) {
   return std::hypot(radial, beyond);
 }
 
+// The nearest point q of the surface has p - q along the surface's normal, q_i = r_i^2 p_i / (r_i^2
+// + t), where t solves F(t) = sum_i (r_i p_i / (r_i^2 + t))^2 - 1 = 0. For p outside F is convex
+// and falling from F(0) > 0, so Newton's steps from 0 rise to the root.
 float EllipsoidDistance(const Primitive& p, const Vector3f& point) {
-  const Vector3f scaled = (point - p.centre).cwiseQuotient(p.a);
+  const Vector3f d = point - p.centre;
+  const Vector3f scaled = d.cwiseQuotient(p.a);
   const float level = scaled.norm();
-  const float gradient = scaled.cwiseQuotient(p.a).norm();
-  if (gradient < 1e-6F) return p.a.minCoeff();
-  return std::abs(level * (level - 1.0F)) / gradient;
+  if (level <= 1.0F) {
+    const float gradient = scaled.cwiseQuotient(p.a).norm();
+    const float inside = level * (1.0F - level) / std::max(gradient, 1e-6F);
+    return level < 1e-3F ? p.a.minCoeff() : inside;
+  }
+  const Eigen::Array3f square = p.a.array().square();
+  float t = 0.0F;
+  for (int step = 0; step < 20; ++step) {
+    const Eigen::Array3f terms = (p.a.array() * d.array() / (square + t)).square();
+    const float rise = 0.5F * (terms.sum() - 1.0F) / (terms / (square + t)).sum();
+    t += rise;
+    if (rise <= 1e-6F * (square.minCoeff() + t)) break;
+  }
+  return (d.array() * t / (square + t)).matrix().norm();
 }
 
 }  // namespace

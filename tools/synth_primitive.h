@@ -90,8 +90,8 @@ float Intersect(const Primitive& primitive, const Ray& ray);
 // Unit normal at a point of the surface, of either sign.
 Eigen::Vector3f NormalAt(const Primitive& primitive, const Eigen::Vector3f& point);
 
-// Distance from any point to the surface, >= 0. Exact but for ellipsoids that are no spheres, where
-// it is exact to first order in the distance.
+// Distance from any point to the surface, >= 0. Exact but for the inside of
+// ellipsoids that are no spheres, where it is exact to first order in the distance.
 float SurfaceDistance(const Primitive& primitive, const Eigen::Vector3f& point);
 
 // Collects primitives given in a local frame that stands upright at `position`, turned by `yaw`.
