@@ -49,7 +49,7 @@ double Liveliness(SceneKind scene, synth::SensorKind sensor) {
 
 // Does a ray that meets a surface come back to the detector? Grazing and far returns fade, and
 // glass lets most light through.
-bool Returns01(const SceneHit& hit, double cosine, double max_range_m, double chance) {
+bool IsReturned(const SceneHit& hit, double cosine, double max_range_m, double chance) {
   const double far = hit.range_m / max_range_m;
   double probability = std::min(1.0, cosine / 0.06);
   // The power that comes back falls with the square of the range; dark surfaces vanish first.
@@ -177,8 +177,8 @@ void SynthSequence::CastGroup(const FrameContext& frame, std::size_t group,
     const auto number = static_cast<std::int64_t>(group * directions->size() + ray);
     const std::uint64_t key = synth::HashOf({options_.seed, frame.index, number});
     const double cosine = std::abs(hit->normal.cast<double>().dot(direction));
-    if (!Returns01(*hit, cosine, sensor_.max_range_m(),
-                   synth::UniformFrom(synth::ScrambleBits(key)))) {
+    if (!IsReturned(*hit, cosine, sensor_.max_range_m(),
+                    synth::UniformFrom(synth::ScrambleBits(key)))) {
       continue;
     }
     const double range = hit->range_m + options_.noise_m * synth::GaussianFrom(key);
