@@ -90,6 +90,7 @@ void Mapper::AddKeyframe(const OdometryFrame& odometry, std::vector<TimedCluster
   frame.stamp_ns = odometry.stamp_ns;
   frame.T_world_lidar = odometry.T_world_lidar;
   frame.twist = odometry.twist;
+  frame.held = odometry.match.degenerate_directions;
   if (!keyframes_.empty())
     frame.T_previous_this = keyframes_.back().Inverse() * frame.T_world_lidar;
   frame.measured = std::move(clusters);

@@ -1,5 +1,6 @@
 #include "backend/sliding_window.h"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -9,15 +10,76 @@
 namespace lamina {
 namespace {
 
-// Observations in the order in which they are met, chained to planes afterwards.
-struct Gathered {
-  std::int32_t plane;
-  PlaneObservation observation;
-};
-
 PointCluster Capped(const PointCluster& cluster, double max_weight) {
   return cluster.count > max_weight ? cluster.Scaled(max_weight / cluster.count) : cluster;
 }
+
+// A plane that one frame alone sees binds nothing; of more than `most`, those seen by most frames
+// stay.
+void KeepBinding(int most, std::vector<Plane>* planes) {
+  planes->erase(std::remove_if(planes->begin(), planes->end(),
+                               [](const Plane& p) { return p.count < 2 && p.fixed.Empty(); }),
+                planes->end());
+  if (planes->size() <= static_cast<std::size_t>(most)) return;
+  std::stable_sort(planes->begin(), planes->end(),
+                   [](const Plane& a, const Plane& b) { return a.count > b.count; });
+  planes->resize(static_cast<std::size_t>(most));
+}
+
+constexpr double kHeldSigmaM = 0.001;
+
+// Collects observations by plane while frames are walked in order.
+class ProblemBuilder {
+ public:
+  ProblemBuilder() : plane_of_node_(16384) {}
+
+  void Add(VoxelMap::NodeId node, int frame, const PointCluster& cluster) {
+    const auto fresh = static_cast<std::int32_t>(nodes_.size());
+    const std::int32_t plane = plane_of_node_.FindOrInsert(static_cast<VoxelKey>(node), fresh);
+    if (plane == fresh) {
+      nodes_.push_back(node);
+      last_.push_back(-1);
+    }
+    std::int32_t& last = last_[static_cast<std::size_t>(plane)];
+    if (last >= 0 && gathered_[static_cast<std::size_t>(last)].observation.frame == frame) {
+      gathered_[static_cast<std::size_t>(last)].observation.cluster += cluster;
+      return;
+    }
+    last = static_cast<std::int32_t>(gathered_.size());
+    gathered_.push_back({plane, {frame, cluster}});
+  }
+
+  // Planes in the order in which they were met; the observations of each stand together, frames
+  // ascending (a counting sort keeps their order).
+  void MoveTo(BundleProblem* problem) const {
+    problem->planes.assign(nodes_.size(), Plane());
+    for (const Gathered& g : gathered_) ++problem->planes[static_cast<std::size_t>(g.plane)].count;
+    std::vector<std::int32_t> next;
+    std::int32_t first = 0;
+    for (Plane& plane : problem->planes) {
+      plane.first = first;
+      next.push_back(first);
+      first += plane.count;
+    }
+    problem->observations.resize(gathered_.size());
+    for (const Gathered& g : gathered_) {
+      std::int32_t& slot = next[static_cast<std::size_t>(g.plane)];
+      problem->observations[static_cast<std::size_t>(slot++)] = g.observation;
+    }
+  }
+
+  const std::vector<VoxelMap::NodeId>& nodes() const { return nodes_; }
+
+ private:
+  struct Gathered {
+    std::int32_t plane;
+    PlaneObservation observation;
+  };
+  VoxelIndex plane_of_node_;
+  std::vector<VoxelMap::NodeId> nodes_;
+  std::vector<std::int32_t> last_;  // for each plane, its last gathered observation
+  std::vector<Gathered> gathered_;
+};
 
 }  // namespace
 
@@ -105,15 +167,13 @@ Vector6d SlidingWindow::CentralTwist(std::size_t i) const {
 
 BundleProblem SlidingWindow::BuildProblem() const {
   BundleProblem problem;
-  VoxelIndex plane_of_node(16384);
-  std::vector<VoxelMap::NodeId> nodes;
-  std::vector<std::int32_t> last;  // for each plane, its last gathered observation
-  std::vector<Gathered> gathered;
+  ProblemBuilder builder;
   const double floor2 = options_.noise_floor_m * options_.noise_floor_m;
   const double kernel2 = options_.kernel_sigma * options_.kernel_sigma;
   for (std::size_t f = 0; f < frames_.size(); ++f) {
     const WindowFrame& frame = frames_[f];
     problem.poses.push_back(frame.T_world_lidar);
+    if (f > 0) problem.priors.push_back(MotionPrior(f));
     for (std::size_t i = 0; i < frame.leaves.size(); ++i) {
       if (frame.leaves[i] == VoxelMap::kNoNode) continue;
       const VoxelMap::NodeId node = map_->PlaneAbove(frame.leaves[i]);
@@ -124,64 +184,41 @@ BundleProblem SlidingWindow::BuildProblem() const {
       const double e2 =
           distance * distance / (kernel2 * (floor2 + static_cast<double>(surface.variance)));
       const double robust = 1.0 / ((1.0 + e2) * (1.0 + e2));
-      const PointCluster cluster =
-          Capped(frame.deskewed[i], options_.max_cluster_weight).Scaled(robust);
-      const auto fresh = static_cast<std::int32_t>(nodes.size());
-      const std::int32_t plane = plane_of_node.FindOrInsert(static_cast<VoxelKey>(node), fresh);
-      if (plane == fresh) {
-        nodes.push_back(node);
-        last.push_back(-1);
-      }
-      std::int32_t& previous = last[static_cast<std::size_t>(plane)];
-      if (previous >= 0 &&
-          gathered[static_cast<std::size_t>(previous)].observation.frame == static_cast<int>(f)) {
-        gathered[static_cast<std::size_t>(previous)].observation.cluster += cluster;
-        continue;
-      }
-      previous = static_cast<std::int32_t>(gathered.size());
-      gathered.push_back({plane, {static_cast<int>(f), cluster}});
+      builder.Add(node, static_cast<int>(f),
+                  Capped(frame.deskewed[i], options_.max_cluster_weight).Scaled(robust));
     }
   }
-  // Counting sort by plane; frames stay ascending within each.
-  problem.planes.resize(nodes.size());
-  for (const Gathered& g : gathered) ++problem.planes[static_cast<std::size_t>(g.plane)].count;
-  std::int32_t first = 0;
-  std::vector<std::int32_t> next;
-  for (Plane& plane : problem.planes) {
-    plane.first = first;
-    next.push_back(first);
-    first += plane.count;
-  }
-  problem.observations.resize(gathered.size());
-  for (const Gathered& g : gathered) {
-    problem.observations[static_cast<std::size_t>(next[static_cast<std::size_t>(g.plane)]++)] =
-        g.observation;
-  }
-  for (std::size_t i = 0; i < nodes.size(); ++i) {
+  builder.MoveTo(&problem);
+  for (std::size_t i = 0; i < problem.planes.size(); ++i) {
     Plane& plane = problem.planes[i];
-    plane.fixed = map_->FixedAggregate(nodes[i]);
-    plane.weight = 1.0 / (floor2 + static_cast<double>(map_->surface(nodes[i]).variance));
+    const VoxelMap::NodeId node = builder.nodes()[i];
+    plane.fixed = map_->FixedAggregate(node);
+    plane.weight = 1.0 / (floor2 + static_cast<double>(map_->surface(node).variance));
     if (!plane.fixed.Empty()) problem.hold_first_pose = false;
   }
-  // A plane that one frame alone sees binds nothing.
-  problem.planes.erase(
-      std::remove_if(problem.planes.begin(), problem.planes.end(),
-                     [](const Plane& p) { return p.count < 2 && p.fixed.Empty(); }),
-      problem.planes.end());
-  const auto most = static_cast<std::size_t>(options_.max_planes);
-  if (problem.planes.size() > most) {
-    std::stable_sort(problem.planes.begin(), problem.planes.end(),
-                     [](const Plane& a, const Plane& b) { return a.count > b.count; });
-    problem.planes.resize(most);
-  }
-  Vector6d information;
-  information << Eigen::Vector3d::Constant(180.0 / M_PI / options_.prior_rotation_deg),
-      Eigen::Vector3d::Constant(1.0 / options_.prior_translation_m);
-  for (std::size_t f = 1; f < frames_.size(); ++f) {
-    problem.priors.push_back({static_cast<int>(f) - 1, static_cast<int>(f),
-                              frames_[f].T_previous_this, Matrix6d(information.asDiagonal())});
-  }
+  KeepBinding(options_.max_planes, &problem.planes);
   return problem;
+}
+
+RelativePrior SlidingWindow::MotionPrior(std::size_t i) const {
+  RelativePrior prior;
+  prior.a = static_cast<int>(i) - 1;
+  prior.b = static_cast<int>(i);
+  prior.T_a_b = frames_[i].T_previous_this;
+  Vector6d root;
+  root << Eigen::Vector3d::Constant(180.0 / M_PI / options_.prior_rotation_deg),
+      Eigen::Vector3d::Constant(1.0 / options_.prior_translation_m);
+  Matrix6d information = root.cwiseAbs2().asDiagonal();
+  // What the frontend could not see, bundle adjustment must not invent from the same scans.
+  for (int k = 0; k < frames_[i].held.cols(); ++k) {
+    Vector6d direction = frames_[i].held.col(k);
+    if (direction.isZero()) break;
+    direction.head<3>() *= MatchResult::kRotationArmM;
+    direction.tail<3>() = frames_[i - 1].T_world_lidar.q.conjugate() * direction.tail<3>();
+    information += direction * direction.transpose() / (kHeldSigmaM * kHeldSigmaM);
+  }
+  prior.sqrt_information = information.llt().matrixU();
+  return prior;
 }
 
 }  // namespace lamina

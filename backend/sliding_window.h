@@ -18,6 +18,7 @@
 #include "core/scan.h"
 #include "core/voxel_map.h"
 #include "frontend/scan_clusters.h"
+#include "frontend/scan_matcher.h"
 
 namespace lamina {
 
@@ -47,7 +48,9 @@ struct WindowFrame {
   std::vector<PointCluster> deskewed;    // LiDAR frame at the stamp
   std::vector<PointCluster> in_map;      // world frame, capped weight
   std::vector<VoxelMap::NodeId> leaves;  // kNoNode: outside of what the map can hold
-  SE3 T_previous_this;                   // motion since the frame before, as the frontend found it
+  // Directions in which the frontend saw nothing (MatchResult::degenerate_directions).
+  Matrix6d held = Matrix6d::Zero();
+  SE3 T_previous_this;  // motion since the frame before, as the frontend found it
 };
 
 class SlidingWindow {
@@ -82,6 +85,7 @@ class SlidingWindow {
   BundleProblem BuildProblem() const;
 
  private:
+  RelativePrior MotionPrior(std::size_t i) const;
   void UpdateClusters(const SE3& T, WindowFrame* frame) const;
 
   SlidingWindowOptions options_;

@@ -70,7 +70,7 @@ class VoxelIndex {
 
   // The value stored under key; if there is none, `value` is stored and returned.
   std::int32_t FindOrInsert(VoxelKey key, std::int32_t value) {
-    if (2 * (size_ + 1) > slots_.size()) Rehash(2 * size_ + 2);
+    if (2 * (size_ + 1) > slots_.size()) Rehash(size_ + 1);
     for (std::size_t i = HashVoxelKey(key) & mask_;; i = (i + 1) & mask_) {
       Slot& slot = slots_[i];
       if (slot.value != kNone && slot.key != key) continue;

@@ -212,25 +212,43 @@ Surface VoxelMap::MakeSurface(const PointCluster& cluster, int frames) const {
   return s;
 }
 
-PointCluster VoxelMap::RefreshTree(NodeId id) {
-  Node& n = node(id);
+PointCluster VoxelMap::SumTree(NodeId id, std::vector<TreeSum>* sums) {
+  const Node& n = node(id);
+  const std::size_t slot = sums->size();
+  sums->push_back({id, n.fixed, n.fixed_frames + n.window_frames});
   PointCluster sum = n.fixed;
   sum += n.window;
   int frames = n.fixed_frames + n.window_frames;
   for (const NodeId child : n.child) {
     if (child == kNoNode) continue;
-    sum += RefreshTree(child);
+    const std::size_t child_slot = sums->size();
+    sum += SumTree(child, sums);
     // Frames of the children overlap in ways that nobody counts; the largest is a sure lower bound.
-    frames = std::max<int>(frames, node(child).surface.frames);
+    frames = std::max(frames, (*sums)[child_slot].frames);
   }
-  n.surface = MakeSurface(sum, frames);
+  (*sums)[slot].cluster = sum;
+  (*sums)[slot].frames = frames;
   return sum;
+}
+
+void VoxelMap::RefreshTree(NodeId root, std::vector<TreeSum>* sums) {
+  sums->clear();
+  SumTree(root, sums);
+  for (const TreeSum& sum : *sums) {
+    Node& n = node(sum.id);
+    // Below a planar node nobody looks: its eigenvalues are saved.
+    const NodeId parent = n.parent;
+    const bool covered = parent != kNoNode && node(parent).surface.covered;
+    if (!covered) n.surface = MakeSurface(sum.cluster, sum.frames);
+    n.surface.covered = covered || n.surface.kind == Surface::Kind::kPlane;
+  }
 }
 
 void VoxelMap::Refresh() {
   ParallelChunks(marked_.size(), 256, [this](std::size_t begin, std::size_t end) {
+    std::vector<TreeSum> sums;
     for (std::size_t i = begin; i < end; ++i) {
-      RefreshTree(marked_[i]);
+      RefreshTree(marked_[i], &sums);
       node(marked_[i]).marked = false;
     }
   });

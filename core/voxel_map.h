@@ -65,6 +65,8 @@ struct Surface {
   float weight = 0.0F;                               // points, after capping
   std::uint16_t frames = 0;                          // frames that contributed, saturating
   Kind kind = Kind::kEmpty;
+  bool covered =
+      false;  // this node or one above it is planar; below that one, nothing is kept up to date
 };
 
 class VoxelMap {
@@ -154,8 +156,14 @@ class VoxelMap {
   void Unlink(NodeId root);
   void LinkNewest(NodeId root);
   void Mark(NodeId leaf);
-  // The sums below a node, refreshing the surfaces on the way.
-  PointCluster RefreshTree(NodeId id);
+  struct TreeSum {
+    NodeId id;
+    PointCluster cluster;
+    int frames;
+  };
+  // Sums of a node and all below it, parents before children; returns the node's own.
+  PointCluster SumTree(NodeId id, std::vector<TreeSum>* sums);
+  void RefreshTree(NodeId root, std::vector<TreeSum>* sums);
   Surface MakeSurface(const PointCluster& cluster, int frames) const;
   void VisitSurfaces(NodeId id, int min_frames,
                      const std::function<void(const Surfel&)>& visit) const;

@@ -17,10 +17,11 @@ struct NormalEquations {
   double weight = 0.0;     // sum of the weights (1/m^2)
   double robust = 0.0;     // sum of the kernel's weights in [0, 1]
   double residual2 = 0.0;  // sum of kernel weight * distance^2
-  double range2 = 0.0;     // sum of weight * range^2
   int matched = 0;
-  // Information along given directions that comes from clusters which clearly face them.
-  Vector6d facing = Vector6d::Zero();
+  int young = 0;  // those on young planes
+  // Information along given directions that comes from clusters which clearly face them: all / on
+  // planes that are not young.
+  Vector6d facing = Vector6d::Zero(), facing_old = Vector6d::Zero();
 
   NormalEquations& operator+=(const NormalEquations& o) {
     H += o.H;
@@ -28,25 +29,26 @@ struct NormalEquations {
     weight += o.weight;
     robust += o.robust;
     residual2 += o.residual2;
-    range2 += o.range2;
     matched += o.matched;
+    young += o.young;
     facing += o.facing;
+    facing_old += o.facing_old;
     return *this;
   }
 };
 
-// Rotations times the scan's mean range are metres: tangent vectors then have one unit.
+// Tangent vectors in one unit, metres.
 struct TangentScale {
-  double range_m = 1.0;
+  double arm_m = MatchResult::kRotationArmM;
   Vector6d ToTangent(const Vector6d& scaled) const {
     Vector6d v = scaled;
-    v.head<3>() /= range_m;
+    v.head<3>() /= arm_m;
     return v;
   }
   Matrix6d ToTangent(const Matrix6d& scaled) const {
     Matrix6d m = scaled;
-    m.topRows<3>() /= range_m;
-    m.leftCols<3>() /= range_m;
+    m.topRows<3>() /= arm_m;
+    m.leftCols<3>() /= arm_m;
     return m;
   }
 };
@@ -109,8 +111,14 @@ class Lineariser {
                             static_cast<double>(surface.variance) + spread;
     const double e2 = distance * distance / (variance * kernel_sigma * kernel_sigma);
     const double robust = 1.0 / ((1.0 + e2) * (1.0 + e2));
-    const double w = robust * std::min(cluster.count, options_.max_cluster_weight) / variance;
-    AddDirection(normal, normal_lidar, cluster.mean, distance, w, sum);
+    // The arc that one sweep draws across a corner looks like a plane, too, and moves along with
+    // the sensor.
+    const bool young = surface.frames < options_.young_frames;
+    const double doubt = young ? options_.young_sigma_m * options_.young_sigma_m : 0.0;
+    const double w =
+        robust * std::min(cluster.count, options_.max_cluster_weight) / (variance + doubt);
+    AddDirection(normal, normal_lidar, cluster.mean, distance, w, young, sum);
+    sum->young += young ? 1 : 0;
     sum->robust += robust;
     sum->residual2 += robust * distance * distance;
     ++sum->matched;
@@ -136,13 +144,14 @@ class Lineariser {
       const double e2 = distance * distance / (variance * kernel_sigma * kernel_sigma);
       const double w = std::min(cluster.count, options_.max_cluster_weight) /
                        (variance * (1.0 + e2) * (1.0 + e2));
-      AddDirection(axis, R.transpose() * axis, cluster.mean, distance, w, sum);
+      const bool young = map_.surface(leaf).frames < options_.young_frames;
+      AddDirection(axis, R.transpose() * axis, cluster.mean, distance, w, young, sum);
     }
   }
 
   // Adds a residual `distance` along the unit direction `normal` (world), of weight w.
   void AddDirection(const Eigen::Vector3d& normal, const Eigen::Vector3d& normal_lidar,
-                    const Eigen::Vector3d& mu, double distance, double w,
+                    const Eigen::Vector3d& mu, double distance, double w, bool young,
                     NormalEquations* sum) const {
     Vector6d j;
     j << mu.cross(normal_lidar), normal;
@@ -152,15 +161,22 @@ class Lineariser {
       sum->g(c) += wj * distance;
     }
     sum->weight += w;
-    sum->range2 += w * mu.squaredNorm();
     if (watched == nullptr) return;
-    // Errors of the normals leak a little information into every direction; a thousand times a
-    // little looks like much. Only what faces a direction by more than 15 degrees counts.
-    constexpr double kFacing = 0.26;
+    // Errors of the normals leak a little information into every direction, and a thousand times a
+    // little looks like much. An error of the normal by an angle turns j by that angle times
+    // (range, 1) in (rotation, translation): what an error of 6 degrees could feign does not count.
+    constexpr double kNormalError = 0.1;
     const Vector6d scaled = scale.ToTangent(j);
+    const double relative_range2 = mu.squaredNorm() / (scale.arm_m * scale.arm_m);
     for (int k = 0; k < watched->count; ++k) {
-      const double along = watched->columns.col(k).dot(scaled);
-      if (std::abs(along) > kFacing) sum->facing(k) += w * along * along;
+      const auto v = watched->columns.col(k);
+      const double along = v.dot(scaled);
+      const double leak2 =
+          kNormalError * kNormalError *
+          (relative_range2 * v.head<3>().squaredNorm() + v.tail<3>().squaredNorm());
+      const double information = w * std::max(0.0, along * along - leak2);
+      sum->facing(k) += information;
+      if (!young) sum->facing_old(k) += information;
     }
   }
 
@@ -184,7 +200,7 @@ bool Descend(const Lineariser& lineariser, const ScanMatcherOptions& options, co
     *eq = lineariser.At(result->T_world_lidar, kernel);
     ++result->iterations;
     if (eq->matched < kMinMatches) return false;
-    const TangentScale scale = {std::sqrt(eq->range2 / eq->weight)};
+    const TangentScale scale;
     const Matrix6d Hs = keep * scale.ToTangent(eq->H) * keep;
     // A whisper of stiffness keeps the factorisation alive where nothing is measured.
     const Matrix6d damped = Hs + 1e-9 * eq->weight * Matrix6d::Identity();
@@ -213,15 +229,17 @@ Directions FindUnobservable(Lineariser lineariser, const ScanMatcherOptions& opt
   NormalEquations eq = lineariser.At(result->T_world_lidar, kernel_sigma);
   Directions held;
   if (eq.matched < kMinMatches) return held;
-  lineariser.scale = {std::sqrt(eq.range2 / eq.weight)};
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(lineariser.scale.ToTangent(eq.H));
   const Directions all = {solver.eigenvectors(), 6};
   // No leak makes up such a share of the information: the second pass is for doubtful scans.
-  constexpr double kClearShare = 0.01;
+  constexpr double kClearShare = 0.02;
   Vector6d facing = solver.eigenvalues();
   if (facing(0) < kClearShare * eq.weight) {
     lineariser.watched = &all;
-    facing = lineariser.At(result->T_world_lidar, kernel_sigma).facing;
+    eq = lineariser.At(result->T_world_lidar, kernel_sigma);
+    // Young planes are heard where there is little else, as on the first scans.
+    constexpr double kMostlyYoung = 0.6;
+    facing = eq.young > kMostlyYoung * eq.matched ? eq.facing : eq.facing_old;
   }
   Matrix6d covariance = Matrix6d::Zero();
   result->worst_sigma_m = 0.0;
@@ -229,7 +247,8 @@ Directions FindUnobservable(Lineariser lineariser, const ScanMatcherOptions& opt
     const Vector6d v = all.columns.col(k);
     const double sigma = 1.0 / std::sqrt(std::max(facing(k), kLeastInformation));
     result->worst_sigma_m = std::max(result->worst_sigma_m, sigma);
-    const bool open = sigma > options.max_direction_sigma_m;
+    const bool open =
+        sigma > options.max_direction_sigma_m || facing(k) < options.min_facing_share * eq.weight;
     if (open) held.columns.col(held.count++) = v;
     covariance +=
         v * v.transpose() / std::max(open ? facing(k) : solver.eigenvalues()(k), kLeastInformation);
@@ -247,11 +266,14 @@ void ScanMatcherOptions::Visit(OptionVisitor& v) {
   v.Number("min_rotation_step_deg", &min_rotation_step_deg, 1e-9, 10.0);
   v.Number("min_translation_step_m", &min_translation_step_m, 1e-9, 10.0);
   v.Number("noise_floor_m", &noise_floor_m, 1e-4, 1.0);
+  v.Integer("young_frames", &young_frames, 1, 1000);
+  v.Number("young_sigma_m", &young_sigma_m, 0.0, 10.0);
   v.Number("max_cluster_weight", &max_cluster_weight, 1.0, 1e6);
   v.Number("kernel_start_sigma", &kernel_start_sigma, 0.1, 1e3);
   v.Number("kernel_end_sigma", &kernel_end_sigma, 0.1, 1e3);
   v.Number("max_distance_m", &max_distance_m, 0.01, 100.0);
   v.Number("max_direction_sigma_m", &max_direction_sigma_m, 1e-4, 1e6);
+  v.Number("min_facing_share", &min_facing_share, 0.0, 0.3);
 }
 
 ScanMatcher::ScanMatcher(const ScanMatcherOptions& options) : options_(options) {

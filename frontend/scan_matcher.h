@@ -15,11 +15,11 @@
 // leave a direction open, rough leaves join with all three directions of their distribution
 // (Magnusson's NDT, in the distribution-to-distribution form).
 //
-// Degeneracy. Rotations are scaled by the scan's mean range, so that tangent vectors are in metres.
-// Along an eigenvector v of H = sum w J'J, the information that counts is that of the residuals
-// which face v by more than 15 degrees (|J v| > 0.26); where 1 / sqrt(that) exceeds
-// `max_direction_sigma_m` the direction is *unobservable*: the pose stays on the prediction there,
-// and the result says so.
+// Degeneracy. Rotations count by what they move at a distance of 3 m, so that tangent vectors are
+// in metres. Along an eigenvector v of H = sum w J'J, the information that counts is sum w max(0,
+// (J v)^2 - leak^2), where leak is what an error of 0.1 rad of the plane's normal could feign;
+// where 1 / sqrt(that) exceeds `max_direction_sigma_m` the direction is *unobservable*: the pose
+// stays on the prediction there, and the result says so.
 #pragma once
 
 #include <vector>
@@ -38,6 +38,11 @@ struct ScanMatcherOptions {
   double min_translation_step_m = 0.0005;
   // Standard deviation that no plane is believed to be better than.
   double noise_floor_m = 0.02;
+  // A plane that fewer frames have seen is young, and this is added to its variance, squared: the
+  // arc that a sweep draws across a corner looks like a plane, too, and moves along with the
+  // sensor.
+  int young_frames = 3;
+  double young_sigma_m = 0.1;
   // Points that a cluster weighs at most: dense surfaces nearby must not outvote the far ones.
   double max_cluster_weight = 4.0;
   // Scale of the robust kernel, in standard deviations, at the first and from the last graduation
@@ -48,6 +53,9 @@ struct ScanMatcherOptions {
   double max_distance_m = 1.0;
   // Standard deviation along a direction beyond which it counts as unobservable.
   double max_direction_sigma_m = 0.05;
+  // ... and share of all information below which it does, too: few planes that face it may all be
+  // wrong.
+  double min_facing_share = 0.001;
 
   void Visit(OptionVisitor& v);
 };
@@ -58,6 +66,9 @@ struct MatchResult {
     kIterationLimit,  // usable
     kTooFewMatches,   // pose is the initial one
   };
+  // Rotations count by what they move at this distance, in metres.
+  static constexpr double kRotationArmM = 3.0;
+
   Status status = Status::kTooFewMatches;
   SE3 T_world_lidar;
   int iterations = 0;
