@@ -19,24 +19,28 @@ PointCluster& PointCluster::operator-=(const PointCluster& o) {
   return *this;
 }
 
-PointCluster TimedCluster::Deskewed(const Vector6d& twist) const {
+PointCluster TimedCluster::DeskewedTo(double time_s, const Vector6d& twist) const {
   const Eigen::Vector3d w = twist.head<3>();
+  const double offset_s = mean_time_s - time_s;
   PointCluster local = points;
-  if (time_scatter > 0.0) {
-    const Eigen::Vector3d c = w.cross(points.mean) + twist.tail<3>();
-    local.mean += w.cross(point_time) / points.count;
-    const Eigen::Vector3d& k = point_time;
-    Symmetric3& s = local.scatter;
-    s.xx += 2.0 * c.x() * k.x();
-    s.xy += c.x() * k.y() + c.y() * k.x();
-    s.xz += c.x() * k.z() + c.z() * k.x();
-    s.yy += 2.0 * c.y() * k.y();
-    s.yz += c.y() * k.z() + c.z() * k.y();
-    s.zz += 2.0 * c.z() * k.z();
-    s.AddOuter(time_scatter, c);
-  }
-  if (mean_time_s == 0.0) return local;
-  return local.Moved(TwistExp(mean_time_s * twist));
+  if (time_scatter == 0.0 && offset_s == 0.0) return local;
+  const Eigen::Vector3d c = w.cross(points.mean) + twist.tail<3>();
+  local.mean += offset_s * c + w.cross(point_time) / points.count;
+  const Eigen::Vector3d& k = point_time;
+  Symmetric3& s = local.scatter;
+  s.xx += 2.0 * c.x() * k.x();
+  s.xy += c.x() * k.y() + c.y() * k.x();
+  s.xz += c.x() * k.z() + c.z() * k.x();
+  s.yy += 2.0 * c.y() * k.y();
+  s.yz += c.y() * k.z() + c.z() * k.y();
+  s.zz += 2.0 * c.z() * k.z();
+  s.AddOuter(time_scatter, c);
+  return local;
+}
+
+PointCluster TimedCluster::Deskewed(const Vector6d& twist) const {
+  const PointCluster local = DeskewedTo(mean_time_s, twist);
+  return mean_time_s == 0.0 ? local : local.Moved(TwistExp(mean_time_s * twist));
 }
 
 }  // namespace lamina

@@ -88,8 +88,12 @@ struct TimedCluster {
   //     p' = Exp(tau xi) p  ~  Exp(mean xi) (p + s (w x p + v))
   //
   // to first order in s, and mean and scatter of the right side follow from the moments above.
-  // The neglected terms are below (|w| s)^2 |p| / 2: micrometres within a voxel.
+  // The neglected terms are below |w| s^2 (|w| |p| + |v|) / 2: a millimetre or less within a voxel.
   PointCluster Deskewed(const Vector6d& twist) const;
+
+  // The same, but in the LiDAR frame at tau = time_s, which must be near the cluster's mean time (s
+  // = tau - time_s above): Deskewed without its last, rigid motion.
+  PointCluster DeskewedTo(double time_s, const Vector6d& twist) const;
 };
 
 }  // namespace lamina

@@ -39,6 +39,42 @@ TimedCluster ToCluster(const VoxelSums& s, double leaf_size_m) {
   return c;
 }
 
+// The sensor's poses at evenly spread instants of a scan, made once: the exponential of a twist for
+// each cluster would cost more than all the rest of deskewing. Between two instants a cluster is at
+// most a millisecond or so from the nearest, and is brought there to first order.
+class SweepPoses {
+ public:
+  struct Instant {
+    double time_s;
+    Eigen::Matrix3d R;
+    Eigen::Vector3d t;
+  };
+
+  SweepPoses(const std::vector<TimedCluster>& clusters, const Vector6d& twist) {
+    const auto [first, last] = std::minmax_element(
+        clusters.begin(), clusters.end(),
+        [](const TimedCluster& a, const TimedCluster& b) { return a.mean_time_s < b.mean_time_s; });
+    start_s_ = first->mean_time_s;
+    const double span_s = last->mean_time_s - start_s_;
+    const int count = span_s > 0.0 ? kInstants : 1;
+    per_second_ = span_s > 0.0 ? (kInstants - 1) / span_s : 0.0;
+    for (int i = 0; i < count; ++i) {
+      const double time_s = start_s_ + (span_s > 0.0 ? i / per_second_ : 0.0);
+      const SE3 T = TwistExp(time_s * twist);
+      instants_.push_back({time_s, T.R(), T.t});
+    }
+  }
+
+  const Instant& NearestTo(double time_s) const {
+    return instants_[static_cast<std::size_t>((time_s - start_s_) * per_second_ + 0.5)];
+  }
+
+ private:
+  static constexpr int kInstants = 128;
+  double start_s_ = 0.0, per_second_ = 0.0;
+  std::vector<Instant> instants_;
+};
+
 }  // namespace
 
 std::vector<TimedCluster> BuildScanClusters(const std::vector<TimedPoint>& points,
@@ -78,8 +114,13 @@ std::vector<TimedCluster> BuildScanClusters(const std::vector<TimedPoint>& point
 std::vector<PointCluster> DeskewClusters(const std::vector<TimedCluster>& clusters,
                                          const Vector6d& twist) {
   std::vector<PointCluster> result(clusters.size());
+  if (clusters.empty()) return result;
+  const SweepPoses sweep(clusters, twist);
   ParallelChunks(clusters.size(), 2048, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) result[i] = clusters[i].Deskewed(twist);
+    for (std::size_t i = begin; i < end; ++i) {
+      const auto& [time_s, R, t] = sweep.NearestTo(clusters[i].mean_time_s);
+      result[i] = clusters[i].DeskewedTo(time_s, twist).Moved(R, t);
+    }
   });
   return result;
 }

@@ -63,7 +63,7 @@ class Lineariser {
  public:
   Lineariser(const ScanMatcherOptions& options, const VoxelMap& map,
              const std::vector<PointCluster>& clusters)
-      : options_(options), map_(map), clusters_(clusters) {}
+      : options_(options), map_(map), clusters_(clusters), surfaces_(clusters.size()) {}
 
   const VoxelMap& map() const { return map_; }
 
@@ -73,12 +73,13 @@ class Lineariser {
   const Directions* watched = nullptr;
   TangentScale scale;
 
-  NormalEquations At(const SE3& T, double kernel_sigma) const {
+  NormalEquations At(const SE3& T, double kernel_sigma) {
     const Eigen::Matrix3d R = T.R();
+    Associate(T, R);
     NormalEquations total =
         ParallelSum(clusters_.size(), 1024, NormalEquations(), [&](size_t begin, size_t end) {
           NormalEquations sum;
-          for (size_t i = begin; i < end; ++i) AddCluster(clusters_[i], R, T.t, kernel_sigma, &sum);
+          for (size_t i = begin; i < end; ++i) AddCluster(i, R, T.t, kernel_sigma, &sum);
           return sum;
         });
     total.H = total.H.selfadjointView<Eigen::Lower>();
@@ -86,17 +87,34 @@ class Lineariser {
   }
 
  private:
-  void AddCluster(const PointCluster& cluster, const Eigen::Matrix3d& R, const Eigen::Vector3d& t,
-                  double kernel_sigma, NormalEquations* sum) const {
-    const Eigen::Vector3d p = R * cluster.mean + t;
-    if (!map_.CanHold(p)) return;
-    const VoxelMap::NodeId id = map_.FindSurface(p);
-    if (id == VoxelMap::kNoNode) return;
-    const Surface& surface = map_.surface(id);
+  // Looks up the surface around each cluster, unless the pose is still so near the one of the last
+  // look-up that a cluster at kFarM has moved by less than a small part of a leaf.
+  void Associate(const SE3& T, const Eigen::Matrix3d& R) {
+    constexpr double kFarM = 30.0;
+    const double near_m = 0.05 * map_.options().LeafSize();
+    if (associated_ &&
+        (T.t - associated_at_.t).norm() + kFarM * RotationAngle(associated_at_, T) < near_m) {
+      return;
+    }
+    associated_ = true;
+    associated_at_ = T;
+    ParallelChunks(clusters_.size(), 1024, [&](size_t begin, size_t end) {
+      for (size_t i = begin; i < end; ++i) {
+        const Eigen::Vector3d p = R * clusters_[i].mean + T.t;
+        surfaces_[i] = map_.CanHold(p) ? map_.FindSurface(p) : VoxelMap::kNoNode;
+      }
+    });
+  }
+
+  void AddCluster(size_t i, const Eigen::Matrix3d& R, const Eigen::Vector3d& t, double kernel_sigma,
+                  NormalEquations* sum) const {
+    if (surfaces_[i] == VoxelMap::kNoNode) return;
+    const PointCluster& cluster = clusters_[i];
+    const Surface& surface = map_.surface(surfaces_[i]);
     if (surface.kind == Surface::Kind::kPlane) {
-      AddPlane(cluster, R, p, surface, kernel_sigma, sum);
+      AddPlane(cluster, R, R * cluster.mean + t, surface, kernel_sigma, sum);
     } else if (use_rough && surface.kind == Surface::Kind::kRough) {
-      AddRough(cluster, R, p, id, kernel_sigma, sum);
+      AddRough(cluster, R, R * cluster.mean + t, surfaces_[i], kernel_sigma, sum);
     }
   }
 
@@ -183,6 +201,9 @@ class Lineariser {
   const ScanMatcherOptions& options_;
   const VoxelMap& map_;
   const std::vector<PointCluster>& clusters_;
+  std::vector<VoxelMap::NodeId> surfaces_;
+  bool associated_ = false;
+  SE3 associated_at_;
 };
 
 constexpr int kMinMatches = 10;
@@ -190,7 +211,7 @@ constexpr double kLeastInformation = 1e-4;  // 1/m^2: nothing is known worse tha
 
 // Gauss-Newton from `initial`, keeping out of the directions `held`. False if there are too few
 // matches.
-bool Descend(const Lineariser& lineariser, const ScanMatcherOptions& options, const SE3& initial,
+bool Descend(Lineariser& lineariser, const ScanMatcherOptions& options, const SE3& initial,
              const Directions& held, MatchResult* result, NormalEquations* eq) {
   result->T_world_lidar = initial;
   result->status = MatchResult::Status::kIterationLimit;
@@ -224,7 +245,7 @@ bool Descend(const Lineariser& lineariser, const ScanMatcherOptions& options, co
 
 // Directions in which the clusters that face them leave the pose uncertain; also fills the result's
 // information. Evaluated at the result's pose.
-Directions FindUnobservable(Lineariser lineariser, const ScanMatcherOptions& options,
+Directions FindUnobservable(Lineariser& lineariser, const ScanMatcherOptions& options,
                             double kernel_sigma, MatchResult* result) {
   NormalEquations eq = lineariser.At(result->T_world_lidar, kernel_sigma);
   Directions held;
@@ -237,6 +258,7 @@ Directions FindUnobservable(Lineariser lineariser, const ScanMatcherOptions& opt
   if (facing(0) < kClearShare * eq.weight) {
     lineariser.watched = &all;
     eq = lineariser.At(result->T_world_lidar, kernel_sigma);
+    lineariser.watched = nullptr;
     // Young planes are heard where there is little else, as on the first scans.
     constexpr double kMostlyYoung = 0.6;
     facing = eq.young > kMostlyYoung * eq.matched ? eq.facing : eq.facing_old;
