@@ -12,6 +12,7 @@
 
 #include "tools/eval_command.h"
 #include "tools/export_command.h"
+#include "tools/plot_command.h"
 #include "tools/run_command.h"
 #include "tools/synth_command.h"
 
@@ -29,6 +30,7 @@ int main(int argc, char** argv) {
   lamina::AddRunCommand(&app, &run);
   lamina::AddEvalCommand(&app, &run);
   lamina::AddExportCommand(&app, &run);
+  lamina::AddPlotCommand(&app, &run);
   lamina::AddSynthCommand(&app, &run);
   try {
     app.parse(argc, argv);

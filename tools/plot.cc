@@ -94,7 +94,21 @@ std::string GnuplotScript(const Plot& plot, const std::string& output_path) {
     }
     script += "EOD\n";
   }
+  if (!plot.cloud.points.empty()) {
+    script += "$cloud << EOD\n";
+    for (const Eigen::Vector3d& p : plot.cloud.points) {
+      script += fmt::format("{:.6g} {:.6g} {:.6g}\n", p.x(), p.y(), p.z());
+    }
+    script += fmt::format("EOD\nset cblabel {}\nset cbrange [{:.6g}:{:.6g}]\n",
+                          Quoted(plot.cloud.colour_label), plot.cloud.colour_range.x(),
+                          plot.cloud.colour_range.y());
+    script += "set palette defined (0 '#1f3b73', 0.35 '#2a9d8f', 0.7 '#e9c46a', 1 '#d62828')\n";
+  }
   script += "plot ";
+  if (!plot.cloud.points.empty()) {
+    script += "$cloud using 1:2:3 with points pointtype 7 pointsize 0.25 palette notitle";
+    script += plot.series.empty() ? "" : ", ";
+  }
   for (size_t k = 0; k < plot.series.size(); ++k) {
     script += fmt::format("{}$series{} using 1:2 with lines linewidth 2 title {}",
                           k == 0 ? "" : ", ", k, Quoted(plot.series[k].title));

@@ -13,10 +13,18 @@ struct PlotSeries {
   std::vector<Eigen::Vector2d> points;  // non-finite points break the line
 };
 
+// Points drawn below the lines, coloured by z from the lower to the upper of `colour_range`.
+struct PlotCloud {
+  std::vector<Eigen::Vector3d> points;
+  std::string colour_label;
+  Eigen::Vector2d colour_range{0.0, 1.0};
+};
+
 struct Plot {
   std::string title;
   std::string x_label, y_label;  // with units
   bool equal_axes = false;       // one metre is as long in x as in y
+  PlotCloud cloud;               // may be empty
   std::vector<PlotSeries> series;
 };
 
