@@ -99,6 +99,7 @@ class WindowCost final : public ceres::CostFunction {
     Eigen::VectorXd g;
     Eigen::MatrixXd H;
     const double cost = cost_.Linearise(poses, &g, &H);
+    if (!std::isfinite(cost) || !H.allFinite()) return false;
     const Eigen::MatrixXd A = SquareRoot(&H);
     r.head(6 * size_) = SolveTransposed(A, g);
     r(6 * size_) = std::sqrt(std::max(0.0, 2.0 * cost - r.head(6 * size_).squaredNorm()));

@@ -67,21 +67,6 @@ Layout FindLayout(const fs::path& path) {
   return Layout{path, path / name, "", false};
 }
 
-SE3 ReadCalibration(const fs::path& file) {
-  const std::string text = ReadFile(file.string());
-  LineReader lines(file.string(), text);
-  while (lines.Next()) {
-    const auto words = lines.Words();
-    if (words[0] != "Tr:") continue;
-    std::vector<double> numbers;
-    for (std::size_t i = 1; i < words.size(); ++i) {
-      if (!ParseNumber(words[i], &numbers.emplace_back())) lines.Fail("Tr: must have 12 numbers");
-    }
-    return PoseFromRowMajor(numbers, lines);
-  }
-  return SE3();
-}
-
 class FileScanSource final : public ScanSource {
  public:
   FileScanSource(const Layout& layout, const ScanSourceOptions& options) : options_(options) {
@@ -93,7 +78,7 @@ class FileScanSource final : public ScanSource {
     }
     FindStamps(layout);
     if (MayExist(layout.calibration)) {
-      T_camera_lidar_ = ReadCalibration(layout.calibration);
+      T_camera_lidar_ = ReadKittiCalibration(layout.calibration.string()).value_or(SE3());
     }
   }
 
@@ -156,6 +141,21 @@ void ScanSourceOptions::Visit(OptionVisitor& v) {
 std::unique_ptr<ScanSource> OpenScans(const std::string& path, const ScanSourceOptions& options) {
   CheckOptions(options, "scans");
   return std::make_unique<FileScanSource>(FindLayout(path), options);
+}
+
+std::optional<SE3> ReadKittiCalibration(const std::string& path) {
+  const std::string text = ReadFile(path);
+  LineReader lines(path, text);
+  while (lines.Next()) {
+    const auto words = lines.Words();
+    if (words[0] != "Tr:") continue;
+    std::vector<double> numbers;
+    for (std::size_t i = 1; i < words.size(); ++i) {
+      if (!ParseNumber(words[i], &numbers.emplace_back())) lines.Fail("Tr: must have 12 numbers");
+    }
+    return PoseFromRowMajor(numbers, lines);
+  }
+  return std::nullopt;
 }
 
 }  // namespace lamina

@@ -16,6 +16,7 @@
 
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "core/options.h"
@@ -67,5 +68,9 @@ std::unique_ptr<ScanSource> OpenScans(const std::string& path, const ScanSourceO
 // result is 0 unless the file itself carries per-point readings of a clock (times more than 60 s
 // from zero): then it is the earliest of them. Throws InputError.
 Scan ReadScanFile(const std::string& path, const ScanSourceOptions& options);
+
+// T_camera_lidar from the line "Tr:" (12 numbers, row-major 3x4) of a KITTI calib.txt; nothing if
+// there is no such line. Throws InputError naming file and line.
+std::optional<SE3> ReadKittiCalibration(const std::string& path);
 
 }  // namespace lamina

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -14,7 +15,6 @@
 #include "core/trajectory_metrics.h"
 #include "io/file_writer.h"
 #include "io/scan_source.h"
-#include "io/text_input.h"
 #include "io/trajectory_io.h"
 #include "tools/eval_plots.h"
 #include "tools/eval_report.h"
@@ -79,17 +79,8 @@ std::vector<NamedTrajectory> ReadEstimates(const EvalArguments& a,
 
 // "Tr:" of KITTI odometry's calib.txt. Who names a calibration wants it applied: no Tr, no result.
 SE3 ReadCameraFromLidar(const std::string& path) {
-  const std::string text = ReadFile(path);
-  LineReader lines(path, text);
-  while (lines.Next()) {
-    const std::vector<std::string_view> words = lines.Words();
-    if (words[0] != "Tr:") continue;
-    std::vector<double> numbers(words.size() - 1);
-    for (size_t i = 0; i < numbers.size(); ++i) {
-      if (!ParseNumber(words[i + 1], &numbers[i])) lines.Fail("Tr: must be followed by 12 numbers");
-    }
-    return PoseFromRowMajor(numbers, lines);
-  }
+  const std::optional<SE3> T_camera_lidar = ReadKittiCalibration(path);
+  if (T_camera_lidar) return *T_camera_lidar;
   throw InputError(path + ": has no line \"Tr:\", the pose of the LiDAR in the camera's frame");
 }
 
