@@ -3,7 +3,7 @@
 namespace lamina {
 
 Plot TopViewPlot(const std::vector<NamedTrajectory>& trajectories) {
-  Plot plot{"Trajectory from above", "x (m)", "y (m)", true, {}, {}};
+  Plot plot{"Trajectory from above", "x (m)", "y (m)", true, {}};
   for (const NamedTrajectory& trajectory : trajectories) {
     PlotSeries series{trajectory.name, {}};
     for (const StampedPose& pose : trajectory.poses) {
@@ -15,7 +15,7 @@ Plot TopViewPlot(const std::vector<NamedTrajectory>& trajectories) {
 }
 
 Plot ErrorPlot(const std::vector<ComparedTrajectory>& compared, Alignment alignment) {
-  Plot plot{"Absolute position error", "distance along the truth (m)", "error (m)", false, {}, {}};
+  Plot plot{"Absolute position error", "distance along the truth (m)", "error (m)", false, {}};
   for (const ComparedTrajectory& c : compared) {
     const SE3 T = AlignTrajectories(c.estimate, c.truth, alignment);
     PlotSeries series{c.name, {}};

@@ -24,8 +24,8 @@ struct Plot {
   std::string title;
   std::string x_label, y_label;  // with units
   bool equal_axes = false;       // one metre is as long in x as in y
-  PlotCloud cloud;               // may be empty
   std::vector<PlotSeries> series;
+  PlotCloud cloud = {};  // may be empty
 };
 
 // The script that WritePlot pipes to gnuplot; the picture goes to `output_path`.
