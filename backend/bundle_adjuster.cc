@@ -184,6 +184,12 @@ BundleResult AdjustBundle(const BundleProblem& problem, const BundleAdjusterOpti
       problem.planes.size() < static_cast<std::size_t>(options.min_planes)) {
     return result;
   }
+  // Ceres ends the process over a parameter block that is not finite.
+  for (const SE3& T : problem.poses) {
+    if (T.q.coeffs().allFinite() && T.t.allFinite()) continue;
+    result.status = BundleResult::Status::kFailed;
+    return result;
+  }
   std::vector<PoseBlock> blocks;
   for (const SE3& T : problem.poses) blocks.push_back(ToBlock(T));
   std::vector<double*> parameters;

@@ -29,7 +29,8 @@ inline VoxelKey VoxelKeyOf(const Eigen::Vector3d& p, double inverse_size) {
 }
 
 inline bool IsVoxelKeyInRange(const Eigen::Vector3d& p, double inverse_size) {
-  return (p * inverse_size).cwiseAbs().maxCoeff() < static_cast<double>(kVoxelKeyOffset - 1);
+  // False for NaN, too: every comparison with it is.
+  return ((p * inverse_size).array().abs() < static_cast<double>(kVoxelKeyOffset - 1)).all();
 }
 
 inline Eigen::Vector3d VoxelCentre(VoxelKey key, double size) {

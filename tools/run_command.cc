@@ -206,11 +206,11 @@ int Run(const RunArguments& arguments) {
   const nlohmann::json summary =
       output.Finish(result, pipeline.map(), config.backend.min_surfel_frames, figures,
                     errors ? &*errors : nullptr);
-  PrintSummary(arguments.out, result, summary);
-  if (!truth_problem.empty()) throw InputError(truth_problem + " (all else is written)");
   if (result.frames.empty()) {
     throw InputError(arguments.scans + ": not one usable scan; summary.json says why");
   }
+  PrintSummary(arguments.out, result, summary);
+  if (!truth_problem.empty()) throw InputError(truth_problem + " (all else is written)");
   return 0;
 }
 

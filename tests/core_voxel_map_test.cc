@@ -1,0 +1,332 @@
+#include "core/voxel_map.h"
+
+#include <gtest/gtest.h>
+
+#include <set>
+
+#include "tests/random_scenes.h"
+
+namespace lamina {
+namespace {
+
+using Kind = Surface::Kind;
+using NodeId = VoxelMap::NodeId;
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr int kManyPerSide = 60;  // 216 000 voxels: sanitizers multiply memory and time
+#else
+constexpr int kManyPerSide = 127;  // 2 048 383 voxels
+#endif
+
+// Nothing is a plane / everything is.
+VoxelMapOptions NoPlanes() {
+  VoxelMapOptions options;
+  options.max_flatness = 1e-6;
+  options.max_fixed_weight = 1e9;
+  return options;
+}
+VoxelMapOptions OnlyPlanes() {
+  VoxelMapOptions options;
+  options.max_flatness = 1.0;
+  options.max_thickness_m = 10.0;
+  options.min_breadth = 0.0;
+  options.max_fixed_weight = 1e9;
+  options.depth = 2;
+  return options;
+}
+
+// Puts each point into its leaf.
+void AddPoints(const Points& points, std::int64_t frame, VoxelMap* map) {
+  for (const Eigen::Vector3d& p : points) map->AddWindow(map->LeafAt(p), ClusterOf({p}), frame);
+}
+
+void ExpectSame(const PointCluster& a, const PointCluster& b) {
+  EXPECT_NEAR(a.count, b.count, 1e-9);
+  EXPECT_LT(MeanGap(a, b), 1e-9);
+  EXPECT_LT(ScatterGap(a, b), 1e-8);
+}
+
+// A flat patch in the root voxel with these indices, seen by two frames.
+void AddPatch(int x, int y, int z, std::int64_t frame, Draws* draws, VoxelMap* map) {
+  const double size = map->options().root_size_m;
+  const Patch patch(size * Eigen::Vector3d(x + 0.5, y + 0.5, z + 0.5), draws->Direction());
+  for (int f = 0; f < 2; ++f) {
+    Points points;
+    for (int i = 0; i < 10; ++i) points.push_back(patch.Point(0.3 * size, 0.001, draws));
+    map->AddWindow(map->LeafAt(patch.centre), ClusterOf(points), frame + f);
+  }
+}
+
+TEST(VoxelMap, TheCoarsestPlanarNodeIsFound) {
+  Draws draws(1);
+  VoxelMapOptions options;
+  options.depth = 2;
+  VoxelMap map(options);
+  // One floor through a whole root.
+  Points floor;
+  for (int i = 0; i < 600; ++i) {
+    floor.emplace_back(draws.Uniform(0.0, 1.6), draws.Uniform(0.0, 1.6), 0.3);
+  }
+  AddPoints(floor, 0, &map);
+  map.Refresh();
+  std::set<NodeId> found;
+  for (const Eigen::Vector3d& p : floor) {
+    found.insert(map.FindSurface(p));
+    EXPECT_EQ(map.PlaneAbove(map.LeafAt(p)), map.FindSurface(p));
+  }
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(map.surface(*found.begin()).kind, Kind::kPlane);
+  EXPECT_NEAR(std::abs(map.surface(*found.begin()).normal.z()), 1.0, 1e-6);
+  ExpectSame(map.Aggregate(*found.begin()), ClusterOf(floor));
+  // A wall above it breaks the root into smaller planes.
+  Points wall;
+  for (int i = 0; i < 600; ++i) {
+    wall.emplace_back(1.3, draws.Uniform(0.0, 1.6), draws.Uniform(0.8, 1.6));
+  }
+  AddPoints(wall, 1, &map);
+  map.Refresh();
+  const NodeId low = map.FindSurface({0.1, 0.1, 0.3});
+  const NodeId high = map.FindSurface({1.3, 0.1, 1.0});
+  EXPECT_NE(low, high);
+  EXPECT_EQ(map.surface(low).kind, Kind::kPlane);
+  EXPECT_NEAR(std::abs(map.surface(low).normal.z()), 1.0, 1e-6);
+  EXPECT_NEAR(std::abs(map.surface(high).normal.x()), 1.0, 1e-6);
+  // Octants of 0.8 m, not leaves of 0.4 m: the coarsest below the root.
+  EXPECT_EQ(map.FindSurface({1.3, 0.7, 1.5}), high);
+  EXPECT_EQ(map.FindSurface({0.1, 0.1, 1.5}), VoxelMap::kNoNode);
+  EXPECT_EQ(map.FindSurface({5.0, 0.1, 1.5}), VoxelMap::kNoNode);
+  int surfaces = 0;
+  map.ForEachSurface(1, [&](const Surfel&) { ++surfaces; });
+  EXPECT_EQ(surfaces, 6);  // four octants of floor, two of wall
+}
+
+TEST(VoxelMap, AParentIsTheSumOfItsChildren) {
+  Draws draws(2);
+  for (int i = 0; i < 50; ++i) {
+    VoxelMap map(OnlyPlanes());
+    const double half = 0.5 * map.options().root_size_m;
+    const Eigen::Vector3d centre = VoxelCentre(PackVoxelKey(-3, i, 70000), 2.0 * half);
+    const Points points = draws.Cloud(300, centre, half);
+    AddPoints(points, 0, &map);
+    map.Refresh();
+    EXPECT_EQ(map.roots(), 1U);
+    EXPECT_GT(map.nodes(), 50U);
+    const NodeId root = map.FindSurface(points[0]);
+    ExpectSame(map.Aggregate(root), ClusterOf(points));
+    EXPECT_NEAR(map.surface(root).weight, 300.0F, 1e-3F);
+  }
+}
+
+// What a frame put into one leaf.
+struct Entry {
+  Eigen::Vector3d place;
+  PointCluster cluster;
+  std::int64_t frame;
+};
+
+TEST(VoxelMap, BookkeepingEqualsRebuildingFromScratch) {
+  Draws draws(3);
+  for (int run = 0; run < 20; ++run) {
+    VoxelMap map(NoPlanes());
+    VoxelMap rebuilt(NoPlanes());
+    std::vector<Entry> entries;
+    const std::int64_t frames = 8;
+    const std::int64_t fixed = draws.Integer(0, 8);
+    for (std::int64_t f = 0; f < frames; ++f) {
+      for (int k = 0; k < 40; ++k) {
+        const Eigen::Vector3d place = draws.InCube(2.0);
+        entries.push_back({place, ClusterOf(draws.Cloud(5, place, 0.3)), f});
+        map.AddWindow(map.LeafAt(place), entries.back().cluster, f);
+      }
+    }
+    for (Entry& e : entries) {
+      const PointCluster moved = e.cluster.Moved(draws.Offset(0.05, 0.1));
+      map.ReplaceWindow(map.LeafAt(e.place), e.cluster, moved);
+      e.cluster = moved;
+    }
+    for (const Entry& e : entries) {
+      if (e.frame < fixed) map.FixWindow(map.LeafAt(e.place), e.cluster, e.frame);
+      rebuilt.AddWindow(rebuilt.LeafAt(e.place), e.cluster, e.frame);
+    }
+    for (const Entry& e : entries) {
+      if (e.frame < fixed) rebuilt.FixWindow(rebuilt.LeafAt(e.place), e.cluster, e.frame);
+    }
+    map.Refresh();
+    rebuilt.Refresh();
+    for (const Entry& e : entries) {
+      const NodeId leaf = map.LeafAt(e.place);
+      PointCluster all, gone;
+      std::set<std::int64_t> seen_by;
+      for (const Entry& other : entries) {
+        if (map.LeafAt(other.place) != leaf) continue;
+        all += other.cluster;
+        if (other.frame < fixed) gone += other.cluster;
+        seen_by.insert(other.frame);
+      }
+      ExpectSame(map.Aggregate(leaf), all);
+      ExpectSame(map.FixedAggregate(leaf), gone);
+      ExpectSame(rebuilt.Aggregate(rebuilt.LeafAt(e.place)), all);
+      EXPECT_EQ(map.surface(leaf).frames, seen_by.size());
+      EXPECT_EQ(rebuilt.surface(rebuilt.LeafAt(e.place)).frames, seen_by.size());
+    }
+  }
+}
+
+TEST(VoxelMap, FixedClustersAreCapped) {
+  Draws draws(4);
+  VoxelMapOptions options = NoPlanes();
+  options.max_fixed_weight = 12.0;
+  VoxelMap map(options);
+  const NodeId leaf = map.LeafAt({0.1, 0.1, 0.1});
+  PointCluster last;
+  for (std::int64_t f = 0; f < 50; ++f) {
+    // The place moves: what is new overrules what is old.
+    last = ClusterOf(draws.Cloud(5, {f < 25 ? 0.1 : 0.5, 0.1, 0.1}, 0.05));
+    map.AddWindow(leaf, last, f);
+    map.FixWindow(leaf, last, f);
+    EXPECT_LE(map.FixedAggregate(leaf).count, 12.0 + 1e-9);
+  }
+  EXPECT_NEAR(map.FixedAggregate(leaf).count, 12.0, 1e-9);
+  EXPECT_NEAR(map.FixedAggregate(leaf).mean.x(), 0.5, 0.03);
+}
+
+TEST(VoxelMap, EvictionKeepsTheBudgetAndReusesNodes) {
+  Draws draws(5);
+  VoxelMapOptions options;
+  options.budget_mb = 8.0;
+  VoxelMap map(options);
+  std::size_t surfels = 0, dropped = 0, added = 0, most_bytes = 0;
+  for (int frame = 0; frame < 300; ++frame) {
+    for (int i = 0; i < 200; ++i, ++added) AddPatch(i, frame, -frame, 2 * frame, &draws, &map);
+    map.Refresh();
+    dropped += map.EvictToBudget(2, [&](const Surfel& s) {
+      ++surfels;
+      EXPECT_EQ(s.count, 20U);
+      EXPECT_LT(s.eigenvalues(2), 1e-5F);
+    });
+    most_bytes = std::max(most_bytes, map.bytes());
+    ASSERT_LE(map.bytes(), 8U * 1048576U) << "after frame " << frame;
+    // The newest patches are there.
+    EXPECT_EQ(map.surface(map.FindSurface(options.root_size_m *
+                                          Eigen::Vector3d(0.5, frame + 0.5, 0.5 - frame)))
+                  .kind,
+              Kind::kPlane);
+  }
+  EXPECT_EQ(map.roots() + dropped, added);
+  EXPECT_GT(dropped, added / 2);
+  EXPECT_EQ(surfels, dropped);
+  // Everything was handed out or is still there.
+  map.ForEachSurface(2, [&](const Surfel&) { ++surfels; });
+  EXPECT_EQ(surfels, added);
+  EXPECT_EQ(map.FindSurface({0.1, 0.1, 0.1}), VoxelMap::kNoNode);
+  // Nodes of what has gone serve again, and are empty.
+  const NodeId fresh = map.LeafAt({-100.0, 0.0, 0.0});
+  EXPECT_TRUE(map.Aggregate(fresh).Empty());
+  EXPECT_EQ(map.surface(fresh).kind, Kind::kEmpty);
+}
+
+TEST(VoxelMap, EvictionSparesWhatIsHeldAndHandsOutByFrames) {
+  Draws draws(6);
+  VoxelMapOptions options;
+  options.budget_mb = 1.0;
+  VoxelMap map(options);
+  AddPatch(-50, 0, 0, 0, &draws, &map);
+  const Eigen::Vector3d held = options.root_size_m * Eigen::Vector3d(-49.5, 0.5, 0.5);
+  map.Hold(map.LeafAt(held));
+  map.Hold(map.LeafAt(held));
+  std::size_t surfels = 0, dropped = 0;
+  const auto count = [&](const Surfel&) { ++surfels; };
+  for (int frame = 0; frame < 50; ++frame) {
+    if (frame == 25) map.Release(map.LeafAt(held));
+    for (int i = 0; i < 200; ++i) AddPatch(i, frame, 0, 2 * frame, &draws, &map);
+    map.Refresh();
+    dropped += map.EvictToBudget(3, count);
+    EXPECT_NE(map.FindSurface(held), VoxelMap::kNoNode);
+  }
+  EXPECT_GT(dropped, 5000U);
+  EXPECT_EQ(surfels, 0U);  // two frames saw each, three were asked for
+  map.Release(map.LeafAt(held));
+  for (int frame = 50; frame < 80; ++frame) {
+    for (int i = 0; i < 200; ++i) AddPatch(i, frame, 0, 2 * frame, &draws, &map);
+    map.Refresh();
+    map.EvictToBudget(3, nullptr);
+  }
+  EXPECT_EQ(map.FindSurface(held), VoxelMap::kNoNode);
+}
+
+TEST(VoxelMap, HoldsMillionsOfVoxels) {
+  VoxelMapOptions options;
+  options.depth = 0;
+  options.root_size_m = 1.0;
+  VoxelMap map(options);
+  const auto each = [](const auto& visit) {
+    for (int x = 0; x < kManyPerSide; ++x) {
+      for (int y = 0; y < kManyPerSide; ++y) {
+        for (int z = 0; z < kManyPerSide; ++z) {
+          visit(Eigen::Vector3d(x - 50.5, y - 50.5, z - 50.5));
+        }
+      }
+    }
+  };
+  PointCluster point;
+  point.count = 1.0;
+  each([&](const Eigen::Vector3d& p) {
+    point.mean = p;
+    map.AddWindow(map.LeafAt(p), point, 0);
+  });
+  const std::size_t count = static_cast<std::size_t>(kManyPerSide) * kManyPerSide * kManyPerSide;
+  EXPECT_EQ(map.roots(), count);
+  EXPECT_EQ(map.nodes(), count);
+  EXPECT_LT(map.bytes() / count, 500U);
+  std::size_t wrong = 0;
+  each([&](const Eigen::Vector3d& p) {
+    const NodeId id = map.FindSurface(p);
+    if (id == VoxelMap::kNoNode || map.Aggregate(id).mean != p) ++wrong;
+  });
+  EXPECT_EQ(wrong, 0U);
+}
+
+// The surfaces of a map refreshed by so many threads.
+std::vector<Surfel> RefreshedWith(std::size_t threads) {
+  const ThreadLimit limit(threads);
+  Draws draws(7);
+  VoxelMap map{VoxelMapOptions()};
+  std::vector<Surfel> surfels;
+  for (std::int64_t frame = 0; frame < 3; ++frame) {
+    for (int i = 0; i < 3000; ++i) {
+      const Patch patch(draws.InCube(20.0), draws.Direction());
+      for (int k = 0; k < 12; ++k) {
+        const Eigen::Vector3d p = patch.Point(0.4, 0.01, &draws);
+        map.AddWindow(map.LeafAt(p), ClusterOf({p}), frame);
+      }
+    }
+    map.Refresh();
+    map.ForEachSurface(1, [&](const Surfel& s) { surfels.push_back(s); });
+  }
+  return surfels;
+}
+
+TEST(VoxelMap, RefreshHasTheSameBitsAtAnyNumberOfThreads) {
+  const std::vector<Surfel> one = RefreshedWith(1);
+  const std::vector<Surfel> two = RefreshedWith(2);
+  ASSERT_GT(one.size(), 1000U);
+  ASSERT_EQ(one.size(), two.size());
+  std::size_t different = 0;
+  for (std::size_t i = 0; i < one.size(); ++i) {
+    if (one[i].centre != two[i].centre || one[i].normal != two[i].normal ||
+        one[i].eigenvalues != two[i].eigenvalues || one[i].count != two[i].count) {
+      ++different;
+    }
+  }
+  EXPECT_EQ(different, 0U);
+}
+
+TEST(VoxelMap, SaysWhatItCannotHold) {
+  const VoxelMap map{VoxelMapOptions()};
+  EXPECT_TRUE(map.CanHold({1e6, -1e6, 0.0}));
+  EXPECT_FALSE(map.CanHold({1e9, 0.0, 0.0}));
+  EXPECT_FALSE(map.CanHold({0.0, 0.0, std::nan("")}));
+}
+
+}  // namespace
+}  // namespace lamina
