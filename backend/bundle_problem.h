@@ -36,6 +36,9 @@ struct BundleProblem {
   std::vector<SE3> poses;  // T_world_lidar, start values
   std::vector<Plane> planes;
   std::vector<PlaneObservation> observations;
+  // The points of each observation, LiDAR frame. Only the point-wise formulation (evm1) asks for
+  // them; left empty otherwise.
+  std::vector<std::vector<Eigen::Vector3d>> points;
   std::vector<RelativePrior> priors;
   // The first pose is held where nothing else holds the whole (no fixed cluster).
   bool hold_first_pose = true;

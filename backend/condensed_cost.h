@@ -1,4 +1,4 @@
-// The bundle adjustment cost with the planes condensed out (variable projection).
+// Formulation `condensed`: the planes condensed out (variable projection), Gauss-Newton.
 //
 // For a plane with unit normal nu and offset d, the points p of frame k have residuals
 // r = nu . (R_k p + t_k) - d. Minimised over (nu, d), their sum of squares over all frames is
@@ -7,7 +7,7 @@
 //
 // with lambda_3 the smallest eigenvalue (BALM's objective; nu its eigenvector u_3, d = nu . mu). It
 // equals the paper's objective (Huang et al. 2021, eq. 10) with the weights (l1 - l3, l2 - l3) in
-// place of (l1, l2), up to the constant sum_k n_k l3_k, see LowerBound. The cost here is
+// place of (l1, l2), up to the constant sum_k n_k l3_k, see EigenvalueLowerBound. The cost here is
 //
 //     C = 1/2 sum_planes  weight * N lambda_3(Sigma)
 //
@@ -25,39 +25,24 @@
 //     J'r   = n [a; nu] nu.(x_k - mu)  - [m x S m; 0]
 //
 // One pass over the clusters; no point is touched. Tangent of a pose: [rotation; translation],
-// core/se3.h.
+// core/se3.h. The rows W of bundle_cost.h are (P'P)^-1/2 P'J.
 #pragma once
 
-#include <Eigen/Core>
-#include <vector>
-
-#include "backend/bundle_problem.h"
+#include "backend/bundle_cost.h"
 
 namespace lamina {
 
-class CondensedCost {
+class CondensedCost final : public BundleCost {
  public:
-  // Keeps a reference: the problem must outlive the cost. Throws std::logic_error if an observation
-  // names a pose that does not exist.
-  explicit CondensedCost(const BundleProblem& problem);
+  // Keeps a reference: the problem must outlive the cost. Throws as BundleIndex.
+  explicit CondensedCost(const BundleProblem& problem) : problem_(problem), index_(problem) {}
 
-  // C at the given poses (as many as the problem has).
-  double Value(const std::vector<SE3>& poses) const;
-
-  // C, and the gradient (6N) and Gauss-Newton matrix (6N x 6N, both triangles) at these poses.
-  // Parallel over planes in fixed chunks: the same bits at any number of threads. Thread-safe.
-  double Linearise(const std::vector<SE3>& poses, Eigen::VectorXd* gradient,
-                   Eigen::MatrixXd* hessian) const;
-
-  // 1/2 sum weight n_k l3_k: what C cannot fall below, whatever the poses (paper, eq. 9 and 10).
-  double LowerBound() const;
+  void Linearise(const std::vector<SE3>& poses, ReducedSystem* system) override;
+  double Value(const std::vector<SE3>& poses) const override;
 
  private:
   const BundleProblem& problem_;
+  BundleIndex index_;
 };
-
-// The aggregate of a plane's observations at given poses, about which its normal is taken.
-PointCluster AggregatePlane(const BundleProblem& problem, const Plane& plane,
-                            const std::vector<SE3>& poses);
 
 }  // namespace lamina

@@ -3,7 +3,9 @@
 
 #include <vector>
 
+#include "backend/bundle_cost.h"
 #include "backend/bundle_problem.h"
+#include "backend/plane_geometry.h"
 #include "tests/random_scenes.h"
 
 namespace lamina {
@@ -55,6 +57,27 @@ inline BundleScene MakeBundleScene(const BundleSceneOptions& options, Draws* dra
     scene.problem.planes.push_back(plane);
   }
   return scene;
+}
+
+// Normal equations of a cost, multiplied out; returns the cost.
+inline double LineariseDense(const BundleProblem& problem, const std::vector<SE3>& poses,
+                             BundleCost* cost, Eigen::VectorXd* g, Eigen::MatrixXd* H) {
+  ReducedSystem system;
+  cost->Linearise(poses, &system);
+  system.Assemble(problem, BundleIndex(problem), H);
+  *g = system.gradient;
+  return system.cost;
+}
+
+// The poses with one component of one tangent vector moved.
+inline std::vector<SE3> Retracted(const std::vector<SE3>& poses, Eigen::Index component,
+                                  double step) {
+  std::vector<SE3> moved = poses;
+  Vector6d delta = Vector6d::Zero();
+  delta(component % 6) = step;
+  const auto k = static_cast<std::size_t>(component / 6);
+  moved[k] = Retract(poses[k], delta);
+  return moved;
 }
 
 // The points that take part in a plane, in the world, and the frame of each.

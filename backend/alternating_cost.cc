@@ -1,0 +1,70 @@
+#include "backend/alternating_cost.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "backend/frame_pass.h"
+#include "core/parallel.h"
+
+namespace lamina {
+
+AlternatingCost::AlternatingCost(const BundleProblem& problem)
+    : problem_(problem), index_(problem), axes_(problem.observations.size()) {
+  for (std::size_t i = 0; i < axes_.size(); ++i) {
+    const PointCluster& c = problem.observations[i].cluster;
+    const Eigen3 eigen = c.Eigen();
+    for (int k = 0; k < 2; ++k) {
+      axes_[i].col(k) = std::sqrt(c.count * std::max(0.0, eigen.l(k))) * eigen.u.col(k);
+    }
+  }
+}
+
+void AlternatingCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* system) {
+  const PoseMatrices matrices(poses);
+  held_ = MakePlaneFrames(problem_, matrices);
+  PassOverFrames(
+      problem_, index_, matrices, false,
+      [&](const FramePassItem& item) {
+        const PlaneFrame& f = held_[item.plane_index];
+        const double n = item.cluster.count, w = item.plane.weight;
+        const Eigen::Vector3d m = item.R.transpose() * f.normal;
+        Vector6d j;
+        j << item.cluster.mean.cross(m), f.normal;
+        const double distance = f.normal.dot(item.R * item.cluster.mean + item.t - f.mean);
+        item.D->noalias() += (w * n) * j * j.transpose();
+        *item.g += (w * n * distance) * j;
+        for (int k = 0; k < 2; ++k) {
+          const Eigen::Vector3d axis = axes_[item.observation].col(k);
+          const Eigen::Vector3d turn = axis.cross(m);
+          item.D->topLeftCorner<3, 3>().noalias() += w * turn * turn.transpose();
+          item.g->head<3>() += (w * axis.dot(m)) * turn;
+        }
+      },
+      system);
+  system->cost = Value(poses);
+}
+
+double AlternatingCost::Value(const std::vector<SE3>& poses) const {
+  const PoseMatrices matrices(poses);
+  constexpr std::size_t kChunk = 64;  // planes
+  return ParallelSum(held_.size(), kChunk, 0.0, [&](std::size_t begin, std::size_t end) {
+    double cost = 0.0;
+    for (std::size_t p = begin; p < end; ++p) {
+      const Plane& plane = problem_.planes[p];
+      for (int i = plane.first; i < plane.first + plane.count; ++i) {
+        const auto o = static_cast<std::size_t>(i);
+        const PlaneObservation& seen = problem_.observations[o];
+        const auto k = static_cast<std::size_t>(seen.frame);
+        const Eigen::Vector3d m = matrices.R[k].transpose() * held_[p].normal;
+        const double distance =
+            held_[p].normal.dot(matrices.R[k] * seen.cluster.mean + matrices.t[k] - held_[p].mean);
+        cost +=
+            0.5 * plane.weight *
+            ((axes_[o].transpose() * m).squaredNorm() + seen.cluster.count * distance * distance);
+      }
+    }
+    return cost;
+  });
+}
+
+}  // namespace lamina

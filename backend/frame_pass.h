@@ -1,0 +1,85 @@
+// The pass over all observations, frame by frame, that the formulations share.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "backend/bundle_cost.h"
+#include "backend/plane_geometry.h"
+#include "core/parallel.h"
+
+namespace lamina {
+
+// One observation: what a formulation sees of it, and where its share goes.
+struct FramePassItem {
+  std::size_t observation, plane_index;
+  const PointCluster& cluster;  // LiDAR frame
+  const Plane& plane;
+  const Eigen::Matrix3d& R;  // T_world_lidar
+  const Eigen::Vector3d& t;
+  Matrix6d* D;
+  Vector6d* g;
+  ReducedSystem::Rows* W;  // null unless the formulation has rows
+};
+
+// Calls add(item) for every observation, frames in parallel. `add` sums into D and g, and sets W.
+template <typename Add>
+void PassOverFrames(const BundleProblem& problem, const BundleIndex& index,
+                    const PoseMatrices& poses, bool with_rows, const Add& add,
+                    ReducedSystem* system) {
+  const std::size_t size = index.frames();
+  system->gradient.resize(static_cast<Eigen::Index>(6 * size));
+  system->diagonal.resize(size);
+  system->rows.resize(with_rows ? problem.observations.size() : 0);
+  constexpr std::size_t kChunk = 4;  // frames
+  ParallelChunks(size, kChunk, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t f = begin; f < end; ++f) {
+      Matrix6d D = Matrix6d::Zero();
+      Vector6d g = Vector6d::Zero();
+      for (auto* e = index.begin(f); e != index.end(f); ++e) {
+        const auto o = static_cast<std::size_t>(e->observation);
+        const auto p = static_cast<std::size_t>(e->plane);
+        add(FramePassItem{o, p, problem.observations[o].cluster, problem.planes[p], poses.R[f],
+                          poses.t[f], &D, &g, with_rows ? &system->rows[o] : nullptr});
+      }
+      system->diagonal[f] = D;
+      system->gradient.segment<6>(static_cast<Eigen::Index>(6 * f)) = g;
+    }
+  });
+}
+
+// An observation in the frame of its plane: the terms of which all the formulations' derivatives
+// are made. Right-handed m1, m2, m = R'(u1, u2, normal); S the cluster's scatter, s_ij = m_i' S
+// m_j.
+struct ObservationTerms {
+  ObservationTerms(const FramePassItem& item, const PlaneFrame& f)
+      : m(item.R.transpose() * f.normal),
+        m1(item.R.transpose() * f.u1),
+        m2(item.R.transpose() * f.u2),
+        x(item.R * item.cluster.mean + item.t - f.mean) {
+    const Eigen::Vector3d Sm1 = item.cluster.scatter * m1, Sm2 = item.cluster.scatter * m2;
+    const double s11 = m1.dot(Sm1), s12 = m2.dot(Sm1), s22 = m2.dot(Sm2);
+    const double s10 = m.dot(Sm1), s20 = m.dot(Sm2);
+    turn0 = s10 * m2 - s20 * m1;
+    turn1 = s11 * m2 - s12 * m1;
+    turn2 = s12 * m2 - s22 * m1;
+    j << item.cluster.mean.cross(m), f.normal;
+  }
+  Eigen::Vector3d m, m1, m2;
+  Eigen::Vector3d x;                    // R mu_k + t - mu
+  Eigen::Vector3d turn0, turn1, turn2;  // m x S m, m x S m1, m x S m2
+  Vector6d j;                           // [mu_k x m; normal]: the residual of mu_k by the pose
+
+  // Adds w J'J: n j j' + [m]x S [m]x' in the rotations.
+  void AddSquare(double w, double count, Matrix6d* D) const {
+    D->noalias() += (w * count) * j * j.transpose();
+    D->topLeftCorner<3, 3>().noalias() += w * (turn1 * m2.transpose() - turn2 * m1.transpose());
+  }
+  // Adds w J'r: n j (normal . x) - [m x S m; 0].
+  void AddGradient(double w, double count, double distance, Vector6d* g) const {
+    *g += (w * count * distance) * j;
+    g->head<3>() -= w * turn0;
+  }
+};
+
+}  // namespace lamina

@@ -1,0 +1,194 @@
+#include "backend/plane_landmarks.h"
+
+#include <ceres/ceres.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "backend/plane_geometry.h"
+#include "backend/solve_clock.h"
+
+namespace lamina {
+namespace {
+
+constexpr int kPoseSize = 7;  // Eigen's quaternion order x y z w, then the translation
+using PoseBlock = std::array<double, kPoseSize>;
+
+PoseBlock ToBlock(const SE3& T) {
+  return {T.q.x(), T.q.y(), T.q.z(), T.q.w(), T.t.x(), T.t.y(), T.t.z()};
+}
+
+SE3 FromBlock(const PoseBlock& x) {
+  return SE3(Eigen::Quaterniond(x[3], x[0], x[1], x[2]), Eigen::Vector3d(x[4], x[5], x[6]));
+}
+
+struct PlaneResidual {
+  PlaneResidual(const PointCluster& cluster, double weight, const Eigen::Vector3d& plane_anchor)
+      : world_anchor(plane_anchor) {
+    const Eigen3 eigen = cluster.Eigen();
+    anchor = cluster.mean - eigen.u.col(2);
+    measured = eigen.u.col(2);
+    const Eigen::Vector3d information(std::max(0.0, eigen.l(0)), std::max(0.0, eigen.l(1)), 1.0);
+    root = (weight * cluster.count * information).cwiseSqrt().asDiagonal() * eigen.u.transpose();
+  }
+
+  template <typename T>
+  bool operator()(const T* pose, const T* plane, T* residual) const {
+    const Eigen::Map<const Eigen::Quaternion<T>> q(pose);
+    const Eigen::Map<const Eigen::Matrix<T, 3, 1>> t(pose + 4), closest(plane);
+    const T d = closest.norm();
+    const Eigen::Matrix<T, 3, 1> normal = closest / d;
+    const Eigen::Matrix<T, 3, 1> anchor_world = q * anchor.cast<T>() + t;
+    // Signed distance of the plane from the measurement's anchor, along the normal.
+    const T distance = d - normal.dot(anchor_world - world_anchor.cast<T>());
+    const Eigen::Matrix<T, 3, 1> predicted = (q.conjugate() * normal) * distance;
+    Eigen::Map<Eigen::Matrix<T, 3, 1>> r(residual);
+    r = root.cast<T>() * (predicted - measured.cast<T>());
+    return true;
+  }
+
+  Eigen::Vector3d anchor, measured;  // LiDAR frame; measured is Pi_k, relative to the anchor
+  Eigen::Vector3d world_anchor;
+  Eigen::Matrix3d root;
+};
+
+// Hands Ceres' iterations on.
+class Callback final : public ceres::IterationCallback {
+ public:
+  Callback(const std::vector<PoseBlock>& blocks, const BundleObserver& observer, SolveClock* clock)
+      : blocks_(blocks), observer_(observer), clock_(clock) {}
+
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
+    if (summary.iteration == 0 || !observer_) return ceres::SOLVER_CONTINUE;
+    BundleStep step;
+    step.iteration = summary.iteration;
+    step.accepted = summary.step_is_successful;
+    step.cost = summary.cost;
+    step.step = summary.step_norm;
+    step.solve_ms = clock_->Milliseconds();
+    clock_->Outside([&] {
+      std::vector<SE3> poses;
+      for (const PoseBlock& block : blocks_) poses.push_back(FromBlock(block));
+      observer_(step, poses);
+    });
+    return ceres::SOLVER_CONTINUE;
+  }
+
+ private:
+  const std::vector<PoseBlock>& blocks_;
+  const BundleObserver& observer_;
+  SolveClock* clock_;
+};
+
+// The problem in Ceres' terms, and the memory of its parameters.
+class LandmarkProblem {
+ public:
+  explicit LandmarkProblem(const BundleProblem& problem) : ceres_(Options()) {
+    for (const SE3& T : problem.poses) blocks_.push_back(ToBlock(T));
+    planes_.resize(problem.planes.size());
+    for (PoseBlock& block : blocks_) ceres_.AddParameterBlock(block.data(), kPoseSize, &manifold_);
+    if (problem.hold_first_pose) ceres_.SetParameterBlockConstant(blocks_[0].data());
+    const std::vector<PlaneFrame> frames = MakePlaneFrames(problem, PoseMatrices(problem.poses));
+    for (std::size_t p = 0; p < planes_.size(); ++p) AddPlane(problem, p, frames[p]);
+  }
+
+  ceres::Problem& ceres() { return ceres_; }
+  const std::vector<PoseBlock>& blocks() const { return blocks_; }
+
+  // Planes first, poses last: what the Schur solver eliminates.
+  std::shared_ptr<ceres::ParameterBlockOrdering> Ordering() {
+    auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
+    for (Eigen::Vector3d& plane : planes_) {
+      if (ceres_.HasParameterBlock(plane.data())) ordering->AddElementToGroup(plane.data(), 0);
+    }
+    for (PoseBlock& block : blocks_) ordering->AddElementToGroup(block.data(), 1);
+    if (ceres_.HasParameterBlock(standing_.data())) {
+      ordering->AddElementToGroup(standing_.data(), 1);
+    }
+    return ordering;
+  }
+
+ private:
+  static ceres::Problem::Options Options() {
+    ceres::Problem::Options options;
+    options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    return options;
+  }
+
+  void AddPlane(const BundleProblem& problem, std::size_t p, const PlaneFrame& frame) {
+    const Plane& plane = problem.planes[p];
+    planes_[p] = frame.normal;
+    const Eigen::Vector3d anchor = frame.mean - frame.normal;
+    const auto add = [&](const PointCluster& cluster, double* pose) {
+      PlaneResidual residual(cluster, plane.weight, anchor);
+      // A fitted normal has no sign of its own: take the one that agrees at the start values.
+      const Eigen::Map<const Eigen::Quaterniond> q(pose);
+      if ((q * residual.measured).dot(frame.normal) < 0.0) {
+        residual.anchor += 2.0 * residual.measured;
+        residual.measured = -residual.measured;
+      }
+      ceres_.AddResidualBlock(new ceres::AutoDiffCostFunction<PlaneResidual, 3, kPoseSize, 3>(
+                                  new PlaneResidual(residual)),
+                              nullptr, pose, planes_[p].data());
+    };
+    for (int i = plane.first; i < plane.first + plane.count; ++i) {
+      const PlaneObservation& o = problem.observations[static_cast<std::size_t>(i)];
+      add(o.cluster, blocks_[static_cast<std::size_t>(o.frame)].data());
+    }
+    if (plane.fixed.Empty()) return;
+    if (!ceres_.HasParameterBlock(standing_.data())) {
+      ceres_.AddParameterBlock(standing_.data(), kPoseSize, &manifold_);
+      ceres_.SetParameterBlockConstant(standing_.data());
+    }
+    add(plane.fixed, standing_.data());
+  }
+
+  ceres::ProductManifold<ceres::EigenQuaternionManifold, ceres::EuclideanManifold<3>> manifold_;
+  std::vector<PoseBlock> blocks_;
+  PoseBlock standing_ = ToBlock(SE3());  // of fixed clusters
+  std::vector<Eigen::Vector3d> planes_;
+  ceres::Problem ceres_;  // last: it refers to all of the above
+};
+
+}  // namespace
+
+BundleResult SolvePlaneLandmarks(const BundleProblem& problem, const BundleAdjusterOptions& options,
+                                 const BundleObserver& observer) {
+  SolveClock clock;
+  BundleResult result;
+  result.poses = problem.poses;
+  LandmarkProblem landmarks(problem);
+  ceres::Solver::Options solver;
+  solver.linear_solver_type = ceres::DENSE_SCHUR;
+  solver.linear_solver_ordering = landmarks.Ordering();
+  solver.max_num_iterations = options.max_iterations;
+  solver.function_tolerance = options.min_cost_change;
+  solver.gradient_tolerance = 1e-14;
+  solver.parameter_tolerance = 1e-12;
+  solver.num_threads = 1;  // sums over several threads would depend on their number
+  solver.logging_type = ceres::SILENT;
+  Callback callback(landmarks.blocks(), observer, &clock);
+  solver.callbacks.push_back(&callback);
+  solver.update_state_every_iteration = static_cast<bool>(observer);
+  ceres::Solver::Summary summary;
+  ceres::Solve(solver, &landmarks.ceres(), &summary);
+  result.solve_ms = clock.Milliseconds();
+  result.initial_cost = summary.initial_cost;
+  result.final_cost = summary.final_cost;
+  // Ceres' first entry is the start.
+  result.iterations = std::max(0, static_cast<int>(summary.iterations.size()) - 1);
+  if (!summary.IsSolutionUsable() || !std::isfinite(summary.final_cost)) {
+    result.status = BundleResult::Status::kFailed;
+    return result;
+  }
+  result.status = summary.termination_type == ceres::CONVERGENCE
+                      ? BundleResult::Status::kConverged
+                      : BundleResult::Status::kIterationLimit;
+  for (std::size_t k = 0; k < result.poses.size(); ++k) {
+    result.poses[k] = FromBlock(landmarks.blocks()[k]);
+  }
+  return result;
+}
+
+}  // namespace lamina
