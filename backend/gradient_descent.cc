@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "backend/solve_clock.h"
+#include "core/stopwatch.h"
 
 namespace lamina {
 namespace {
@@ -56,7 +56,7 @@ class ScaledTangent {
 BundleResult DescendEigenFactors(const BundleProblem& problem, const BundleAdjusterOptions& options,
                                  const BundleObserver& observer) {
   constexpr double kMinStep = 1e-11, kShortest = 1e-30;
-  SolveClock clock;
+  Stopwatch clock;
   BundleResult result;
   result.poses = problem.poses;
   const EigenFactorsCost cost(problem);

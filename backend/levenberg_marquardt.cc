@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "backend/bundle_priors.h"
-#include "backend/solve_clock.h"
+#include "core/stopwatch.h"
 
 namespace lamina {
 namespace {
@@ -127,7 +127,7 @@ class TrustRegion {
 BundleResult MinimiseByLevenbergMarquardt(const BundleProblem& problem, BundleCost* cost,
                                           const BundleAdjusterOptions& options,
                                           const BundleObserver& observer) {
-  SolveClock clock;
+  Stopwatch clock;
   BundleResult result;
   result.poses = problem.poses;
   result.status = BundleResult::Status::kFailed;

@@ -3,77 +3,29 @@
 #include <tbb/parallel_pipeline.h>
 #include <tbb/task_group.h>
 
-#include <chrono>
 #include <memory>
 #include <optional>
 #include <utility>
 
-#include "core/error.h"
-#include "frontend/scan_clusters.h"
+#include "core/stopwatch.h"
 
 namespace lamina {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
-double MillisecondsSince(Clock::time_point* last) {
-  const Clock::time_point now = Clock::now();
-  const double ms = std::chrono::duration<double, std::milli>(now - *last).count();
-  *last = now;
-  return ms;
-}
-
 // What the first stage hands to the second.
-struct DecodedScan {
+struct PipelineScan {
   ScanReport report;
   std::vector<TimedCluster> clusters;
 };
 
-double PeriodAt(const ScanSource& source, std::size_t begin, std::size_t i) {
-  constexpr std::size_t kStamps = 10;
-  constexpr double kFallbackS = 0.1;
-  std::vector<StampNs> stamps;
-  for (std::size_t k = std::max(begin, i >= kStamps ? i - kStamps : 0); k <= i; ++k) {
-    stamps.push_back(source.Stamp(k));
-  }
-  // The first scan knows no period yet, but the next stamp is there to see.
-  if (stamps.size() == 1 && i + 1 < source.size()) stamps.push_back(source.Stamp(i + 1));
-  return SweepPeriod(stamps, kFallbackS);
-}
-
-std::shared_ptr<DecodedScan> Decode(const ScanSource& source, const MappingOptions& options,
-                                    std::size_t begin, std::size_t i) {
-  auto decoded = std::make_shared<DecodedScan>();
-  ScanReport& report = decoded->report;
-  report.index = i;
-  report.stamp_ns = source.Stamp(i);
-  Clock::time_point clock = Clock::now();
-  try {
-    const Scan scan = source.Read(i);
-    report.stamp_ns = scan.stamp_ns;
-    report.read_ms = MillisecondsSince(&clock);
-    const PreparedScan prepared =
-        PrepareScan(scan, options.preparation, PeriodAt(source, begin, i));
-    report.points = prepared.points.size();
-    report.prepare_ms = MillisecondsSince(&clock);
-    if (report.points < static_cast<std::size_t>(options.pipeline.min_points)) {
-      report.skipped = true;
-      report.reason = SkipReason::kTooFewPoints;
-      report.detail = source.Name(i) + ": " + std::to_string(report.points) +
-                      " usable points, at least " + std::to_string(options.pipeline.min_points) +
-                      " wanted (" + std::to_string(prepared.non_finite) + " not finite, " +
-                      std::to_string(prepared.out_of_range) + " out of range)";
-      return decoded;
-    }
-    decoded->clusters = BuildScanClusters(prepared.points, options.mapper.map.LeafSize());
-    report.clusters = decoded->clusters.size();
-    report.cluster_ms = MillisecondsSince(&clock);
-  } catch (const InputError& error) {
-    report.skipped = true;
-    report.reason = SkipReason::kUnreadable;
-    report.detail = error.what();
-  }
-  return decoded;
+std::shared_ptr<PipelineScan> Decode(const ScanSource& source, const MappingOptions& options,
+                                     std::size_t begin, std::size_t i) {
+  auto scan = std::make_shared<PipelineScan>();
+  DecodedScan decoded = DecodeScan(source, options.preparation, options.pipeline.min_points,
+                                   options.mapper.map.LeafSize(), begin, i);
+  static_cast<ScanDecodeReport&>(scan->report) = std::move(decoded.report);
+  scan->clusters = std::move(decoded.clusters);
+  return scan;
 }
 
 // The solve that is under way: started after a frame, taken in a fixed number of frames later.
@@ -107,11 +59,7 @@ class SolveInFlight {
   void Start() {
     pending_ = true;
     problem_ = mapper_->PrepareSolve();
-    group_.run([this] {
-      Clock::time_point clock = Clock::now();
-      result_ = AdjustBundle(problem_, options_.solver);
-      solve_ms_ = MillisecondsSince(&clock);
-    });
+    group_.run([this] { result_ = AdjustBundle(problem_, options_.solver); });
   }
 
   double TakeIn() {
@@ -120,7 +68,7 @@ class SolveInFlight {
     ++solves;
     if (!result_.usable()) ++failed;
     mapper_->ApplySolve(result_);
-    return solve_ms_;
+    return result_.solve_ms;
   }
 
   Mapper* mapper_;
@@ -130,7 +78,6 @@ class SolveInFlight {
   std::int64_t due_ = 0;
   BundleProblem problem_;
   BundleResult result_;
-  double solve_ms_ = 0.0;
 };
 
 // Poses for all scans: those that were skipped lie between their neighbours, by stamp where that is
@@ -166,7 +113,7 @@ class SerialStage {
   SerialStage(Mapper* mapper, const MappingOptions& options, const MappingCallbacks& callbacks)
       : mapper_(mapper), solve_(mapper, options.mapper.backend), callbacks_(callbacks) {}
 
-  void Process(DecodedScan* decoded) {
+  void Process(PipelineScan* decoded) {
     ScanReport& report = decoded->report;
     if (!report.skipped && frames_ > 0 && report.stamp_ns <= last_stamp_ns_) {
       report.skipped = true;
@@ -194,15 +141,15 @@ class SerialStage {
   }
 
  private:
-  void Map(DecodedScan* decoded) {
+  void Map(PipelineScan* decoded) {
     ScanReport& report = decoded->report;
     last_stamp_ns_ = report.stamp_ns;
     report.solve_ms = solve_.TakeInIfDue(frames_);
-    Clock::time_point clock = Clock::now();
+    Stopwatch watch;
     const MappedFrame frame = mapper_->Process(report.stamp_ns, std::move(decoded->clusters));
-    report.odometry_ms = MillisecondsSince(&clock);
+    report.odometry_ms = watch.LapMilliseconds();
     solve_.StartIfDue(frames_);
-    report.map_ms = MillisecondsSince(&clock);
+    report.map_ms = watch.LapMilliseconds();
     ++frames_;
     report.odometry = frame.odometry;
     report.keyframe = frame.keyframe;
@@ -224,23 +171,6 @@ class SerialStage {
 
 }  // namespace
 
-void PipelineOptions::Visit(OptionVisitor& v) {
-  v.Integer("lookahead_scans", &lookahead_scans, 1, 1000);
-  v.Integer("min_points", &min_points, 1, 10000000);
-}
-
-const char* ToString(SkipReason reason) {
-  switch (reason) {
-    case SkipReason::kUnreadable:
-      return "unreadable";
-    case SkipReason::kTooFewPoints:
-      return "too_few_points";
-    case SkipReason::kStampNotAfterLast:
-      return "stamp_not_after_last";
-  }
-  return "unknown";
-}
-
 MappingPipeline::MappingPipeline(const MappingOptions& options,
                                  std::function<void(const Surfel&)> on_evicted)
     : options_(options), mapper_(options.mapper, std::move(on_evicted)) {
@@ -260,10 +190,10 @@ MappingResult MappingPipeline::Run(const ScanSource& source, std::size_t begin, 
     return next++;
   };
   const auto decode = [&](std::size_t i) { return Decode(source, options_, begin, i); };
-  const auto map = [&](const std::shared_ptr<DecodedScan>& decoded) {
+  const auto map = [&](const std::shared_ptr<PipelineScan>& decoded) {
     serial.Process(decoded.get());
   };
-  using Decoded = std::shared_ptr<DecodedScan>;
+  using Decoded = std::shared_ptr<PipelineScan>;
   tbb::parallel_pipeline(
       static_cast<std::size_t>(options_.pipeline.lookahead_scans),
       tbb::make_filter<void, std::size_t>(tbb::filter_mode::serial_in_order, feed) &

@@ -19,20 +19,11 @@
 #include <vector>
 
 #include "backend/mapper.h"
+#include "backend/scan_decoder.h"
 #include "core/options.h"
-#include "frontend/scan_preparation.h"
 #include "io/scan_source.h"
 
 namespace lamina {
-
-struct PipelineOptions {
-  // Scans that may be under way at once.
-  int lookahead_scans = 4;
-  // A scan with fewer usable points is skipped.
-  int min_points = 100;
-
-  void Visit(OptionVisitor& v);
-};
 
 struct MappingOptions {
   ScanPreparationOptions preparation;
@@ -40,22 +31,11 @@ struct MappingOptions {
   PipelineOptions pipeline;
 };
 
-// Why a scan got no pose of its own.
-enum class SkipReason { kUnreadable, kTooFewPoints, kStampNotAfterLast };
-const char* ToString(SkipReason reason);
-
-struct ScanReport {
-  std::size_t index = 0;  // in the source
-  StampNs stamp_ns = 0;
-  bool skipped = false;
-  SkipReason reason = SkipReason::kUnreadable;
-  std::string detail;      // of a skip, for a log line
-  std::size_t points = 0;  // usable ones
-  std::size_t clusters = 0;
+struct ScanReport : ScanDecodeReport {
   OdometryFrame odometry;
   bool keyframe = false;
-  // Milliseconds of wall time: of this scan's stages, and of the solve that was taken in before it.
-  double read_ms = 0, prepare_ms = 0, cluster_ms = 0, odometry_ms = 0, map_ms = 0, solve_ms = 0;
+  // Milliseconds of wall time, of the solve: the one that was taken in before this scan.
+  double odometry_ms = 0, map_ms = 0, solve_ms = 0;
 };
 
 struct MappingResult {

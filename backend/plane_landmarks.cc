@@ -7,7 +7,7 @@
 #include <cmath>
 
 #include "backend/plane_geometry.h"
-#include "backend/solve_clock.h"
+#include "core/stopwatch.h"
 
 namespace lamina {
 namespace {
@@ -56,7 +56,7 @@ struct PlaneResidual {
 // Hands Ceres' iterations on.
 class Callback final : public ceres::IterationCallback {
  public:
-  Callback(const std::vector<PoseBlock>& blocks, const BundleObserver& observer, SolveClock* clock)
+  Callback(const std::vector<PoseBlock>& blocks, const BundleObserver& observer, Stopwatch* clock)
       : blocks_(blocks), observer_(observer), clock_(clock) {}
 
   ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
@@ -78,7 +78,7 @@ class Callback final : public ceres::IterationCallback {
  private:
   const std::vector<PoseBlock>& blocks_;
   const BundleObserver& observer_;
-  SolveClock* clock_;
+  Stopwatch* clock_;
 };
 
 // The problem in Ceres' terms, and the memory of its parameters.
@@ -155,7 +155,7 @@ class LandmarkProblem {
 
 BundleResult SolvePlaneLandmarks(const BundleProblem& problem, const BundleAdjusterOptions& options,
                                  const BundleObserver& observer) {
-  SolveClock clock;
+  Stopwatch clock;
   BundleResult result;
   result.poses = problem.poses;
   LandmarkProblem landmarks(problem);

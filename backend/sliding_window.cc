@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "core/central_twist.h"
 #include "core/parallel.h"
 
 namespace lamina {
@@ -153,16 +154,14 @@ void SlidingWindow::Move(std::size_t i, const SE3& T_world_lidar, const Vector6d
 }
 
 Vector6d SlidingWindow::CentralTwist(std::size_t i) const {
-  Vector6d sum = Vector6d::Zero();
-  int terms = 0;
-  for (const std::size_t a : {i - 1, i}) {
-    if (a + 1 >= frames_.size() || (a == i - 1 && i == 0)) continue;
-    const double dt = SecondsBetween(frames_[a].stamp_ns, frames_[a + 1].stamp_ns);
-    if (dt <= 0.0 || dt > kMaxTwistGapS) continue;
-    sum += TwistLog(frames_[a].T_world_lidar.Inverse() * frames_[a + 1].T_world_lidar) / dt;
-    ++terms;
+  const std::size_t begin = i == 0 ? 0 : i - 1;
+  Trajectory poses;
+  for (std::size_t k = begin; k < std::min(i + 2, frames_.size()); ++k) {
+    poses.push_back({frames_[k].stamp_ns, frames_[k].T_world_lidar});
   }
-  return terms == 0 ? frames_[i].twist : Vector6d(sum / terms);
+  Vector6d twist = frames_[i].twist;
+  lamina::CentralTwist(poses, i - begin, kMaxTwistGapS, &twist);
+  return twist;
 }
 
 BundleProblem SlidingWindow::BuildProblem() const {

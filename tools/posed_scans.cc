@@ -2,29 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
+#include "core/central_twist.h"
 #include "core/trajectory_metrics.h"
 
 namespace lamina {
-namespace {
-
-// Mean body twist around pose i; zero if no neighbour has another stamp.
-Vector6d TwistAt(const Trajectory& poses, size_t i) {
-  Vector6d sum = Vector6d::Zero();
-  int count = 0;
-  const auto add = [&](size_t a, size_t b) {
-    const double dt = SecondsBetween(poses[a].stamp_ns, poses[b].stamp_ns);
-    if (dt <= 0.0) return;
-    sum += TwistLog(poses[a].T_world_lidar.Inverse() * poses[b].T_world_lidar) / dt;
-    ++count;
-  };
-  if (i > 0) add(i - 1, i);
-  if (i + 1 < poses.size()) add(i, i + 1);
-  return count > 1 ? Vector6d(sum / count) : sum;
-}
-
-}  // namespace
-
 std::vector<StampNs> ScanStamps(const ScanSource& scans) {
   std::vector<StampNs> stamps(scans.size());
   for (size_t i = 0; i < stamps.size(); ++i) stamps[i] = scans.Stamp(i);
@@ -44,11 +27,13 @@ std::vector<PosedScan> PoseScans(const ScanSource& scans, const Trajectory& traj
   for (const auto& [stamp, index] : by_stamp) wanted.push_back({stamp, SE3()});
   Trajectory poses = trajectory;
   MatchByStamp(tolerance_s, &poses, &wanted);
+  constexpr double kAnyGapS = std::numeric_limits<double>::infinity();
   std::vector<PosedScan> posed(poses.size());
   for (size_t i = 0; i < poses.size(); ++i) {
     const auto scan = std::lower_bound(by_stamp.begin(), by_stamp.end(),
                                        std::make_pair(wanted[i].stamp_ns, size_t{0}));
-    posed[i] = {scan->second, poses[i].T_world_lidar, TwistAt(poses, i)};
+    posed[i] = {scan->second, poses[i].T_world_lidar, Vector6d::Zero()};
+    CentralTwist(poses, i, kAnyGapS, &posed[i].twist);
   }
   return posed;
 }

@@ -4,10 +4,9 @@
 // A scan is taken while the sensor moves. With xi the body twist at scan i (rad/s, m/s), a point p
 // measured tau seconds after the scan's stamp stands, in the LiDAR frame of the stamp, at
 //
-//     p' = Exp(tau xi) p,    xi = 1/2 (log(T_{i-1}^-1 T_i) / dt_{i-1,i} + log(T_i^-1 T_{i+1}) / dt)
+//     p' = Exp(tau xi) p
 //
-// the mean of the motions from the pose before and to the pose after; at the ends, and where stamps
-// do not increase, the one that exists. tau comes from PrepareScan (frontend/scan_preparation.h).
+// xi is core/central_twist.h; tau comes from PrepareScan (frontend/scan_preparation.h).
 #pragma once
 
 #include <cstddef>

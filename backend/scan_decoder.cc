@@ -1,0 +1,77 @@
+#include "backend/scan_decoder.h"
+
+#include <algorithm>
+
+#include "core/error.h"
+#include "core/stopwatch.h"
+#include "frontend/scan_clusters.h"
+
+namespace lamina {
+namespace {
+
+double PeriodAt(const ScanSource& source, std::size_t begin, std::size_t i) {
+  constexpr std::size_t kStamps = 10;
+  constexpr double kFallbackS = 0.1;
+  std::vector<StampNs> stamps;
+  for (std::size_t k = std::max(begin, i >= kStamps ? i - kStamps : 0); k <= i; ++k) {
+    stamps.push_back(source.Stamp(k));
+  }
+  // The first scan knows no period yet, but the next stamp is there to see.
+  if (stamps.size() == 1 && i + 1 < source.size()) stamps.push_back(source.Stamp(i + 1));
+  return SweepPeriod(stamps, kFallbackS);
+}
+
+}  // namespace
+
+void PipelineOptions::Visit(OptionVisitor& v) {
+  v.Integer("lookahead_scans", &lookahead_scans, 1, 1000);
+  v.Integer("min_points", &min_points, 1, 10000000);
+}
+
+const char* ToString(SkipReason reason) {
+  switch (reason) {
+    case SkipReason::kUnreadable:
+      return "unreadable";
+    case SkipReason::kTooFewPoints:
+      return "too_few_points";
+    case SkipReason::kStampNotAfterLast:
+      return "stamp_not_after_last";
+  }
+  return "unknown";
+}
+
+DecodedScan DecodeScan(const ScanSource& source, const ScanPreparationOptions& preparation,
+                       int min_points, double leaf_size_m, std::size_t begin, std::size_t i) {
+  DecodedScan decoded;
+  ScanDecodeReport& report = decoded.report;
+  report.index = i;
+  report.stamp_ns = source.Stamp(i);
+  Stopwatch watch;
+  try {
+    const Scan scan = source.Read(i);
+    report.stamp_ns = scan.stamp_ns;
+    report.read_ms = watch.LapMilliseconds();
+    const PreparedScan prepared = PrepareScan(scan, preparation, PeriodAt(source, begin, i));
+    report.points = prepared.points.size();
+    report.prepare_ms = watch.LapMilliseconds();
+    if (report.points < static_cast<std::size_t>(min_points)) {
+      report.skipped = true;
+      report.reason = SkipReason::kTooFewPoints;
+      report.detail = source.Name(i) + ": " + std::to_string(report.points) +
+                      " usable points, at least " + std::to_string(min_points) + " wanted (" +
+                      std::to_string(prepared.non_finite) + " not finite, " +
+                      std::to_string(prepared.out_of_range) + " out of range)";
+      return decoded;
+    }
+    decoded.clusters = BuildScanClusters(prepared.points, leaf_size_m);
+    report.clusters = decoded.clusters.size();
+    report.cluster_ms = watch.LapMilliseconds();
+  } catch (const InputError& error) {
+    report.skipped = true;
+    report.reason = SkipReason::kUnreadable;
+    report.detail = error.what();
+  }
+  return decoded;
+}
+
+}  // namespace lamina
