@@ -18,6 +18,12 @@ struct PlaneObservation {
   PointCluster cluster;
 };
 
+// A point of an observation, LiDAR frame; its weight is that of its cluster's points.
+struct WeightedPoint {
+  Eigen::Vector3d p = Eigen::Vector3d::Zero();
+  double weight = 1.0;
+};
+
 struct Plane {
   std::int32_t first = 0, count = 0;  // its observations: [first, first + count), frames ascending
   PointCluster fixed;                 // world frame; of frames that left the window; may be empty
@@ -32,14 +38,21 @@ struct RelativePrior {
   Matrix6d sqrt_information = Matrix6d::Identity();
 };
 
+// A direction in which a frame does not move: a unit tangent vector of core/se3.h.
+struct HeldDirection {
+  int frame = 0;
+  Vector6d direction = Vector6d::Zero();
+};
+
 struct BundleProblem {
   std::vector<SE3> poses;  // T_world_lidar, start values
   std::vector<Plane> planes;
   std::vector<PlaneObservation> observations;
-  // The points of each observation, LiDAR frame. Only the point-wise formulation (evm1) asks for
-  // them; left empty otherwise.
-  std::vector<std::vector<Eigen::Vector3d>> points;
+  // The points of each observation. Only the point-wise formulation (evm1) asks for them; left
+  // empty otherwise.
+  std::vector<std::vector<WeightedPoint>> points;
   std::vector<RelativePrior> priors;
+  std::vector<HeldDirection> holds;  // what observability.h found open
   // The first pose is held where nothing else holds the whole (no fixed cluster).
   bool hold_first_pose = true;
 };

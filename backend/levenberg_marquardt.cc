@@ -47,6 +47,7 @@ class StepSolver {
       value_ += AddPriors(problem_, poses, &system_.gradient, &H_);
       diagonal_ = H_.diagonal();
     }
+    Hold();
     const double least = kLeastDiagonal * diagonal_.cwiseAbs().maxCoeff() + 1e-300;
     diagonal_ = diagonal_.cwiseAbs().cwiseMax(least);
     return std::isfinite(value_) && system_.gradient.allFinite() && diagonal_.allFinite();
@@ -69,6 +70,23 @@ class StepSolver {
 
  private:
   Eigen::Index Held() const { return problem_.hold_first_pose ? 6 : 0; }
+
+  // A held direction gets a stiffness beside which everything else is nothing, and no gradient.
+  void Hold() {
+    constexpr double kStiffness = 1e8;
+    const double stiffness = kStiffness * diagonal_.cwiseAbs().maxCoeff();
+    for (const HeldDirection& hold : problem_.holds) {
+      const Eigen::Index i = 6 * hold.frame;
+      const Vector6d& v = hold.direction;
+      system_.gradient.segment<6>(i) -= v * v.dot(system_.gradient.segment<6>(i));
+      const Matrix6d block = stiffness * v * v.transpose();
+      if (decoupled_) {
+        system_.diagonal[static_cast<std::size_t>(hold.frame)] += block;
+      } else {
+        H_.block<6, 6>(i, i) += block;
+      }
+    }
+  }
 
   bool SolveBlocks(const Eigen::VectorXd& damping, Eigen::VectorXd* step) const {
     for (Eigen::Index i = Held(); i < step->size(); i += 6) {

@@ -8,17 +8,21 @@
 namespace lamina {
 namespace {
 
-using PointList = std::vector<Eigen::Vector3d>;
+using PointList = std::vector<WeightedPoint>;
 
-// The cluster of the points moved to the world, as heavy as the observation.
-PointCluster MovedPoints(const PointList& points, double count, const Eigen::Matrix3d& R,
+// The cluster of the points moved to the world.
+PointCluster MovedPoints(const PointList& points, const Eigen::Matrix3d& R,
                          const Eigen::Vector3d& t) {
   PointCluster cluster;
-  cluster.count = static_cast<double>(points.size());
-  for (const Eigen::Vector3d& p : points) cluster.mean += R * p + t;
+  for (const WeightedPoint& point : points) {
+    cluster.count += point.weight;
+    cluster.mean += point.weight * (R * point.p + t);
+  }
   cluster.mean /= cluster.count;
-  for (const Eigen::Vector3d& p : points) cluster.scatter.AddOuter(1.0, R * p + t - cluster.mean);
-  return cluster.Scaled(count / cluster.count);
+  for (const WeightedPoint& point : points) {
+    cluster.scatter.AddOuter(point.weight, R * point.p + t - cluster.mean);
+  }
+  return cluster;
 }
 
 void AddObservation(const FramePassItem& item, const PointList& points, const PlaneFrame& f) {
@@ -27,12 +31,14 @@ void AddObservation(const FramePassItem& item, const PointList& points, const Pl
   Matrix6d D = Matrix6d::Zero();
   Vector6d g = Vector6d::Zero(), row1 = Vector6d::Zero(), row2 = Vector6d::Zero(),
            row3 = Vector6d::Zero();
-  for (const Eigen::Vector3d& p : points) {
+  for (const WeightedPoint& point : points) {
+    const Eigen::Vector3d& p = point.p;
     const Eigen::Vector3d x = item.R * p + item.t - f.mean;
-    const double r = f.normal.dot(x), a = f.u1.dot(x), b = f.u2.dot(x);
+    const double w = point.weight, r = w * f.normal.dot(x);
+    const double a = w * f.u1.dot(x), b = w * f.u2.dot(x);
     Vector6d j;
     j << p.cross(m), f.normal;
-    D.noalias() += j * j.transpose();
+    D.noalias() += w * j * j.transpose();
     g += r * j;
     row1 += a * j;
     row1.head<3>() += r * p.cross(m1);
@@ -40,12 +46,11 @@ void AddObservation(const FramePassItem& item, const PointList& points, const Pl
     row2 += b * j;
     row2.head<3>() += r * p.cross(m2);
     row2.tail<3>() += r * f.u2;
-    row3 -= j;
+    row3 -= w * j;
   }
-  const double share = item.cluster.count / static_cast<double>(points.size());
-  const Eigen::Vector3d roots = share * PlaneRoots(f, item.plane.weight, f.l(2));
-  *item.D += item.plane.weight * share * D;
-  *item.g += item.plane.weight * share * g;
+  const Eigen::Vector3d roots = PlaneRoots(f, item.plane.weight, f.l(2));
+  *item.D += item.plane.weight * D;
+  *item.g += item.plane.weight * g;
   item.W->row(0) = roots(0) * row1;
   item.W->row(1) = roots(1) * row2;
   item.W->row(2) = roots(2) * row3;
@@ -73,8 +78,7 @@ std::vector<PlaneFrame> PointwiseCost::Frames(const PoseMatrices& poses) const {
       for (std::size_t o = first; o < first + static_cast<std::size_t>(problem_.planes[i].count);
            ++o) {
         const auto k = static_cast<std::size_t>(problem_.observations[o].frame);
-        sum += MovedPoints(problem_.points[o], problem_.observations[o].cluster.count, poses.R[k],
-                           poses.t[k]);
+        sum += MovedPoints(problem_.points[o], poses.R[k], poses.t[k]);
       }
       frames[i] = MakePlaneFrame(sum);
     }

@@ -1,6 +1,7 @@
 #include "backend/scan_decoder.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "core/error.h"
 #include "core/stopwatch.h"
@@ -51,7 +52,7 @@ DecodedScan DecodeScan(const ScanSource& source, const ScanPreparationOptions& p
     const Scan scan = source.Read(i);
     report.stamp_ns = scan.stamp_ns;
     report.read_ms = watch.LapMilliseconds();
-    const PreparedScan prepared = PrepareScan(scan, preparation, PeriodAt(source, begin, i));
+    PreparedScan prepared = PrepareScan(scan, preparation, PeriodAt(source, begin, i));
     report.points = prepared.points.size();
     report.prepare_ms = watch.LapMilliseconds();
     if (report.points < static_cast<std::size_t>(min_points)) {
@@ -66,6 +67,7 @@ DecodedScan DecodeScan(const ScanSource& source, const ScanPreparationOptions& p
     decoded.clusters = BuildScanClusters(prepared.points, leaf_size_m);
     report.clusters = decoded.clusters.size();
     report.cluster_ms = watch.LapMilliseconds();
+    decoded.points = std::move(prepared.points);
   } catch (const InputError& error) {
     report.skipped = true;
     report.reason = SkipReason::kUnreadable;

@@ -41,6 +41,7 @@ struct ScanDecodeReport {
 struct DecodedScan {
   ScanDecodeReport report;
   std::vector<TimedCluster> clusters;  // empty if the scan was skipped
+  std::vector<TimedPoint> points;      // usable ones, as prepared
 };
 
 // Scan i of a range that begins at `begin` (the period of a sweep is taken from stamps in it).

@@ -34,7 +34,8 @@ class ProblemBuilder {
  public:
   ProblemBuilder() : plane_of_node_(16384) {}
 
-  void Add(VoxelMap::NodeId node, int frame, const PointCluster& cluster) {
+  // Returns a number by which MoveTo tells where the observation has gone.
+  std::int32_t Add(VoxelMap::NodeId node, int frame, const PointCluster& cluster) {
     const auto fresh = static_cast<std::int32_t>(nodes_.size());
     const std::int32_t plane = plane_of_node_.FindOrInsert(static_cast<VoxelKey>(node), fresh);
     if (plane == fresh) {
@@ -44,15 +45,17 @@ class ProblemBuilder {
     std::int32_t& last = last_[static_cast<std::size_t>(plane)];
     if (last >= 0 && gathered_[static_cast<std::size_t>(last)].observation.frame == frame) {
       gathered_[static_cast<std::size_t>(last)].observation.cluster += cluster;
-      return;
+      return last;
     }
     last = static_cast<std::int32_t>(gathered_.size());
     gathered_.push_back({plane, {frame, cluster}});
+    return last;
   }
 
   // Planes in the order in which they were met; the observations of each stand together, frames
-  // ascending (a counting sort keeps their order).
-  void MoveTo(BundleProblem* problem) const {
+  // ascending (a counting sort keeps their order). Returns the observation behind each number of
+  // Add.
+  std::vector<std::int32_t> MoveTo(BundleProblem* problem) const {
     problem->planes.assign(nodes_.size(), Plane());
     for (const Gathered& g : gathered_) ++problem->planes[static_cast<std::size_t>(g.plane)].count;
     std::vector<std::int32_t> next;
@@ -63,10 +66,13 @@ class ProblemBuilder {
       first += plane.count;
     }
     problem->observations.resize(gathered_.size());
+    std::vector<std::int32_t> slots;
+    slots.reserve(gathered_.size());
     for (const Gathered& g : gathered_) {
-      std::int32_t& slot = next[static_cast<std::size_t>(g.plane)];
-      problem->observations[static_cast<std::size_t>(slot++)] = g.observation;
+      slots.push_back(next[static_cast<std::size_t>(g.plane)]++);
+      problem->observations[static_cast<std::size_t>(slots.back())] = g.observation;
     }
+    return slots;
   }
 
   const std::vector<VoxelMap::NodeId>& nodes() const { return nodes_; }
@@ -164,8 +170,11 @@ Vector6d SlidingWindow::CentralTwist(std::size_t i) const {
   return twist;
 }
 
-BundleProblem SlidingWindow::BuildProblem() const {
+BundleProblem SlidingWindow::BuildProblem() const { return BuildProblem(nullptr); }
+
+BundleProblem SlidingWindow::BuildProblem(std::vector<std::vector<ClusterUse>>* uses) const {
   BundleProblem problem;
+  if (uses != nullptr) uses->assign(frames_.size(), {});
   ProblemBuilder builder;
   const double floor2 = options_.noise_floor_m * options_.noise_floor_m;
   const double kernel2 = options_.kernel_sigma * options_.kernel_sigma;
@@ -173,6 +182,7 @@ BundleProblem SlidingWindow::BuildProblem() const {
     const WindowFrame& frame = frames_[f];
     problem.poses.push_back(frame.T_world_lidar);
     if (f > 0) problem.priors.push_back(MotionPrior(f));
+    if (uses != nullptr) (*uses)[f].resize(frame.leaves.size());
     for (std::size_t i = 0; i < frame.leaves.size(); ++i) {
       if (frame.leaves[i] == VoxelMap::kNoNode) continue;
       const VoxelMap::NodeId node = map_->PlaneAbove(frame.leaves[i]);
@@ -183,11 +193,18 @@ BundleProblem SlidingWindow::BuildProblem() const {
       const double e2 =
           distance * distance / (kernel2 * (floor2 + static_cast<double>(surface.variance)));
       const double robust = 1.0 / ((1.0 + e2) * (1.0 + e2));
-      builder.Add(node, static_cast<int>(f),
-                  Capped(frame.deskewed[i], options_.max_cluster_weight).Scaled(robust));
+      const PointCluster weighted =
+          Capped(frame.deskewed[i], options_.max_cluster_weight).Scaled(robust);
+      const std::int32_t number = builder.Add(node, static_cast<int>(f), weighted);
+      if (uses != nullptr) (*uses)[f][i] = {number, weighted.count / frame.deskewed[i].count};
     }
   }
-  builder.MoveTo(&problem);
+  const std::vector<std::int32_t> slots = builder.MoveTo(&problem);
+  for (std::size_t f = 0; uses != nullptr && f < uses->size(); ++f) {
+    for (ClusterUse& use : (*uses)[f]) {
+      if (use.observation >= 0) use.observation = slots[static_cast<std::size_t>(use.observation)];
+    }
+  }
   for (std::size_t i = 0; i < problem.planes.size(); ++i) {
     Plane& plane = problem.planes[i];
     const VoxelMap::NodeId node = builder.nodes()[i];

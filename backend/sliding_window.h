@@ -83,6 +83,13 @@ class SlidingWindow {
 
   // Planes of the map seen by the window's frames, with weights applied.
   BundleProblem BuildProblem() const;
+  // The same; also tells into which observation each cluster of each frame went, and with what
+  // weight a point of it (-1 and 0 where it went into none).
+  struct ClusterUse {
+    std::int32_t observation = -1;
+    double point_weight = 0.0;
+  };
+  BundleProblem BuildProblem(std::vector<std::vector<ClusterUse>>* uses) const;
 
  private:
   RelativePrior MotionPrior(std::size_t i) const;

@@ -191,6 +191,7 @@ void LaminaConfig::Visit(OptionVisitor& v) {
   v.Group("frontend", &frontend);
   v.Group("backend", &backend);
   v.Group("pipeline", &pipeline);
+  v.Group("registration", &registration);
 }
 
 MappingOptions LaminaConfig::Mapping() const {

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "backend/batch_registration.h"
 #include "backend/mapping_pipeline.h"
 #include "core/options.h"
 
@@ -21,6 +22,7 @@ struct LaminaConfig {
   OdometryOptions frontend;
   BackendOptions backend;
   PipelineOptions pipeline;
+  RegistrationOptions registration;
 
   void Visit(OptionVisitor& v);
   MappingOptions Mapping() const;

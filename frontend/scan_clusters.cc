@@ -111,6 +111,20 @@ std::vector<TimedCluster> BuildScanClusters(const std::vector<TimedPoint>& point
   return clusters;
 }
 
+std::vector<std::vector<TimedPoint>> GroupByCluster(const std::vector<TimedPoint>& points,
+                                                    double leaf_size_m) {
+  VoxelIndex index(points.size() / 8 + 64);
+  std::vector<std::vector<TimedPoint>> groups;
+  for (const TimedPoint& point : points) {
+    const VoxelKey key = VoxelKeyOf(Eigen::Vector3d(point.x, point.y, point.z), 1.0 / leaf_size_m);
+    const auto slot =
+        static_cast<std::size_t>(index.FindOrInsert(key, static_cast<std::int32_t>(groups.size())));
+    if (slot == groups.size()) groups.emplace_back();
+    groups[slot].push_back(point);
+  }
+  return groups;
+}
+
 std::vector<PointCluster> DeskewClusters(const std::vector<TimedCluster>& clusters,
                                          const Vector6d& twist) {
   std::vector<PointCluster> result(clusters.size());

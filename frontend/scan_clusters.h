@@ -22,6 +22,10 @@ struct ScanClusters {
 std::vector<TimedCluster> BuildScanClusters(const std::vector<TimedPoint>& points,
                                             double leaf_size_m);
 
+// The points of each of these clusters, for the few who ask for points after all.
+std::vector<std::vector<TimedPoint>> GroupByCluster(const std::vector<TimedPoint>& points,
+                                                    double leaf_size_m);
+
 // All clusters in the LiDAR frame at the stamp, for a sensor with the constant body twist [w; v]
 // (rad/s, m/s) during the scan. result[i] belongs to clusters[i].
 std::vector<PointCluster> DeskewClusters(const std::vector<TimedCluster>& clusters,

@@ -16,7 +16,10 @@ namespace {
 BundleScene Scene(BundleSceneOptions options, unsigned seed) {
   Draws draws(seed);
   BundleScene scene = MakeBundleScene(options, &draws);
-  scene.problem.points = scene.points;
+  for (const Points& points : scene.points) {
+    scene.problem.points.emplace_back();
+    for (const Eigen::Vector3d& p : points) scene.problem.points.back().push_back({p, 1.0});
+  }
   return scene;
 }
 
@@ -209,8 +212,9 @@ TEST(PointwiseCost, HessianIsThatOfThePointsWithLinearMotion) {
         const int k = problem.observations[o].frame;
         const SE3& T = problem.poses[static_cast<std::size_t>(k)];
         const Vector6d d = delta.segment<6>(6 * k);
-        for (const Eigen::Vector3d& p : problem.points[o]) {
-          sum.AddPoint(T * p + T.R() * d.head<3>().cross(p) + d.tail<3>());
+        for (const WeightedPoint& point : problem.points[o]) {
+          const Eigen::Vector3d turned = d.head<3>().cross(point.p);
+          sum.AddPoint(T * point.p + T.R() * turned + d.tail<3>());
         }
       }
       value += 0.5 * plane.weight * sum.count * sum.Eigen().l(2);

@@ -13,6 +13,7 @@
 #include "tools/eval_command.h"
 #include "tools/export_command.h"
 #include "tools/plot_command.h"
+#include "tools/register_command.h"
 #include "tools/run_command.h"
 #include "tools/synth_command.h"
 
@@ -28,6 +29,7 @@ int main(int argc, char** argv) {
       "`lamina COMMAND --help` explains a command.");
   std::function<int()> run;
   lamina::AddRunCommand(&app, &run);
+  lamina::AddRegisterCommand(&app, &run);
   lamina::AddEvalCommand(&app, &run);
   lamina::AddExportCommand(&app, &run);
   lamina::AddPlotCommand(&app, &run);

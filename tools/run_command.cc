@@ -2,13 +2,10 @@
 
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
-#include <tbb/global_control.h>
 
 #include <CLI/CLI.hpp>
 #include <atomic>
-#include <charconv>
 #include <chrono>
-#include <csignal>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -19,7 +16,7 @@
 #include "core/error.h"
 #include "io/map_io.h"
 #include "io/trajectory_io.h"
-#include "tools/run_progress.h"
+#include "tools/command_common.h"
 #include "tools/run_report.h"
 
 namespace lamina {
@@ -33,63 +30,6 @@ struct RunArguments {
   std::vector<std::string> set;
   int threads = 0;
 };
-
-// Set by Ctrl-C. A signal handler may touch nothing else.
-std::atomic<bool> stop_requested{false};
-
-void RequestStop(int) {
-  stop_requested = true;
-  // A second Ctrl-C ends the program at once.
-  std::signal(SIGINT, SIG_DFL);
-}
-
-struct Range {
-  std::size_t begin = 0, end = 0;
-};
-
-std::size_t ParseIndex(const std::string& text, std::size_t fallback, const std::string& whole) {
-  if (text.empty()) return fallback;
-  std::size_t value = 0;
-  const auto [rest, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error == std::errc() && rest == text.data() + text.size()) return value;
-  throw OptionError(
-      fmt::format("--frames {}: must have the form A:B, with whole numbers 0 <= A < B", whole));
-}
-
-// A:B is [A, B), either may be left out; counts start at 0.
-Range ParseRange(const std::string& text, std::size_t size) {
-  if (text.empty()) return {0, size};
-  const std::size_t colon = text.find(':');
-  if (colon == std::string::npos) ParseIndex("-", 0, text);
-  const Range range = {ParseIndex(text.substr(0, colon), 0, text),
-                       std::min(size, ParseIndex(text.substr(colon + 1), size, text))};
-  if (range.begin < range.end) return range;
-  throw OptionError(fmt::format("--frames {}: names none of the {} scans", text, size));
-}
-
-void MakeDirectory(const std::string& path) {
-  std::error_code error;
-  fs::create_directories(path, error);
-  if (error) throw OutputError(fmt::format("cannot make the folder {}: {}", path, error.message()));
-}
-
-void WriteText(const std::string& path, const std::string& text) {
-  FileWriter writer(path);
-  writer.Write(text);
-  writer.Commit();
-}
-
-// Truth for the frames of a run: matched by line number where it has no stamps of its own.
-TrajectoryErrors CompareWithTruth(const std::string& path, const ScanSource& source,
-                                  const Trajectory& frames) {
-  std::vector<StampNs> stamps;
-  for (std::size_t i = 0; i < source.size(); ++i) stamps.push_back(source.Stamp(i));
-  Trajectory truth = CameraToLidar(ReadTrajectory(path, stamps), source.T_camera_lidar());
-  Trajectory estimate = frames;
-  constexpr double kToleranceS = 1e-3;
-  MatchByStamp(kToleranceS, &estimate, &truth);
-  return CompareTrajectories(estimate, truth, Alignment::kSe3);
-}
 
 void LogScan(const ScanReport& report, RunProgress* progress) {
   if (report.skipped) {
@@ -144,7 +84,7 @@ class RunOutput {
     frames_.Commit();
     figures.map_surfels = surfels_.size();
     nlohmann::json summary = Summarise(result, map, figures, errors);
-    WriteText(Path("summary.json"), summary.dump(2) + "\n");
+    WriteTextFile(Path("summary.json"), summary.dump(2) + "\n");
     return summary;
   }
 
@@ -159,22 +99,14 @@ class RunOutput {
 int Run(const RunArguments& arguments) {
   const LaminaConfig config = LoadConfig(arguments.config, arguments.set);
   const auto source = OpenScans(arguments.scans, config.scans);
-  const Range range = ParseRange(arguments.frames, source->size());
+  const FrameRange range = ParseFrameRange(arguments.frames, source->size());
   MakeDirectory(arguments.out);
   RunOutput output(arguments.out);
-  WriteText(output.Path("config.yaml"), ToYaml(config));
+  WriteTextFile(output.Path("config.yaml"), ToYaml(config));
 
-  std::optional<tbb::global_control> limit;
-  if (arguments.threads > 0) {
-    limit.emplace(tbb::global_control::max_allowed_parallelism,
-                  static_cast<std::size_t>(arguments.threads));
-  }
-  const auto mode = arguments.progress == "on"    ? RunProgress::Mode::kOn
-                    : arguments.progress == "off" ? RunProgress::Mode::kOff
-                                                  : RunProgress::Mode::kAuto;
-  RunProgress progress(mode, range.end - range.begin);
-  std::signal(SIGINT, RequestStop);
-  std::signal(SIGTERM, RequestStop);
+  const auto limit = LimitThreads(arguments.threads);
+  RunProgress progress(ProgressMode(arguments.progress), range.end - range.begin);
+  const std::atomic<bool>& stop = StopOnSignals();
 
   const auto start = std::chrono::steady_clock::now();
   const double cpu_start = ProcessCpuSeconds();
@@ -186,8 +118,7 @@ int Run(const RunArguments& arguments) {
     LogScan(report, &progress);
     progress.Step();
   };
-  const MappingResult result =
-      pipeline.Run(*source, range.begin, range.end, callbacks, &stop_requested);
+  const MappingResult result = pipeline.Run(*source, range.begin, range.end, callbacks, &stop);
   progress.Finish();
   RunFigures figures;
   figures.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

@@ -1,0 +1,209 @@
+#include "backend/batch_registration.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "backend/pose_covariance.h"
+#include "core/central_twist.h"
+#include "core/stopwatch.h"
+
+namespace lamina {
+namespace {
+
+using Status = RegistrationResult::Status;
+
+// All frames, cast into one map.
+class CastFrames {
+ public:
+  CastFrames(const std::vector<BatchFrame>& frames, const std::vector<SE3>& poses,
+             const VoxelMapOptions& map, const SlidingWindowOptions& weights)
+      : frames_(frames), map_(map), window_(weights, &map_) {
+    Trajectory trajectory;
+    for (std::size_t k = 0; k < frames.size(); ++k) {
+      trajectory.push_back({frames[k].stamp_ns, poses[k]});
+    }
+    for (std::size_t k = 0; k < frames.size(); ++k) {
+      WindowFrame frame;
+      frame.id = static_cast<std::int64_t>(k);
+      frame.stamp_ns = frames[k].stamp_ns;
+      frame.T_world_lidar = poses[k];
+      frame.measured = frames[k].clusters;
+      CentralTwist(trajectory, k, SlidingWindow::kMaxTwistGapS, &frame.twist);
+      window_.Push(std::move(frame));
+    }
+    map_.Refresh();
+  }
+
+  const VoxelMap& map() const { return map_; }
+
+  BundleProblem Problem(bool with_points) const {
+    std::vector<std::vector<SlidingWindow::ClusterUse>> uses;
+    BundleProblem problem = window_.BuildProblem(with_points ? &uses : nullptr);
+    problem.priors.clear();  // no odometry stands behind these poses
+    if (with_points) problem.points.resize(problem.observations.size());
+    for (std::size_t f = 0; f < uses.size(); ++f) AddPoints(f, uses[f], &problem);
+    return problem;
+  }
+
+ private:
+  // Points deskewed as their clusters are, but one by one.
+  void AddPoints(std::size_t f, const std::vector<SlidingWindow::ClusterUse>& uses,
+                 BundleProblem* problem) const {
+    const Vector6d& twist = window_.frames()[f].twist;
+    for (std::size_t i = 0; i < uses.size(); ++i) {
+      if (uses[i].observation < 0) continue;
+      auto& points = problem->points[static_cast<std::size_t>(uses[i].observation)];
+      for (const TimedPoint& p : frames_[f].points.at(i)) {
+        const Eigen::Vector3d measured(p.x, p.y, p.z);
+        points.push_back({p.time_s == 0.0F ? measured : TwistExp(p.time_s * twist) * measured,
+                          uses[i].point_weight});
+      }
+    }
+  }
+
+  const std::vector<BatchFrame>& frames_;
+  VoxelMap map_;
+  SlidingWindow window_;
+};
+
+// Reason to refuse the problem; empty if there is something to solve.
+std::string Refusal(const BundleProblem& problem, const Observability& observability,
+                    const BundleAdjusterOptions& options) {
+  if (problem.planes.size() < static_cast<std::size_t>(options.min_planes)) {
+    return std::to_string(problem.planes.size()) +
+           " planes are seen by two frames or more, at least " +
+           std::to_string(options.min_planes) + " are wanted";
+  }
+  if (observability.free_frames.empty()) return "no frame shares enough with others to be moved";
+  return "";
+}
+
+bool MovedLess(const std::vector<SE3>& a, const std::vector<SE3>& b, double rotation_rad,
+               double translation_m) {
+  for (std::size_t k = 0; k < a.size(); ++k) {
+    if (RotationAngle(a[k], b[k]) > rotation_rad || (a[k].t - b[k].t).norm() > translation_m) {
+      return false;
+    }
+  }
+  return true;
+}
+
+}  // namespace
+
+const char* ToString(RegistrationResult::Status status) {
+  switch (status) {
+    case Status::kConverged:
+      return "converged";
+    case Status::kRoundLimit:
+      return "round_limit";
+    case Status::kPartial:
+      return "partial";
+    case Status::kIllPosed:
+      return "ill_posed";
+    case Status::kFailed:
+      return "failed";
+    case Status::kInterrupted:
+      return "interrupted";
+  }
+  return "unknown";
+}
+
+void RegistrationOptions::Visit(OptionVisitor& v) {
+  v.EnumChoice("formulation", &formulation, FormulationNames());
+  v.Integer("rounds", &rounds, 1, 1000);
+  v.Number("coarse_root_size_m", &coarse_root_size_m, 0.0, 100.0);
+  v.Number("min_rotation_change_deg", &min_rotation_change_deg, 0.0, 180.0);
+  v.Number("min_translation_change_m", &min_translation_change_m, 0.0, 100.0);
+  v.Group("solver", &solver);
+  v.Group("observability", &observability);
+}
+
+BatchRegistration::BatchRegistration(const RegistrationOptions& options, const VoxelMapOptions& map,
+                                     const SlidingWindowOptions& weights)
+    : options_(options), map_(map), weights_(weights) {
+  CheckOptions(options, "registration");
+  CheckOptions(map, "map");
+  CheckOptions(weights, "backend.window");
+}
+
+double BatchRegistration::RootSize(int round) const {
+  if (options_.coarse_root_size_m <= map_.root_size_m || options_.rounds < 2) {
+    return map_.root_size_m;
+  }
+  // The last two rounds have the final size, so that convergence can be seen there.
+  const double last = std::max(1, options_.rounds - 2);
+  const double left = std::max(0.0, 1.0 - round / last);
+  return map_.root_size_m * std::pow(options_.coarse_root_size_m / map_.root_size_m, left);
+}
+
+RegistrationResult BatchRegistration::Run(const std::vector<BatchFrame>& frames,
+                                          const RegistrationCallbacks& callbacks,
+                                          const std::atomic<bool>* stop) const {
+  RegistrationResult result;
+  for (const BatchFrame& frame : frames) result.poses.push_back(frame.T_world_lidar);
+  result.status = Status::kRoundLimit;
+  BundleProblem problem;
+  for (int round = 0; round < options_.rounds; ++round) {
+    Stopwatch watch;
+    RoundReport report;
+    report.round = round;
+    VoxelMapOptions map = map_;
+    map.root_size_m = report.root_size_m = RootSize(round);
+    problem = CastFrames(frames, result.poses, map, weights_)
+                  .Problem(options_.formulation == Formulation::kEvm1);
+    const Observability observability = FindObservability(problem, options_.observability);
+    result.faults = observability.faults;
+    result.reason = Refusal(problem, observability, options_.solver);
+    if (!result.reason.empty()) {
+      result.status = Status::kIllPosed;
+      return result;
+    }
+    problem.holds = observability.holds;
+    problem.hold_first_pose = false;
+    report.planes = problem.planes.size();
+    report.observations = problem.observations.size();
+    report.build_ms = watch.LapMilliseconds();
+    const BundleResult solved = AdjustBundle(problem, options_.solver, options_.formulation,
+                                             [&](const BundleStep& step, const std::vector<SE3>&) {
+                                               if (callbacks.on_step)
+                                                 callbacks.on_step(report, step);
+                                             });
+    report.initial_cost = solved.initial_cost;
+    report.final_cost = solved.final_cost;
+    report.iterations = solved.iterations;
+    report.solve_ms = solved.solve_ms;
+    result.rounds.push_back(report);
+    if (callbacks.on_round) callbacks.on_round(report);
+    if (!solved.usable()) {
+      result.status = Status::kFailed;
+      result.reason = "the solver failed in round " + std::to_string(round);
+      return result;
+    }
+    const bool settled =
+        MovedLess(result.poses, solved.poses, options_.min_rotation_change_deg * M_PI / 180.0,
+                  options_.min_translation_change_m);
+    result.poses = solved.poses;
+    if (settled && report.root_size_m <= map_.root_size_m) {
+      result.status = Status::kConverged;
+      break;
+    }
+    if (stop != nullptr && stop->load()) {
+      result.status = Status::kInterrupted;
+      break;
+    }
+  }
+  if (!result.faults.empty() && result.status != Status::kInterrupted) {
+    result.status = Status::kPartial;
+  }
+  constexpr double kOpenVariance = 1e6;
+  result.covariances = PoseCovariances(problem, result.poses, kOpenVariance);
+  return result;
+}
+
+void BatchRegistration::VisitSurfels(const std::vector<BatchFrame>& frames,
+                                     const std::vector<SE3>& poses, int min_frames,
+                                     const std::function<void(const Surfel&)>& visit) const {
+  CastFrames(frames, poses, map_, weights_).map().ForEachSurface(min_frames, visit);
+}
+
+}  // namespace lamina

@@ -1,0 +1,110 @@
+// Registration of a whole batch of scans from initial poses (Huang et al. 2021, Algorithm 1).
+//
+// A round casts all clusters into a voxel map at the present poses, keeps the voxels that hold a
+// plane (enough points, ratio of eigenvalues, VoxelMapOptions) seen by two frames or more, weighs
+// the clusters (cap, robust kernel) and solves the bundle problem until it converges. The next
+// round associates anew. Rounds go from coarse voxels to fine ones when the start is poor:
+//
+//     root size of round i = map.root_size_m * (coarse / map.root_size_m)^(1 - i / (rounds - 1))
+//
+// and end early when a round at the final size moves no pose any more.
+//
+// What cannot be determined (observability.h) stays at the initial poses and is reported; the rest
+// is solved. Nothing at all to solve is a refusal.
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "backend/bundle_adjuster.h"
+#include "backend/observability.h"
+#include "backend/sliding_window.h"
+#include "core/options.h"
+#include "core/scan.h"
+#include "core/voxel_map.h"
+
+namespace lamina {
+
+struct RegistrationOptions {
+  Formulation formulation = Formulation::kCondensed;
+  // Association rounds at most.
+  int rounds = 8;
+  // Root size of the first round; 0: as map.root_size_m.
+  double coarse_root_size_m = 0.0;
+  // Converged when a round at the final size moves no pose by more.
+  double min_rotation_change_deg = 0.005;
+  double min_translation_change_m = 0.0005;
+  BundleAdjusterOptions solver = {50, 1e-8, 6};
+  ObservabilityOptions observability;
+
+  void Visit(OptionVisitor& v);
+};
+
+struct BatchFrame {
+  StampNs stamp_ns = 0;
+  SE3 T_world_lidar;                   // initial
+  std::vector<TimedCluster> clusters;  // at the leaf size of the final round; may be empty
+  // The points of each cluster; for evm1 alone, empty otherwise.
+  std::vector<std::vector<TimedPoint>> points;
+};
+
+struct RoundReport {
+  int round = 0;  // from 0
+  double root_size_m = 0.0;
+  std::size_t planes = 0, observations = 0;
+  double initial_cost = 0.0, final_cost = 0.0;
+  int iterations = 0;
+  double build_ms = 0.0, solve_ms = 0.0;  // map and problem / the solver alone
+};
+
+struct RegistrationResult {
+  enum class Status {
+    kConverged,
+    kRoundLimit,  // usable
+    kPartial,     // some of it could not be determined: see faults
+    kIllPosed,    // refused; poses are the initial ones
+    kFailed,      // numerical failure; poses are those of the last good round
+    kInterrupted,
+  };
+  Status status = Status::kIllPosed;
+  std::string reason;  // of a refusal or failure
+  std::vector<SE3> poses;
+  std::vector<BundleFault> faults;  // of the last round
+  std::vector<RoundReport> rounds;
+  std::vector<Matrix6d> covariances;  // pose_covariance.h, at the end
+};
+const char* ToString(RegistrationResult::Status status);
+
+struct RegistrationCallbacks {
+  std::function<void(const RoundReport&, const BundleStep&)> on_step;
+  std::function<void(const RoundReport&)> on_round;
+};
+
+class BatchRegistration {
+ public:
+  // Throws OptionError.
+  BatchRegistration(const RegistrationOptions& options, const VoxelMapOptions& map,
+                    const SlidingWindowOptions& weights);
+
+  // Ends after the solver's present round once `stop` is true. Deterministic at any number of
+  // threads.
+  RegistrationResult Run(const std::vector<BatchFrame>& frames,
+                         const RegistrationCallbacks& callbacks,
+                         const std::atomic<bool>* stop = nullptr) const;
+
+  // The map of the frames at these poses, at the final size.
+  void VisitSurfels(const std::vector<BatchFrame>& frames, const std::vector<SE3>& poses,
+                    int min_frames, const std::function<void(const Surfel&)>& visit) const;
+
+  // Root size of round i.
+  double RootSize(int round) const;
+
+ private:
+  RegistrationOptions options_;
+  VoxelMapOptions map_;
+  SlidingWindowOptions weights_;
+};
+
+}  // namespace lamina

@@ -1,0 +1,250 @@
+#include "backend/observability.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <iomanip>
+#include <limits>
+#include <map>
+#include <numeric>
+#include <sstream>
+
+#include "backend/frame_pass.h"
+#include "frontend/scan_matcher.h"
+
+namespace lamina {
+namespace {
+
+constexpr double kArmM = MatchResult::kRotationArmM;
+
+bool IsShared(const Plane& plane) { return plane.count >= 2 || !plane.fixed.Empty(); }
+
+// Residual rows of one observation, scaled to metres, and how much an error of the normal by one
+// radian turns each, relative to (rotation, translation).
+struct ScaledRows {
+  Eigen::Matrix<double, 3, 6> rows;
+  Eigen::Vector3d rotation_leak, translation_leak;
+};
+
+ScaledRows RowsOf(const PlaneObservation& o, const SE3& T, const Eigen::Vector3d& normal) {
+  const Eigen::Vector3d m = T.q.conjugate() * normal;
+  const Eigen3 eigen = o.cluster.Eigen();
+  const double root = std::sqrt(o.cluster.count);
+  ScaledRows s;
+  s.rows.row(0) << root * o.cluster.mean.cross(m).transpose() / kArmM, root * normal.transpose();
+  s.rotation_leak(0) = root * o.cluster.mean.norm() / kArmM;
+  s.translation_leak(0) = root;
+  for (int k = 0; k < 2; ++k) {
+    const Eigen::Vector3d axis = root * std::sqrt(std::max(0.0, eigen.l(k))) * eigen.u.col(k);
+    s.rows.row(k + 1) << axis.cross(m).transpose() / kArmM, 0.0, 0.0, 0.0;
+    s.rotation_leak(k + 1) = axis.norm() / kArmM;
+    s.translation_leak(k + 1) = 0.0;
+  }
+  return s;
+}
+
+// The open directions of one frame, as unit tangent vectors, with what is known of each.
+class FrameDirections {
+ public:
+  void Add(const ScaledRows& rows, double weight) {
+    rows_.push_back(rows);
+    weights_.push_back(weight);
+    H_ += weight * rows.rows.transpose() * rows.rows;
+  }
+
+  void FindOpen(int frame, double max_sigma_m, std::vector<BundleFault>* faults) const {
+    constexpr double kNormalError = 0.02;  // rad
+    const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(H_);
+    for (int i = 0; i < 6; ++i) {
+      const Vector6d v = eigen.eigenvectors().col(i);
+      double information = 0.0;
+      for (std::size_t k = 0; k < rows_.size(); ++k) {
+        const Eigen::Vector3d along = rows_[k].rows * v;
+        const Eigen::Vector3d leak2 =
+            kNormalError * kNormalError *
+            (rows_[k].rotation_leak.cwiseAbs2() * v.head<3>().squaredNorm() +
+             rows_[k].translation_leak.cwiseAbs2() * v.tail<3>().squaredNorm());
+        information += weights_[k] * (along.cwiseAbs2() - leak2).cwiseMax(0.0).sum();
+      }
+      const double sigma = information > 0.0 ? 1.0 / std::sqrt(information)
+                                             : std::numeric_limits<double>::infinity();
+      if (sigma <= max_sigma_m) continue;
+      BundleFault fault;
+      fault.kind = BundleFault::Kind::kOpenDirection;
+      fault.frame = frame;
+      fault.sigma_m = sigma;
+      fault.direction << v.head<3>() / kArmM, v.tail<3>();
+      fault.direction.normalize();
+      faults->push_back(fault);
+    }
+  }
+
+ private:
+  Matrix6d H_ = Matrix6d::Zero();
+  std::vector<ScaledRows> rows_;
+  std::vector<double> weights_;
+};
+
+// Frames joined by planes that they share.
+class Groups {
+ public:
+  explicit Groups(std::size_t frames) : parent_(frames) {
+    std::iota(parent_.begin(), parent_.end(), 0);
+  }
+  int Find(int a) {
+    while (parent_[static_cast<std::size_t>(a)] != a) {
+      int& up = parent_[static_cast<std::size_t>(a)];
+      up = parent_[static_cast<std::size_t>(up)];
+      a = up;
+    }
+    return a;
+  }
+  // The smaller number leads.
+  void Join(int a, int b) {
+    a = Find(a);
+    b = Find(b);
+    parent_[static_cast<std::size_t>(std::max(a, b))] = std::min(a, b);
+  }
+
+ private:
+  std::vector<int> parent_;
+};
+
+void HoldAll(int frame, std::vector<HeldDirection>* holds) {
+  for (int i = 0; i < 6; ++i) holds->push_back({frame, Vector6d::Unit(i)});
+}
+
+std::vector<int> SharedPlanes(const BundleProblem& problem) {
+  std::vector<int> shared(problem.poses.size(), 0);
+  for (const Plane& plane : problem.planes) {
+    if (!IsShared(plane)) continue;
+    for (int i = plane.first; i < plane.first + plane.count; ++i) {
+      ++shared[static_cast<std::size_t>(problem.observations[static_cast<std::size_t>(i)].frame)];
+    }
+  }
+  return shared;
+}
+
+// Members of each group, by its leading frame; frames that share too little are left out.
+std::map<int, std::vector<int>> FindGroups(const BundleProblem& problem,
+                                           const std::vector<bool>& usable) {
+  Groups groups(problem.poses.size());
+  for (const Plane& plane : problem.planes) {
+    int joined = -1;
+    for (int i = plane.first; i < plane.first + plane.count; ++i) {
+      const int frame = problem.observations[static_cast<std::size_t>(i)].frame;
+      if (!usable[static_cast<std::size_t>(frame)]) continue;
+      if (joined >= 0) groups.Join(joined, frame);
+      joined = frame;
+    }
+  }
+  std::map<int, std::vector<int>> members;
+  for (std::size_t k = 0; k < usable.size(); ++k) {
+    if (usable[k]) members[groups.Find(static_cast<int>(k))].push_back(static_cast<int>(k));
+  }
+  return members;
+}
+
+bool HasFixedPlanes(const BundleProblem& problem) {
+  return std::any_of(problem.planes.begin(), problem.planes.end(),
+                     [](const Plane& p) { return !p.fixed.Empty(); });
+}
+
+// Holds the first frame of each group, and reports all groups but the largest.
+void HoldGauge(const std::map<int, std::vector<int>>& groups, Observability* result) {
+  const auto largest = std::max_element(
+      groups.begin(), groups.end(),
+      [](const auto& a, const auto& b) { return a.second.size() < b.second.size(); });
+  for (auto group = groups.begin(); group != groups.end(); ++group) {
+    HoldAll(group->first, &result->holds);
+    if (group == largest) continue;
+    BundleFault fault;
+    fault.kind = BundleFault::Kind::kApart;
+    fault.frame = group->first;
+    fault.group = group->second;
+    result->faults.push_back(fault);
+  }
+}
+
+void FindOpenDirections(const BundleProblem& problem, const ObservabilityOptions& options,
+                        const std::vector<bool>& usable, Observability* result) {
+  std::vector<FrameDirections> frames(problem.poses.size());
+  const std::vector<PlaneFrame> planes = MakePlaneFrames(problem, PoseMatrices(problem.poses));
+  for (std::size_t p = 0; p < planes.size(); ++p) {
+    const Plane& plane = problem.planes[p];
+    if (!IsShared(plane)) continue;
+    for (int i = plane.first; i < plane.first + plane.count; ++i) {
+      const PlaneObservation& o = problem.observations[static_cast<std::size_t>(i)];
+      const auto k = static_cast<std::size_t>(o.frame);
+      frames[k].Add(RowsOf(o, problem.poses[k], planes[p].normal), plane.weight);
+    }
+  }
+  std::vector<bool> gauge(problem.poses.size(), false);
+  for (const HeldDirection& hold : result->holds)
+    gauge[static_cast<std::size_t>(hold.frame)] = true;
+  for (std::size_t k = 0; k < frames.size(); ++k) {
+    if (!usable[k] || gauge[k]) continue;
+    std::vector<BundleFault> open;
+    frames[k].FindOpen(static_cast<int>(k), options.max_direction_sigma_m, &open);
+    for (const BundleFault& fault : open) {
+      result->holds.push_back({fault.frame, fault.direction});
+      result->faults.push_back(fault);
+    }
+    if (open.size() < 6) result->free_frames.push_back(static_cast<int>(k));
+  }
+}
+
+}  // namespace
+
+void ObservabilityOptions::Visit(OptionVisitor& v) {
+  v.Integer("min_shared_planes", &min_shared_planes, 1, 1000000);
+  v.Number("max_direction_sigma_m", &max_direction_sigma_m, 1e-6, 1e6);
+}
+
+std::string BundleFault::Describe() const {
+  std::ostringstream text;
+  text << std::setprecision(2);
+  switch (kind) {
+    case Kind::kTooFewPlanes:
+      text << "frame " << frame << " shares " << shared_planes
+           << " planes with other frames, too few to hold it";
+      break;
+    case Kind::kApart:
+      text << (group.size() == 1 ? "frame " : "frames ");
+      for (std::size_t i = 0; i < group.size(); ++i) text << (i > 0 ? ", " : "") << group[i];
+      text << (group.size() == 1 ? " shares" : " share") << " no plane with the other frames";
+      break;
+    case Kind::kOpenDirection: {
+      const bool turn = direction.head<3>().norm() * kArmM > direction.tail<3>().norm();
+      const Eigen::Vector3d axis = (turn ? direction.head<3>() : direction.tail<3>()).normalized();
+      text << "frame " << frame << ": no plane holds its "
+           << (turn ? "turn about the LiDAR's axis" : "motion along the world's direction") << " ("
+           << axis.x() << ", " << axis.y() << ", " << axis.z() << ")";
+      if (std::isfinite(sigma_m)) text << ", known to " << sigma_m << " m";
+      break;
+    }
+  }
+  return text.str();
+}
+
+Observability FindObservability(const BundleProblem& problem, const ObservabilityOptions& options) {
+  CheckOptions(options, "registration.observability");
+  Observability result;
+  const std::vector<int> shared = SharedPlanes(problem);
+  std::vector<bool> usable(shared.size());
+  for (std::size_t k = 0; k < shared.size(); ++k) {
+    usable[k] = shared[k] >= options.min_shared_planes;
+    if (usable[k]) continue;
+    BundleFault fault;
+    fault.frame = static_cast<int>(k);
+    fault.shared_planes = shared[k];
+    result.faults.push_back(fault);
+    HoldAll(fault.frame, &result.holds);
+  }
+  // Fixed clusters hold the gauge, and join whatever stands on them.
+  if (!HasFixedPlanes(problem)) HoldGauge(FindGroups(problem, usable), &result);
+  FindOpenDirections(problem, options, usable, &result);
+  return result;
+}
+
+}  // namespace lamina
