@@ -11,12 +11,26 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/SparseCore>
 #include <vector>
 
 #include "backend/bundle_index.h"
 #include "backend/bundle_problem.h"
 
 namespace lamina {
+
+// Which frames see planes together: the blocks of H that are not zero.
+class BlockPattern {
+ public:
+  BlockPattern(const BundleProblem& problem, const BundleIndex& index);
+  // Frames k <= frame that share a plane with it, ascending; itself is always among them.
+  const std::vector<std::int32_t>& partners(std::size_t frame) const { return partners_[frame]; }
+  // Share of the blocks on and below the diagonal that are not zero.
+  double Density() const;
+
+ private:
+  std::vector<std::vector<std::int32_t>> partners_;
+};
 
 struct ReducedSystem {
   // Row-major: the six numbers of one plane variable lie together.
@@ -29,6 +43,14 @@ struct ReducedSystem {
 
   // H, both triangles. Parallel over frames; same bits at any number of threads.
   void Assemble(const BundleProblem& problem, const BundleIndex& index, Eigen::MatrixXd* H) const;
+  // The upper triangle of H. Its structure is made when *H is empty, and must not change later.
+  void Assemble(const BundleProblem& problem, const BundleIndex& index, const BlockPattern& pattern,
+                Eigen::SparseMatrix<double>* H) const;
+
+ private:
+  // The blocks of H right of frame f's row up to the diagonal, 6x6 column-major at each frame.
+  void FillStrip(const BundleProblem& problem, const BundleIndex& index, std::size_t f,
+                 std::vector<double>* strip) const;
 };
 
 class BundleCost {

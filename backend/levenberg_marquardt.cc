@@ -1,6 +1,7 @@
 #include "backend/levenberg_marquardt.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cmath>
 
@@ -29,7 +30,10 @@ std::vector<SE3> Moved(const std::vector<SE3>& poses, const Eigen::VectorXd& ste
 class StepSolver {
  public:
   StepSolver(const BundleProblem& problem, BundleCost* cost)
-      : problem_(problem), index_(problem), cost_(cost) {}
+      : problem_(problem), index_(problem), pattern_(problem, index_), cost_(cost) {
+    const auto size = static_cast<Eigen::Index>(6 * problem.poses.size());
+    sparse_ = problem.priors.empty() && size >= kSparseSize && pattern_.Density() < kSparseDensity;
+  }
 
   // False if anything is not finite.
   bool Linearise(const std::vector<SE3>& poses) {
@@ -42,6 +46,9 @@ class StepSolver {
       for (Eigen::Index i = 0; i < size; ++i) {
         diagonal_(i) = system_.diagonal[static_cast<std::size_t>(i / 6)](i % 6, i % 6);
       }
+    } else if (sparse_) {
+      system_.Assemble(problem_, index_, pattern_, &sparse_H_);
+      diagonal_ = sparse_H_.diagonal();
     } else {
       system_.Assemble(problem_, index_, &H_);
       value_ += AddPriors(problem_, poses, &system_.gradient, &H_);
@@ -62,7 +69,9 @@ class StepSolver {
   bool Solve(double radius, Eigen::VectorXd* step, double* promised) {
     const Eigen::VectorXd damping = diagonal_ / radius;
     step->setZero(system_.gradient.size());
-    const bool solved = decoupled_ ? SolveBlocks(damping, step) : SolveDense(damping, step);
+    const bool solved = decoupled_ ? SolveBlocks(damping, step)
+                        : sparse_  ? SolveSparse(damping, step)
+                                   : SolveDense(damping, step);
     if (!solved || !step->allFinite()) return false;
     *promised = -0.5 * system_.gradient.dot(*step) + 0.5 * step->cwiseAbs2().dot(damping);
     return true;
@@ -75,13 +84,21 @@ class StepSolver {
   void Hold() {
     constexpr double kStiffness = 1e8;
     const double stiffness = kStiffness * diagonal_.cwiseAbs().maxCoeff();
-    for (const HeldDirection& hold : problem_.holds) {
-      const Eigen::Index i = 6 * hold.frame;
+    std::vector<HeldDirection> holds = problem_.holds;
+    if (sparse_ && problem_.hold_first_pose) {
+      for (int i = 0; i < 6; ++i) holds.push_back({0, Vector6d::Unit(i)});
+    }
+    for (const HeldDirection& hold : holds) {
+      const int i = 6 * hold.frame;
       const Vector6d& v = hold.direction;
       system_.gradient.segment<6>(i) -= v * v.dot(system_.gradient.segment<6>(i));
       const Matrix6d block = stiffness * v * v.transpose();
       if (decoupled_) {
         system_.diagonal[static_cast<std::size_t>(hold.frame)] += block;
+      } else if (sparse_) {
+        for (int c = 0; c < 6; ++c) {
+          for (int r = 0; r <= c; ++r) sparse_H_.coeffRef(i + r, i + c) += block(r, c);
+        }
       } else {
         H_.block<6, 6>(i, i) += block;
       }
@@ -109,13 +126,33 @@ class StepSolver {
     return true;
   }
 
+  bool SolveSparse(const Eigen::VectorXd& damping, Eigen::VectorXd* step) {
+    Eigen::SparseMatrix<double> damped = sparse_H_;
+    for (int i = 0; i < damped.cols(); ++i) damped.coeffRef(i, i) += damping(i);
+    if (!analysed_) sparse_llt_.analyzePattern(damped);
+    analysed_ = true;
+    sparse_llt_.factorize(damped);
+    if (sparse_llt_.info() != Eigen::Success) return false;
+    *step = -sparse_llt_.solve(system_.gradient);
+    if (problem_.hold_first_pose) step->head<6>().setZero();
+    return true;
+  }
+
+  // Below this size, or with more of its blocks filled, a dense factorisation is faster.
+  static constexpr Eigen::Index kSparseSize = 300;
+  static constexpr double kSparseDensity = 0.25;
+
   const BundleProblem& problem_;
   BundleIndex index_;
+  BlockPattern pattern_;
   BundleCost* cost_;
   ReducedSystem system_;
   bool decoupled_ = false;
   double value_ = 0.0;
   Eigen::MatrixXd H_, factor_;
+  bool sparse_ = false, analysed_ = false;
+  Eigen::SparseMatrix<double> sparse_H_;
+  Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Upper> sparse_llt_;
   Eigen::VectorXd diagonal_;
 };
 

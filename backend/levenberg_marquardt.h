@@ -9,8 +9,9 @@
 // (Madsen, Nielsen, Tingleff: Methods for Non-Linear Least Squares Problems, 2004). A Hessian that
 // is not positive definite with its damping counts as a rejected step.
 //
-// Where the frames decouple (no rows, no priors), a step is N systems of 6x6; otherwise one dense
-// Cholesky factorisation of 6N x 6N.
+// Where the frames decouple (no rows, no priors), a step is N systems of 6x6; otherwise one
+// Cholesky factorisation of 6N x 6N: sparse where the problem is large and few frames see planes
+// together, else dense.
 #pragma once
 
 #include "backend/bundle_adjuster.h"
