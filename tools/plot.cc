@@ -18,17 +18,6 @@
 namespace lamina {
 namespace {
 
-// A string in gnuplot's single quotes, in which only the quote itself is special. Line breaks would
-// end the command.
-std::string Quoted(const std::string& text) {
-  std::string quoted = "'";
-  for (const char c : text) {
-    if (c == '\'') quoted += '\'';
-    quoted += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
-  }
-  return quoted + "'";
-}
-
 bool ProgramExists(const std::string& name) {
   const char* path = std::getenv("PATH");
   std::istringstream folders(path == nullptr ? "" : path);
@@ -78,13 +67,27 @@ void RunGnuplot(const std::string& script, const std::string& path) {
 
 }  // namespace
 
+// In single quotes only the quote itself is special.
+std::string GnuplotQuoted(const std::string& text) {
+  std::string quoted = "'";
+  for (const char c : text) {
+    if (c == '\'') quoted += '\'';
+    quoted += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
+  }
+  return quoted + "'";
+}
+
+std::string GnuplotTerminal(const std::string& path, int width, int height) {
+  const bool png = std::filesystem::path(path).extension() == ".png";
+  return fmt::format("set terminal {} size {},{} noenhanced\n",
+                     png ? "pngcairo" : "svg background 'white'", width, height);
+}
+
 std::string GnuplotScript(const Plot& plot, const std::string& output_path) {
-  const bool png = std::filesystem::path(output_path).extension() == ".png";
-  std::string script = fmt::format("set terminal {} size 1000,750 noenhanced\n",
-                                   png ? "pngcairo" : "svg background 'white'");
-  script += fmt::format("set output {}\n", Quoted(output_path));
-  script += fmt::format("set title {}\nset xlabel {}\nset ylabel {}\n", Quoted(plot.title),
-                        Quoted(plot.x_label), Quoted(plot.y_label));
+  std::string script = GnuplotTerminal(output_path, 1000, 750);
+  script += fmt::format("set output {}\n", GnuplotQuoted(output_path));
+  script += fmt::format("set title {}\nset xlabel {}\nset ylabel {}\n", GnuplotQuoted(plot.title),
+                        GnuplotQuoted(plot.x_label), GnuplotQuoted(plot.y_label));
   script += "set grid\nset key top left\nset datafile missing 'nan'\n";
   if (plot.equal_axes) script += "set size ratio -1\n";
   for (size_t k = 0; k < plot.series.size(); ++k) {
@@ -100,7 +103,7 @@ std::string GnuplotScript(const Plot& plot, const std::string& output_path) {
       script += fmt::format("{:.6g} {:.6g} {:.6g}\n", p.x(), p.y(), p.z());
     }
     script += fmt::format("EOD\nset cblabel {}\nset cbrange [{:.6g}:{:.6g}]\n",
-                          Quoted(plot.cloud.colour_label), plot.cloud.colour_range.x(),
+                          GnuplotQuoted(plot.cloud.colour_label), plot.cloud.colour_range.x(),
                           plot.cloud.colour_range.y());
     script += "set palette defined (0 '#1f3b73', 0.35 '#2a9d8f', 0.7 '#e9c46a', 1 '#d62828')\n";
   }
@@ -111,12 +114,17 @@ std::string GnuplotScript(const Plot& plot, const std::string& output_path) {
   }
   for (size_t k = 0; k < plot.series.size(); ++k) {
     script += fmt::format("{}$series{} using 1:2 with lines linewidth 2 title {}",
-                          k == 0 ? "" : ", ", k, Quoted(plot.series[k].title));
+                          k == 0 ? "" : ", ", k, GnuplotQuoted(plot.series[k].title));
   }
   return script + "\nunset output\n";
 }
 
 void WritePlot(const Plot& plot, const std::string& path) {
+  DrawPicture([&](const std::string& output) { return GnuplotScript(plot, output); }, path);
+}
+
+void DrawPicture(const std::function<std::string(const std::string&)>& script,
+                 const std::string& path) {
   const std::string ending = std::filesystem::path(path).extension().string();
   if (ending != ".svg" && ending != ".png") {
     throw OptionError("cannot draw " + path + ": the name must end in .svg or .png");
@@ -125,7 +133,7 @@ void WritePlot(const Plot& plot, const std::string& path) {
   // gnuplot would tell only its own screen, and draw there.
   RequireWritable(partial, path);
   try {
-    RunGnuplot(GnuplotScript(plot, partial), path);
+    RunGnuplot(script(partial), path);
     if (std::filesystem::file_size(partial) == 0) {
       throw OutputError("cannot draw " + path + ": gnuplot drew nothing, see its message above");
     }

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -35,5 +36,13 @@ std::string GnuplotScript(const Plot& plot, const std::string& output_path);
 // Throws OptionError for another ending, OutputError if gnuplot is missing or fails or the file
 // cannot be written.
 void WritePlot(const Plot& plot, const std::string& path);
+
+// The same for a script of another kind; `script` gets the path of the picture that it must draw.
+void DrawPicture(const std::function<std::string(const std::string&)>& script,
+                 const std::string& path);
+// "set terminal ..." for a picture of that ending.
+std::string GnuplotTerminal(const std::string& path, int width, int height);
+// A string in gnuplot's single quotes. Line breaks, which would end the command, become spaces.
+std::string GnuplotQuoted(const std::string& text);
 
 }  // namespace lamina

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <utility>
 
 namespace lamina {
 namespace {
@@ -22,10 +23,11 @@ std::string Duration(double seconds) {
 
 }  // namespace
 
-RunProgress::RunProgress(Mode mode, std::size_t total)
+RunProgress::RunProgress(Mode mode, std::size_t total, std::string unit)
     : bar_(mode == Mode::kOn || (mode == Mode::kAuto && isatty(STDERR_FILENO) == 1)),
       lines_(mode == Mode::kAuto && !bar_),
       total_(total),
+      unit_(std::move(unit)),
       start_(Clock::now()),
       last_(start_) {}
 
@@ -42,8 +44,8 @@ void RunProgress::Show() {
   const double elapsed = std::chrono::duration<double>(Clock::now() - start_).count();
   const double rate = elapsed > 0.0 ? static_cast<double>(done_) / elapsed : 0.0;
   const double remaining = rate > 0.0 ? static_cast<double>(total_ - done_) / rate : 0.0;
-  const std::string text =
-      fmt::format("{}/{} scans, {:.1f} scans/s, {} left", done_, total_, rate, Duration(remaining));
+  const std::string text = fmt::format("{0}/{1} {2}, {3:.1f} {2}/s, {4} left", done_, total_, unit_,
+                                       rate, Duration(remaining));
   if (!bar_) {
     spdlog::info(text);
     return;

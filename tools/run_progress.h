@@ -12,8 +12,9 @@ class RunProgress {
  public:
   enum class Mode { kAuto, kOn, kOff };  // kAuto: a bar if standard error is a terminal
 
-  RunProgress(Mode mode, std::size_t total);
-  // One more scan is done.
+  // `unit`: what is counted, in the plural.
+  RunProgress(Mode mode, std::size_t total, std::string unit = "scans");
+  // One more is done.
   void Step();
   // A line that must be seen, above the bar.
   void Warn(const std::string& line);
@@ -26,6 +27,7 @@ class RunProgress {
 
   bool bar_, lines_;
   std::size_t total_, done_ = 0;
+  std::string unit_;
   Clock::time_point start_, last_;
 };
 
