@@ -15,6 +15,7 @@
 #include "tools/plot_command.h"
 #include "tools/register_command.h"
 #include "tools/run_command.h"
+#include "tools/simulate_command.h"
 #include "tools/synth_command.h"
 
 int main(int argc, char** argv) {
@@ -34,6 +35,7 @@ int main(int argc, char** argv) {
   lamina::AddExportCommand(&app, &run);
   lamina::AddPlotCommand(&app, &run);
   lamina::AddSynthCommand(&app, &run);
+  lamina::AddSimulateCommand(&app, &run);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
