@@ -27,7 +27,7 @@ struct WeightedPoint {
 struct Plane {
   std::int32_t first = 0, count = 0;  // its observations: [first, first + count), frames ascending
   PointCluster fixed;                 // world frame; of frames that left the window; may be empty
-  double weight = 1.0;                // 1 / variance of the plane's points, 1/m^2
+  double weight = 1.0;                // 1 / variance of the plane's points or less, 1/m^2
 };
 
 // A measured motion between two frames of the window: T_a_b, with the information (inverse

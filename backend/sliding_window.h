@@ -81,7 +81,8 @@ class SlidingWindow {
   // do not count.
   Vector6d CentralTwist(std::size_t i) const;
 
-  // Planes of the map seen by the window's frames, with weights applied.
+  // Planes of the map seen by the window's frames, with weights applied: caps and kernel on the
+  // observations, 1 / variance on the planes, and far less on those much thicker than the others.
   BundleProblem BuildProblem() const;
   // The same; also tells into which observation each cluster of each frame went, and with what
   // weight a point of it (-1 and 0 where it went into none).

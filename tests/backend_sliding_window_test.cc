@@ -4,6 +4,7 @@
 
 #include <map>
 
+#include "backend/condensed_cost.h"
 #include "tests/random_scenes.h"
 
 namespace lamina {
@@ -195,6 +196,39 @@ TEST(SlidingWindow, ProblemKeepsWhatHasLeftAsFixedClusters) {
     EXPECT_EQ(plane.count, 3);
     EXPECT_NEAR(plane.fixed.count, 8.0, 1e-9);
   }
+}
+
+TEST(SlidingWindow, PlanesMuchThickerThanTheOthersWeighFarLess) {
+  Draws draws(6);
+  VoxelMap map(UncappedMap());
+  const SlidingWindowOptions options;
+  SlidingWindow window(options, &map);
+  const std::vector<Patch> patches = PatchGrid(map.options(), &draws);
+  const std::size_t thick = patches.size() / 10;
+  for (std::int64_t k = 0; k < 5; ++k) {
+    WindowFrame frame = FrameOfPatches(k, patches, 0, &draws);
+    // Two sheets, 12 cm apart, seen by turns.
+    for (std::size_t i = 0; i < thick; ++i) {
+      const Eigen::Vector3d normal = frame.T_world_lidar.q.conjugate() * patches[i].Normal();
+      frame.measured[i].points.mean += (k % 2 == 0 ? 0.06 : -0.06) * normal;
+    }
+    window.Push(std::move(frame));
+  }
+  map.Refresh();
+  const BundleProblem problem = window.BuildProblem();
+  const double floor2 = options.noise_floor_m * options.noise_floor_m;
+  std::size_t distrusted = 0;
+  for (const Plane& plane : problem.planes) {
+    const double variance = AggregatePlane(problem, plane, problem.poses).Eigen().l(2) + floor2;
+    if (variance < 2.0 * floor2) {
+      EXPECT_NEAR(plane.weight * variance, 1.0, 0.1);
+    } else {
+      EXPECT_LT(plane.weight * variance, 0.1);
+      ++distrusted;
+    }
+  }
+  EXPECT_GT(distrusted, 0U);
+  EXPECT_LE(distrusted, thick);
 }
 
 TEST(SlidingWindow, FarAwayClustersAreLeftOut) {
