@@ -78,6 +78,20 @@ std::string Refusal(const BundleProblem& problem, const Observability& observabi
   return "";
 }
 
+// Frames that a solve has carried farther than its associations can be good for.
+std::vector<int> FramesThatLeapt(const std::vector<SE3>& before, const std::vector<SE3>& after,
+                                 double root_size_m) {
+  constexpr double kMostRad = 0.5;
+  std::vector<int> leapt;
+  for (std::size_t k = 0; k < before.size(); ++k) {
+    if ((after[k].t - before[k].t).norm() > root_size_m ||
+        RotationAngle(before[k], after[k]) > kMostRad) {
+      leapt.push_back(static_cast<int>(k));
+    }
+  }
+  return leapt;
+}
+
 bool MovedLess(const std::vector<SE3>& a, const std::vector<SE3>& b, double rotation_rad,
                double translation_m) {
   for (std::size_t k = 0; k < a.size(); ++k) {
@@ -149,6 +163,8 @@ RegistrationResult BatchRegistration::Run(const std::vector<BatchFrame>& frames,
     report.round = round;
     VoxelMapOptions map = map_;
     map.root_size_m = report.root_size_m = RootSize(round);
+    // Poor poses make planes thick: what passes for one grows with the voxel.
+    map.max_thickness_m *= map.root_size_m / map_.root_size_m;
     problem = CastFrames(frames, result.poses, map, weights_)
                   .Problem(options_.formulation == Formulation::kEvm1);
     const Observability observability = FindObservability(problem, options_.observability);
@@ -163,11 +179,21 @@ RegistrationResult BatchRegistration::Run(const std::vector<BatchFrame>& frames,
     report.planes = problem.planes.size();
     report.observations = problem.observations.size();
     report.build_ms = watch.LapMilliseconds();
-    const BundleResult solved = AdjustBundle(problem, options_.solver, options_.formulation,
-                                             [&](const BundleStep& step, const std::vector<SE3>&) {
-                                               if (callbacks.on_step)
-                                                 callbacks.on_step(report, step);
-                                             });
+    const BundleObserver observer = [&](const BundleStep& step, const std::vector<SE3>&) {
+      if (callbacks.on_step) callbacks.on_step(report, step);
+    };
+    BundleResult solved = AdjustBundle(problem, options_.solver, options_.formulation, observer);
+    for (const int frame : FramesThatLeapt(result.poses, solved.poses, report.root_size_m)) {
+      for (int i = 0; i < 6; ++i) problem.holds.push_back({frame, Vector6d::Unit(i)});
+      BundleFault fault;
+      fault.kind = BundleFault::Kind::kLeapt;
+      fault.frame = frame;
+      result.faults.push_back(fault);
+      report.leapt = true;
+    }
+    if (report.leapt) {
+      solved = AdjustBundle(problem, options_.solver, options_.formulation, observer);
+    }
     report.initial_cost = solved.initial_cost;
     report.final_cost = solved.final_cost;
     report.iterations = solved.iterations;

@@ -34,8 +34,8 @@ struct RegistrationOptions {
   // Root size of the first round; 0: as map.root_size_m.
   double coarse_root_size_m = 0.0;
   // Converged when a round at the final size moves no pose by more.
-  double min_rotation_change_deg = 0.005;
-  double min_translation_change_m = 0.0005;
+  double min_rotation_change_deg = 0.01;
+  double min_translation_change_m = 0.001;
   BundleAdjusterOptions solver = {50, 1e-8, 6};
   ObservabilityOptions observability;
 
@@ -56,6 +56,9 @@ struct RoundReport {
   std::size_t planes = 0, observations = 0;
   double initial_cost = 0.0, final_cost = 0.0;
   int iterations = 0;
+  // A frame was carried farther than a voxel, where its associations mean nothing: the round was
+  // solved again with such frames held.
+  bool leapt = false;
   double build_ms = 0.0, solve_ms = 0.0;  // map and problem / the solver alone
 };
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "backend/held_directions.h"
 #include "core/stopwatch.h"
 
 namespace lamina {
@@ -13,18 +14,25 @@ using Poses = std::vector<SE3>;
 // Tangent vectors scaled so that a component is in metres, whichever it is.
 class ScaledTangent {
  public:
-  explicit ScaledTangent(const BundleProblem& problem) : held_(problem.hold_first_pose) {
+  explicit ScaledTangent(const BundleProblem& problem) {
     double sum = 0.0, count = 0.0;
     for (const PlaneObservation& o : problem.observations) {
       sum += o.cluster.scatter.Trace() + o.cluster.count * o.cluster.mean.squaredNorm();
       count += o.cluster.count;
     }
     if (sum > 0.0) arm_m_ = std::sqrt(sum / count);
+    Vector6d scale = Vector6d::Ones();
+    scale.head<3>() /= arm_m_;
+    held_ = HeldSpaces(problem, scale);
   }
-  // The gradient by the scaled tangent, without the held pose.
+  // The gradient by the scaled tangent, without the held directions.
   void Scale(Eigen::VectorXd* gradient) const {
     for (Eigen::Index i = 0; i < gradient->size(); i += 6) gradient->segment<3>(i) /= arm_m_;
-    if (held_) gradient->head<6>().setZero();
+    for (std::size_t k = 0; k < held_.size(); ++k) {
+      auto part = gradient->segment<6>(static_cast<Eigen::Index>(6 * k));
+      if (held_[k].cols() == 6) part.setZero();
+      if (held_[k].cols() > 0) part -= held_[k] * (held_[k].transpose() * part);
+    }
   }
   Poses Retract(const Poses& poses, const Eigen::VectorXd& step) const {
     Poses moved;
@@ -48,7 +56,7 @@ class ScaledTangent {
 
  private:
   double arm_m_ = 1.0;
-  bool held_;
+  std::vector<HeldSpace> held_;
 };
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "backend/bundle_priors.h"
+#include "backend/held_directions.h"
 #include "core/stopwatch.h"
 
 namespace lamina {
@@ -30,7 +31,11 @@ std::vector<SE3> Moved(const std::vector<SE3>& poses, const Eigen::VectorXd& ste
 class StepSolver {
  public:
   StepSolver(const BundleProblem& problem, BundleCost* cost)
-      : problem_(problem), index_(problem), pattern_(problem, index_), cost_(cost) {
+      : problem_(problem),
+        index_(problem),
+        pattern_(problem, index_),
+        held_(HeldSpaces(problem)),
+        cost_(cost) {
     const auto size = static_cast<Eigen::Index>(6 * problem.poses.size());
     sparse_ = problem.priors.empty() && size >= kSparseSize && pattern_.Density() < kSparseDensity;
   }
@@ -73,28 +78,29 @@ class StepSolver {
                         : sparse_  ? SolveSparse(damping, step)
                                    : SolveDense(damping, step);
     if (!solved || !step->allFinite()) return false;
+    // The stiffness leaves a whisper of motion along held directions: none is wanted.
+    for (std::size_t k = 0; k < held_.size(); ++k) {
+      auto part = step->segment<6>(static_cast<Eigen::Index>(6 * k));
+      if (held_[k].cols() == 6) part.setZero();
+      if (held_[k].cols() > 0) part -= held_[k] * (held_[k].transpose() * part);
+    }
     *promised = -0.5 * system_.gradient.dot(*step) + 0.5 * step->cwiseAbs2().dot(damping);
     return true;
   }
 
  private:
-  Eigen::Index Held() const { return problem_.hold_first_pose ? 6 : 0; }
-
   // A held direction gets a stiffness beside which everything else is nothing, and no gradient.
   void Hold() {
     constexpr double kStiffness = 1e8;
     const double stiffness = kStiffness * diagonal_.cwiseAbs().maxCoeff();
-    std::vector<HeldDirection> holds = problem_.holds;
-    if (sparse_ && problem_.hold_first_pose) {
-      for (int i = 0; i < 6; ++i) holds.push_back({0, Vector6d::Unit(i)});
-    }
-    for (const HeldDirection& hold : holds) {
-      const int i = 6 * hold.frame;
-      const Vector6d& v = hold.direction;
-      system_.gradient.segment<6>(i) -= v * v.dot(system_.gradient.segment<6>(i));
-      const Matrix6d block = stiffness * v * v.transpose();
+    for (std::size_t k = 0; k < held_.size(); ++k) {
+      if (held_[k].cols() == 0) continue;
+      const auto i = static_cast<Eigen::Index>(6 * k);
+      auto gradient = system_.gradient.segment<6>(i);
+      gradient -= held_[k] * (held_[k].transpose() * gradient);
+      const Matrix6d block = stiffness * held_[k] * held_[k].transpose();
       if (decoupled_) {
-        system_.diagonal[static_cast<std::size_t>(hold.frame)] += block;
+        system_.diagonal[k] += block;
       } else if (sparse_) {
         for (int c = 0; c < 6; ++c) {
           for (int r = 0; r <= c; ++r) sparse_H_.coeffRef(i + r, i + c) += block(r, c);
@@ -106,7 +112,7 @@ class StepSolver {
   }
 
   bool SolveBlocks(const Eigen::VectorXd& damping, Eigen::VectorXd* step) const {
-    for (Eigen::Index i = Held(); i < step->size(); i += 6) {
+    for (Eigen::Index i = 0; i < step->size(); i += 6) {
       Matrix6d block = system_.diagonal[static_cast<std::size_t>(i / 6)];
       block.diagonal() += damping.segment<6>(i);
       const Eigen::LLT<Matrix6d> llt(block);
@@ -117,12 +123,11 @@ class StepSolver {
   }
 
   bool SolveDense(const Eigen::VectorXd& damping, Eigen::VectorXd* step) {
-    const Eigen::Index size = step->size() - Held();
-    factor_ = H_.bottomRightCorner(size, size);
-    factor_.diagonal() += damping.tail(size);
+    factor_ = H_;
+    factor_.diagonal() += damping;
     const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> llt(factor_);
     if (llt.info() != Eigen::Success) return false;
-    step->tail(size) = -llt.solve(system_.gradient.tail(size));
+    *step = -llt.solve(system_.gradient);
     return true;
   }
 
@@ -134,7 +139,6 @@ class StepSolver {
     sparse_llt_.factorize(damped);
     if (sparse_llt_.info() != Eigen::Success) return false;
     *step = -sparse_llt_.solve(system_.gradient);
-    if (problem_.hold_first_pose) step->head<6>().setZero();
     return true;
   }
 
@@ -145,6 +149,7 @@ class StepSolver {
   const BundleProblem& problem_;
   BundleIndex index_;
   BlockPattern pattern_;
+  std::vector<HeldSpace> held_;
   BundleCost* cost_;
   ReducedSystem system_;
   bool decoupled_ = false;

@@ -46,14 +46,14 @@ ScaledRows RowsOf(const PlaneObservation& o, const SE3& T, const Eigen::Vector3d
 // The open directions of one frame, as unit tangent vectors, with what is known of each.
 class FrameDirections {
  public:
-  void Add(const ScaledRows& rows, double weight) {
+  void Add(const ScaledRows& rows, double weight, double normal_error2) {
     rows_.push_back(rows);
     weights_.push_back(weight);
+    normal_errors2_.push_back(normal_error2);
     H_ += weight * rows.rows.transpose() * rows.rows;
   }
 
   void FindOpen(int frame, double max_sigma_m, std::vector<BundleFault>* faults) const {
-    constexpr double kNormalError = 0.02;  // rad
     const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(H_);
     for (int i = 0; i < 6; ++i) {
       const Vector6d v = eigen.eigenvectors().col(i);
@@ -61,7 +61,7 @@ class FrameDirections {
       for (std::size_t k = 0; k < rows_.size(); ++k) {
         const Eigen::Vector3d along = rows_[k].rows * v;
         const Eigen::Vector3d leak2 =
-            kNormalError * kNormalError *
+            normal_errors2_[k] *
             (rows_[k].rotation_leak.cwiseAbs2() * v.head<3>().squaredNorm() +
              rows_[k].translation_leak.cwiseAbs2() * v.tail<3>().squaredNorm());
         information += weights_[k] * (along.cwiseAbs2() - leak2).cwiseMax(0.0).sum();
@@ -82,7 +82,7 @@ class FrameDirections {
  private:
   Matrix6d H_ = Matrix6d::Zero();
   std::vector<ScaledRows> rows_;
-  std::vector<double> weights_;
+  std::vector<double> weights_, normal_errors2_;  // rad^2
 };
 
 // Frames joined by planes that they share.
@@ -173,10 +173,13 @@ void FindOpenDirections(const BundleProblem& problem, const ObservabilityOptions
   for (std::size_t p = 0; p < planes.size(); ++p) {
     const Plane& plane = problem.planes[p];
     if (!IsShared(plane)) continue;
+    constexpr double kLeastError = 0.02;  // rad
+    const Eigen::Vector3d& l = planes[p].l;
+    const double normal_error2 = kLeastError * kLeastError + (l(1) > 0.0 ? l(2) / l(1) : 1.0);
     for (int i = plane.first; i < plane.first + plane.count; ++i) {
       const PlaneObservation& o = problem.observations[static_cast<std::size_t>(i)];
       const auto k = static_cast<std::size_t>(o.frame);
-      frames[k].Add(RowsOf(o, problem.poses[k], planes[p].normal), plane.weight);
+      frames[k].Add(RowsOf(o, problem.poses[k], planes[p].normal), plane.weight, normal_error2);
     }
   }
   std::vector<bool> gauge(problem.poses.size(), false);
@@ -213,6 +216,10 @@ std::string BundleFault::Describe() const {
       text << (group.size() == 1 ? "frame " : "frames ");
       for (std::size_t i = 0; i < group.size(); ++i) text << (i > 0 ? ", " : "") << group[i];
       text << (group.size() == 1 ? " shares" : " share") << " no plane with the other frames";
+      break;
+    case Kind::kLeapt:
+      text << "frame " << frame
+           << " would have been carried farther than a voxel; it kept its pose in the last round";
       break;
     case Kind::kOpenDirection: {
       const bool turn = direction.head<3>().norm() * kArmM > direction.tail<3>().norm();

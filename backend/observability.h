@@ -8,8 +8,9 @@
 //
 // For the last, let j be the Jacobian rows of a frame's residuals (condensed_cost.h), rotations
 // counting by what they move at 3 m. Along an eigenvector v of sum w j j', the information that
-// counts is sum w max(0, (j v)^2 - leak^2), where leak is what a normal that is wrong by 0.02 rad
-// could feign. Where 1 / sqrt(that) exceeds `max_direction_sigma_m`, the direction is open.
+// counts is sum w max(0, (j v)^2 - leak^2), where leak is what a wrong normal could feign: wrong by
+// 0.02 rad, and by the plane's thickness over its breadth (poses that are off make voxels tilt).
+// Where 1 / sqrt(that) exceeds `max_direction_sigma_m`, the direction is open.
 //
 // Holding what was found (BundleProblem::holds) makes the rest solvable.
 #pragma once
@@ -32,7 +33,8 @@ struct ObservabilityOptions {
 };
 
 struct BundleFault {
-  enum class Kind { kTooFewPlanes, kApart, kOpenDirection };
+  enum class Kind { kTooFewPlanes, kApart, kOpenDirection, kLeapt };
+  // kLeapt: found in the solve, not before it (batch_registration.h).
   Kind kind = Kind::kTooFewPlanes;
   int frame = 0;
   int shared_planes = 0;                  // kTooFewPlanes

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 
+#include "backend/held_directions.h"
 #include "backend/plane_geometry.h"
 #include "core/stopwatch.h"
 
@@ -53,6 +54,36 @@ struct PlaneResidual {
   Eigen::Matrix3d root;
 };
 
+// Motion along one direction since the start, with a stiffness beside which planes are nothing.
+struct HoldResidual {
+  template <typename T>
+  bool operator()(const T* pose, T* residual) const {
+    constexpr double kStiffness = 1e6;
+    const Eigen::Map<const Eigen::Quaternion<T>> q(pose);
+    const Eigen::Map<const Eigen::Matrix<T, 3, 1>> t(pose + 4);
+    const Eigen::Quaternion<T> turned = start.q.conjugate().cast<T>() * q;
+    const Eigen::Matrix<T, 3, 1> moved = t - start.t.cast<T>();
+    *residual = kStiffness * (T(2.0) * direction.head<3>().cast<T>().dot(turned.vec()) +
+                              direction.tail<3>().cast<T>().dot(moved));
+    return true;
+  }
+  SE3 start;
+  Vector6d direction;
+};
+
+// The direction that the clusters' own normals have in common: from poor start values the aggregate
+// is thick, and its smallest eigenvector points anywhere.
+Eigen::Vector3d MeanNormal(const BundleProblem& problem, const Plane& plane,
+                           const Eigen::Vector3d& fallback) {
+  Symmetric3 outer;
+  for (int i = plane.first; i < plane.first + plane.count; ++i) {
+    const PlaneObservation& o = problem.observations[static_cast<std::size_t>(i)];
+    outer.AddOuter(o.cluster.count,
+                   problem.poses[static_cast<std::size_t>(o.frame)].q * o.cluster.Eigen().u.col(2));
+  }
+  return plane.count > 0 ? Eigen::Vector3d(EigenDecompose(outer).u.col(0)) : fallback;
+}
+
 // Hands Ceres' iterations on.
 class Callback final : public ceres::IterationCallback {
  public:
@@ -88,7 +119,7 @@ class LandmarkProblem {
     for (const SE3& T : problem.poses) blocks_.push_back(ToBlock(T));
     planes_.resize(problem.planes.size());
     for (PoseBlock& block : blocks_) ceres_.AddParameterBlock(block.data(), kPoseSize, &manifold_);
-    if (problem.hold_first_pose) ceres_.SetParameterBlockConstant(blocks_[0].data());
+    Hold(problem);
     const std::vector<PlaneFrame> frames = MakePlaneFrames(problem, PoseMatrices(problem.poses));
     for (std::size_t p = 0; p < planes_.size(); ++p) AddPlane(problem, p, frames[p]);
   }
@@ -116,15 +147,31 @@ class LandmarkProblem {
     return options;
   }
 
+  void Hold(const BundleProblem& problem) {
+    const std::vector<HeldSpace> held = HeldSpaces(problem);
+    for (std::size_t k = 0; k < held.size(); ++k) {
+      if (held[k].cols() == 6) {
+        ceres_.SetParameterBlockConstant(blocks_[k].data());
+        continue;
+      }
+      for (Eigen::Index i = 0; i < held[k].cols(); ++i) {
+        ceres_.AddResidualBlock(new ceres::AutoDiffCostFunction<HoldResidual, 1, kPoseSize>(
+                                    new HoldResidual{problem.poses[k], held[k].col(i)}),
+                                nullptr, blocks_[k].data());
+      }
+    }
+  }
+
   void AddPlane(const BundleProblem& problem, std::size_t p, const PlaneFrame& frame) {
     const Plane& plane = problem.planes[p];
-    planes_[p] = frame.normal;
-    const Eigen::Vector3d anchor = frame.mean - frame.normal;
+    const Eigen::Vector3d normal = MeanNormal(problem, plane, frame.normal);
+    planes_[p] = normal;
+    const Eigen::Vector3d anchor = frame.mean - normal;
     const auto add = [&](const PointCluster& cluster, double* pose) {
       PlaneResidual residual(cluster, plane.weight, anchor);
       // A fitted normal has no sign of its own: take the one that agrees at the start values.
       const Eigen::Map<const Eigen::Quaterniond> q(pose);
-      if ((q * residual.measured).dot(frame.normal) < 0.0) {
+      if ((q * residual.measured).dot(normal) < 0.0) {
         residual.anchor += 2.0 * residual.measured;
         residual.measured = -residual.measured;
       }

@@ -4,30 +4,9 @@
 
 #include "backend/bundle_priors.h"
 #include "backend/condensed_cost.h"
+#include "backend/held_directions.h"
 
 namespace lamina {
-namespace {
-
-// Orthonormal columns that span the held directions of each frame.
-std::vector<Eigen::MatrixXd> HeldSpaces(const BundleProblem& problem) {
-  std::vector<Eigen::MatrixXd> held(problem.poses.size(), Eigen::MatrixXd(6, 0));
-  const auto add = [&](int frame, Vector6d v) {
-    Eigen::MatrixXd& space = held[static_cast<std::size_t>(frame)];
-    v -= space * (space.transpose() * v);
-    constexpr double kNothingNew = 1e-6;
-    if (v.norm() < kNothingNew) return;
-    space.conservativeResize(Eigen::NoChange, space.cols() + 1);
-    space.col(space.cols() - 1) = v.normalized();
-  };
-  for (const HeldDirection& hold : problem.holds) add(hold.frame, hold.direction);
-  if (problem.hold_first_pose && !held.empty()) {
-    for (int i = 0; i < 6; ++i) add(0, Vector6d::Unit(i));
-  }
-  return held;
-}
-
-}  // namespace
-
 std::vector<Matrix6d> PoseCovariances(const BundleProblem& problem, const std::vector<SE3>& poses,
                                       double open_variance) {
   CondensedCost cost(problem);
@@ -36,7 +15,7 @@ std::vector<Matrix6d> PoseCovariances(const BundleProblem& problem, const std::v
   Eigen::MatrixXd H;
   system.Assemble(problem, BundleIndex(problem), &H);
   AddPriors(problem, poses, &system.gradient, &H);
-  const std::vector<Eigen::MatrixXd> held = HeldSpaces(problem);
+  const std::vector<HeldSpace> held = HeldSpaces(problem);
   // Stiff where held, and a whisper everywhere, so that the factorisation lives.
   const double largest = H.diagonal().maxCoeff() + 1e-300;
   H.diagonal().array() += 1e-14 * largest;

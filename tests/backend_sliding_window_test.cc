@@ -4,7 +4,7 @@
 
 #include <map>
 
-#include "backend/condensed_cost.h"
+#include "backend/plane_geometry.h"
 #include "tests/random_scenes.h"
 
 namespace lamina {

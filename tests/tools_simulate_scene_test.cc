@@ -64,10 +64,10 @@ TEST_P(SimulatedScenes, PointsWithoutNoiseLieOnTheirPlanes) {
       const int frame = scene.problem.observations[o].frame;
       EXPECT_EQ(scene.problem.observations[o].cluster.count, 25.0);
       ASSERT_EQ(scene.problem.points[o].size(), 25U);
-      for (const Eigen::Vector3d& point : scene.problem.points[o]) {
+      for (const WeightedPoint& seen : scene.problem.points[o]) {
         const Eigen::Vector3d local =
             patch.axes.transpose() *
-            (scene.truth[static_cast<std::size_t>(frame)] * point - patch.centre);
+            (scene.truth[static_cast<std::size_t>(frame)] * seen.p - patch.centre);
         EXPECT_LT(std::abs(local.z()), 1e-13);
         EXPECT_LE(local.head<2>().cwiseAbs().maxCoeff(), 0.5 * patch.side_m + 1e-13);
       }
@@ -87,10 +87,10 @@ TEST_P(SimulatedScenes, NoiseIsGaussianAndTheWeightItsInverseVariance) {
     for (int i = plane.first; i < plane.first + plane.count; ++i) {
       const auto o = static_cast<std::size_t>(i);
       const auto frame = static_cast<std::size_t>(scene.problem.observations[o].frame);
-      for (const Eigen::Vector3d& point : scene.problem.points[o]) {
+      for (const WeightedPoint& seen : scene.problem.points[o]) {
+        const Eigen::Vector3d world = scene.truth[frame] * seen.p;
         const double z =
-            scene.patches[p].axes.col(2).dot(scene.truth[frame] * point - scene.patches[p].centre) /
-            options.noise_m;
+            scene.patches[p].axes.col(2).dot(world - scene.patches[p].centre) / options.noise_m;
         square += z * z;
         fourth += z * z * z * z;
         count += 1.0;
@@ -147,7 +147,7 @@ TEST_P(SimulatedScenes, NoiseAndStartErrorLeaveTheRestAsItWas) {
     EXPECT_EQ(before.truth[k].t, after.truth[k].t);
   }
   EXPECT_EQ(before.patches[3].axes, after.patches[3].axes);
-  EXPECT_LT((before.problem.points[5][2] - after.problem.points[5][2]).norm(), 0.06);
+  EXPECT_LT((before.problem.points[5][2].p - after.problem.points[5][2].p).norm(), 0.06);
 }
 
 TEST_P(SimulatedScenes, EveryPlaneHasTwoObserversAndTheirShareIsTheVisibility) {

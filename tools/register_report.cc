@@ -15,6 +15,8 @@ const char* KindName(BundleFault::Kind kind) {
       return "apart";
     case BundleFault::Kind::kOpenDirection:
       return "open_direction";
+    case BundleFault::Kind::kLeapt:
+      return "leapt";
   }
   return "unknown";
 }

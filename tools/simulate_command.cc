@@ -2,14 +2,12 @@
 
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
-#include <tbb/global_control.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <atomic>
 #include <charconv>
 #include <cmath>
-#include <csignal>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -18,6 +16,7 @@
 
 #include "core/error.h"
 #include "io/file_writer.h"
+#include "tools/command_common.h"
 #include "tools/run_progress.h"
 #include "tools/simulate_nees.h"
 #include "tools/simulate_plot.h"
@@ -40,15 +39,6 @@ struct SimulateArguments {
 };
 
 constexpr int kMaxThreads = 1024;
-
-// Set by Ctrl-C. A signal handler may touch nothing else.
-std::atomic<bool> stop_requested{false};
-
-void RequestStop(int) {
-  stop_requested = true;
-  // A second Ctrl-C ends the program at once.
-  std::signal(SIGINT, SIG_DFL);
-}
 
 std::vector<std::string> Split(const std::string& list) {
   std::vector<std::string> items;
@@ -136,19 +126,9 @@ StudyOptions CheckedStudy(const SimulateArguments& a) {
 // The folder of the results.
 class Output {
  public:
-  explicit Output(const std::string& folder) : folder_(folder) {
-    std::error_code error;
-    fs::create_directories(folder_, error);
-    if (error) {
-      throw OutputError(fmt::format("cannot make the folder {}: {}", folder, error.message()));
-    }
-  }
+  explicit Output(const std::string& folder) : folder_(folder) { MakeDirectory(folder); }
   std::string Path(const char* name) const { return (folder_ / name).string(); }
-  void Write(const char* name, const std::string& text) const {
-    FileWriter writer(Path(name));
-    writer.Write(text);
-    writer.Commit();
-  }
+  void Write(const char* name, const std::string& text) const { WriteTextFile(Path(name), text); }
 
  private:
   fs::path folder_;
@@ -158,7 +138,8 @@ void SayIfStopped(std::size_t done, std::size_t all) {
   if (done < all) fmt::print("stopped after {} of {} scenes; these are written\n", done, all);
 }
 
-int RunFormulations(const StudyOptions& study, const Output& output, RunProgress* progress) {
+int RunFormulations(const StudyOptions& study, const Output& output, const std::atomic<bool>& stop,
+                    RunProgress* progress) {
   TrialTable table(output.Path("trials.csv"));
   std::vector<TrialResult> results;
   const auto sink = [&](const std::vector<TrialResult>& trial) {
@@ -166,7 +147,7 @@ int RunFormulations(const StudyOptions& study, const Output& output, RunProgress
     results.insert(results.end(), trial.begin(), trial.end());
     progress->Step();
   };
-  RunStudy(study, sink, &stop_requested);
+  RunStudy(study, sink, &stop);
   progress->Finish();
   table.Commit();
   const std::vector<TrialSummary> summaries = SummariseTrials(results);
@@ -187,7 +168,8 @@ int RunFormulations(const StudyOptions& study, const Output& output, RunProgress
   return 0;
 }
 
-int RunNees(const StudyOptions& study, const Output& output, RunProgress* progress) {
+int RunNees(const StudyOptions& study, const Output& output, const std::atomic<bool>& stop,
+            RunProgress* progress) {
   FileWriter table(output.Path("nees.csv"));
   table.Write(
       "sweep,value,trial,seed,nees,degrees_of_freedom,rot_error_deg,trans_error_m,status\n");
@@ -200,7 +182,7 @@ int RunNees(const StudyOptions& study, const Output& output, RunProgress* progre
     trials.push_back(t);
     progress->Step();
   };
-  RunNeesStudy(study, sink, &stop_requested);
+  RunNeesStudy(study, sink, &stop);
   progress->Finish();
   table.Commit();
   for (const NeesSummary& summary : SummariseNees(trials)) {
@@ -214,19 +196,11 @@ int RunNees(const StudyOptions& study, const Output& output, RunProgress* progre
 int RunSimulate(const SimulateArguments& arguments) {
   const StudyOptions study = CheckedStudy(arguments);
   const Output output(arguments.out);
-  std::optional<tbb::global_control> limit;
-  if (arguments.threads > 0) {
-    limit.emplace(tbb::global_control::max_allowed_parallelism,
-                  static_cast<std::size_t>(arguments.threads));
-  }
-  const auto mode = arguments.progress == "on"    ? RunProgress::Mode::kOn
-                    : arguments.progress == "off" ? RunProgress::Mode::kOff
-                                                  : RunProgress::Mode::kAuto;
-  RunProgress progress(mode, study.Scenes(), "scenes");
-  std::signal(SIGINT, RequestStop);
-  std::signal(SIGTERM, RequestStop);
-  return arguments.nees ? RunNees(study, output, &progress)
-                        : RunFormulations(study, output, &progress);
+  const auto limit = LimitThreads(arguments.threads);
+  RunProgress progress(ProgressMode(arguments.progress), study.Scenes(), "scenes");
+  const std::atomic<bool>& stop = StopOnSignals();
+  return arguments.nees ? RunNees(study, output, stop, &progress)
+                        : RunFormulations(study, output, stop, &progress);
 }
 
 std::string DescribeSweeps() {

@@ -119,7 +119,7 @@ std::vector<int> PosesThatSee(const SimulationOptions& options, std::uint64_t se
 struct SeenPlane {
   PlanePatch patch;
   std::vector<PlaneObservation> observations;
-  std::vector<std::vector<Eigen::Vector3d>> points;  // of each observation, if kept
+  std::vector<std::vector<WeightedPoint>> points;  // of each observation, if kept
 };
 
 void SeePlane(const SimulationOptions& options, std::uint64_t seed, std::size_t plane,
@@ -130,13 +130,13 @@ void SeePlane(const SimulationOptions& options, std::uint64_t seed, std::size_t 
     const SE3 T_lidar_world = truth[static_cast<std::size_t>(k)].Inverse();
     Stream stream(seed, kPointStream, plane, static_cast<std::size_t>(k));
     PlaneObservation observation{k, {}};
-    std::vector<Eigen::Vector3d> points;
+    std::vector<WeightedPoint> points;
     for (int i = 0; i < options.points; ++i) {
       const double x = stream.Uniform(-half, half), y = stream.Uniform(-half, half);
       const Eigen::Vector3d local(x, y, options.noise_m * stream.Normal());
       const Eigen::Vector3d p = T_lidar_world * (seen->patch.centre + seen->patch.axes * local);
       observation.cluster.AddPoint(p);
-      if (keep_points) points.push_back(p);
+      if (keep_points) points.push_back({p, 1.0});
     }
     seen->observations.push_back(observation);
     if (keep_points) seen->points.push_back(std::move(points));
