@@ -289,7 +289,9 @@ std::size_t VoxelMap::EvictToBudget(int min_frames,
 void VoxelMap::VisitSurfaces(NodeId id, int min_frames,
                              const std::function<void(const Surfel&)>& visit) const {
   const Node& n = node(id);
-  if (n.surface.kind == Surface::Kind::kPlane && n.surface.frames >= min_frames) {
+  if (n.surface.kind == Surface::Kind::kPlane) {
+    // Below a planar node nothing is kept up to date: what it does not show, its children may not.
+    if (n.surface.frames < min_frames) return;
     const PointCluster cluster = Aggregate(id);
     const Eigen3 eigen = cluster.Eigen();
     Surfel surfel;

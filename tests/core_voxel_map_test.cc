@@ -100,6 +100,36 @@ TEST(VoxelMap, TheCoarsestPlanarNodeIsFound) {
   EXPECT_EQ(surfaces, 6);  // four octants of floor, two of wall
 }
 
+TEST(VoxelMap, APlaneThatTooFewFramesSawHidesWhatLiesBelow) {
+  Draws draws(8);
+  VoxelMap map{VoxelMapOptions()};
+  const auto add_floor = [&](int points, double edge, std::int64_t frame) {
+    Points floor;
+    for (int i = 0; i < points; ++i) {
+      floor.emplace_back(draws.Uniform(0.0, edge), draws.Uniform(0.0, edge), 0.3);
+    }
+    AddPoints(floor, frame, &map);
+    map.Refresh();
+  };
+  const auto surfaces = [&](int min_frames) {
+    int count = 0;
+    map.ForEachSurface(min_frames, [&](const Surfel&) { ++count; });
+    return count;
+  };
+  // Clutter above keeps a little floor from being one plane with the root: an octant is the plane.
+  AddPoints(draws.Cloud(4, {0.4, 0.4, 1.2}, 0.1), 0, &map);
+  add_floor(20, 0.8, 0);
+  const NodeId octant = map.FindSurface({0.4, 0.4, 0.3});
+  EXPECT_EQ(surfaces(1), 1);
+  EXPECT_EQ(map.PlaneAbove(octant), octant);
+  // Much floor makes the root one: what the octant looked like is not kept up to date from here on.
+  add_floor(600, 1.6, 1);
+  EXPECT_NE(map.FindSurface({0.4, 0.4, 0.3}), octant);
+  EXPECT_EQ(map.surface(octant).kind, Kind::kPlane);
+  EXPECT_EQ(surfaces(2), 1);
+  EXPECT_EQ(surfaces(3), 0);
+}
+
 TEST(VoxelMap, AParentIsTheSumOfItsChildren) {
   Draws draws(2);
   for (int i = 0; i < 50; ++i) {
