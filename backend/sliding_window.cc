@@ -7,6 +7,7 @@
 
 #include "core/central_twist.h"
 #include "core/parallel.h"
+#include "core/robust_kernel.h"
 
 namespace lamina {
 namespace {
@@ -212,9 +213,8 @@ BundleProblem SlidingWindow::BuildProblem(std::vector<std::vector<ClusterUse>>* 
           surface.normal.cast<double>().dot(frame.in_map[i].mean - surface.mean);
       const double e2 =
           distance * distance / (kernel2 * (floor2 + static_cast<double>(surface.variance)));
-      const double robust = 1.0 / ((1.0 + e2) * (1.0 + e2));
       const PointCluster weighted =
-          Capped(frame.deskewed[i], options_.max_cluster_weight).Scaled(robust);
+          Capped(frame.deskewed[i], options_.max_cluster_weight).Scaled(GemanMcClureWeight(e2));
       const std::int32_t number = builder.Add(node, static_cast<int>(f), weighted);
       if (uses != nullptr) (*uses)[f][i] = {number, weighted.count / frame.deskewed[i].count};
     }

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "core/parallel.h"
+#include "core/robust_kernel.h"
 
 namespace lamina {
 namespace {
@@ -128,7 +129,7 @@ class Lineariser {
     const double variance = options_.noise_floor_m * options_.noise_floor_m +
                             static_cast<double>(surface.variance) + spread;
     const double e2 = distance * distance / (variance * kernel_sigma * kernel_sigma);
-    const double robust = 1.0 / ((1.0 + e2) * (1.0 + e2));
+    const double robust = GemanMcClureWeight(e2);
     // The arc that one sweep draws across a corner looks like a plane, too, and moves along with
     // the sensor.
     const bool young = surface.frames < options_.young_frames;
@@ -160,8 +161,8 @@ class Lineariser {
       const double distance = axis.dot(p - map_cluster.mean);
       const double variance = floor2 + eigen.l(i);
       const double e2 = distance * distance / (variance * kernel_sigma * kernel_sigma);
-      const double w = std::min(cluster.count, options_.max_cluster_weight) /
-                       (variance * (1.0 + e2) * (1.0 + e2));
+      const double w =
+          GemanMcClureWeight(e2) * std::min(cluster.count, options_.max_cluster_weight) / variance;
       const bool young = map_.surface(leaf).frames < options_.young_frames;
       AddDirection(axis, R.transpose() * axis, cluster.mean, distance, w, young, sum);
     }
@@ -350,8 +351,7 @@ double ScanMatcher::Score(const std::vector<PointCluster>& clusters, const SE3& 
     const Surface& surface = map.surface(id);
     if (surface.kind != Surface::Kind::kPlane) continue;
     const double distance = surface.normal.cast<double>().dot(p - surface.mean);
-    const double k = 1.0 + distance * distance * inverse2;
-    sum += 1.0 / (k * k);
+    sum += GemanMcClureWeight(distance * distance * inverse2);
   }
   return visited == 0 ? 0.0 : sum / static_cast<double>(visited);
 }

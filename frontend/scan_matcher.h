@@ -8,8 +8,8 @@
 // is its distance in standard deviations: a cluster that is not flat along the plane it meets
 // (a bush before a wall) weighs little by itself. The cost is
 //
-//     sum_k  min(n_k, max_cluster_weight) rho(e_k),    rho Geman-McClure, scale graduated from wide
-//     to narrow,
+//     sum_k  min(n_k, max_cluster_weight) rho(e_k),    rho of core/robust_kernel.h, its scale
+//     graduated from wide to narrow,
 //
 // minimised by Gauss-Newton over the tangent [rotation; translation] of core/se3.h. Where planes
 // leave a direction open, rough leaves join with all three directions of their distribution
@@ -100,8 +100,8 @@ class ScanMatcher {
                     const VoxelMap& map) const;
 
   // How well the clusters lie on the map's planes at a pose, in [0, 1]: the mean over the clusters
-  // of 1 / (1 + (distance / scale_m)^2)^2, a cluster without a plane around it counting 0. Visits
-  // every `stride`-th cluster: cheap enough to compare hundreds of poses.
+  // of GemanMcClureWeight((distance / scale_m)^2), a cluster without a plane around it counting 0.
+  // Visits every `stride`-th cluster: cheap enough to compare hundreds of poses.
   double Score(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
                const VoxelMap& map, double scale_m, std::size_t stride = 1) const;
 
