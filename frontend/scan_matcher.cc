@@ -38,21 +38,19 @@ struct NormalEquations {
   }
 };
 
-// Tangent vectors in one unit, metres.
-struct TangentScale {
-  double arm_m = MatchResult::kRotationArmM;
-  Vector6d ToTangent(const Vector6d& scaled) const {
-    Vector6d v = scaled;
-    v.head<3>() /= arm_m;
-    return v;
-  }
-  Matrix6d ToTangent(const Matrix6d& scaled) const {
-    Matrix6d m = scaled;
-    m.topRows<3>() /= arm_m;
-    m.leftCols<3>() /= arm_m;
-    return m;
-  }
-};
+// Tangent vectors in one unit, metres: a rotation counts by what it moves at kRotationArmM. The
+// same division takes a step back to radians and a gradient, by the chain rule, to metres.
+Vector6d DividedByArm(const Vector6d& v) {
+  Vector6d divided = v;
+  divided.head<3>() /= MatchResult::kRotationArmM;
+  return divided;
+}
+Matrix6d DividedByArm(const Matrix6d& m) {
+  Matrix6d divided = m;
+  divided.topRows<3>() /= MatchResult::kRotationArmM;
+  divided.leftCols<3>() /= MatchResult::kRotationArmM;
+  return divided;
+}
 
 struct Directions {
   Matrix6d columns = Matrix6d::Zero();  // scaled tangent vectors, orthonormal
@@ -72,7 +70,6 @@ class Lineariser {
   bool use_rough = false;
   // If not null, `facing` is gathered for these directions.
   const Directions* watched = nullptr;
-  TangentScale scale;
 
   NormalEquations At(const SE3& T, double kernel_sigma) {
     const Eigen::Matrix3d R = T.R();
@@ -185,8 +182,9 @@ class Lineariser {
     // little looks like much. An error of the normal by an angle turns j by that angle times
     // (range, 1) in (rotation, translation): what an error of 6 degrees could feign does not count.
     constexpr double kNormalError = 0.1;
-    const Vector6d scaled = scale.ToTangent(j);
-    const double relative_range2 = mu.squaredNorm() / (scale.arm_m * scale.arm_m);
+    constexpr double kArmM = MatchResult::kRotationArmM;
+    const Vector6d scaled = DividedByArm(j);
+    const double relative_range2 = mu.squaredNorm() / (kArmM * kArmM);
     for (int k = 0; k < watched->count; ++k) {
       const auto v = watched->columns.col(k);
       const double along = v.dot(scaled);
@@ -222,16 +220,15 @@ bool Descend(Lineariser& lineariser, const ScanMatcherOptions& options, const SE
     *eq = lineariser.At(result->T_world_lidar, kernel);
     ++result->iterations;
     if (eq->matched < kMinMatches) return false;
-    const TangentScale scale;
-    const Matrix6d Hs = keep * scale.ToTangent(eq->H) * keep;
+    const Matrix6d Hs = keep * DividedByArm(eq->H) * keep;
     // A whisper of stiffness keeps the factorisation alive where nothing is measured.
     const Matrix6d damped = Hs + 1e-9 * eq->weight * Matrix6d::Identity();
-    const Vector6d gs = keep * scale.ToTangent(eq->g);
+    const Vector6d gs = keep * DividedByArm(eq->g);
     Vector6d step = -(keep * damped.ldlt().solve(gs));
     if (!step.allFinite()) return false;
     // Associations are good for about a voxel: a longer step is a leap in the dark.
     step *= std::min(1.0, 0.5 * lineariser.map().options().root_size_m / step.norm());
-    step = scale.ToTangent(step);
+    step = DividedByArm(step);
     result->T_world_lidar = Retract(result->T_world_lidar, step);
     const bool narrow = kernel <= options.kernel_end_sigma;
     kernel = std::max(options.kernel_end_sigma, 0.5 * kernel);
@@ -251,7 +248,7 @@ Directions FindUnobservable(Lineariser& lineariser, const ScanMatcherOptions& op
   NormalEquations eq = lineariser.At(result->T_world_lidar, kernel_sigma);
   Directions held;
   if (eq.matched < kMinMatches) return held;
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(lineariser.scale.ToTangent(eq.H));
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(DividedByArm(eq.H));
   const Directions all = {solver.eigenvectors(), 6};
   // No leak makes up such a share of the information: the second pass is for doubtful scans.
   constexpr double kClearShare = 0.02;
@@ -276,7 +273,7 @@ Directions FindUnobservable(Lineariser& lineariser, const ScanMatcherOptions& op
     covariance +=
         v * v.transpose() / std::max(open ? facing(k) : solver.eigenvalues()(k), kLeastInformation);
   }
-  result->covariance = lineariser.scale.ToTangent(covariance);
+  result->covariance = DividedByArm(covariance);
   result->degenerate = held.count;
   result->degenerate_directions = held.columns;
   return held;

@@ -82,8 +82,8 @@ struct MatchResult {
   // Largest standard deviation over all directions, from the residuals that face them: the
   // degeneracy signal.
   double worst_sigma_m = 0.0;
-  // Number of directions held at the prediction, and these directions (columns, first `degenerate`
-  // are valid), unit tangent vectors with rotations scaled by `rotation_scale_m`.
+  // Number of directions held at the prediction, and these directions (the first `degenerate`
+  // columns, the others zero): unit tangent vectors in which rotations count at kRotationArmM.
   int degenerate = 0;
   Matrix6d degenerate_directions = Matrix6d::Zero();
 };
