@@ -241,13 +241,24 @@ bool Descend(Lineariser& lineariser, const ScanMatcherOptions& options, const SE
   return true;
 }
 
+// What is known of the pose, as long as nothing is.
+void ForgetInformation(MatchResult* result) {
+  const MatchResult fresh;
+  result->covariance = fresh.covariance;
+  result->worst_sigma_m = fresh.worst_sigma_m;
+  result->degenerate = fresh.degenerate;
+  result->degenerate_directions = fresh.degenerate_directions;
+}
+
 // Directions in which the clusters that face them leave the pose uncertain; also fills the result's
-// information. Evaluated at the result's pose.
-Directions FindUnobservable(Lineariser& lineariser, const ScanMatcherOptions& options,
-                            double kernel_sigma, MatchResult* result) {
+// information. Evaluated at the result's pose. False if there are too few matches to tell: then
+// there is no information, and no direction is named.
+bool FindUnobservable(Lineariser& lineariser, const ScanMatcherOptions& options,
+                      double kernel_sigma, MatchResult* result, Directions* held) {
+  ForgetInformation(result);
+  *held = Directions();
   NormalEquations eq = lineariser.At(result->T_world_lidar, kernel_sigma);
-  Directions held;
-  if (eq.matched < kMinMatches) return held;
+  if (eq.matched < kMinMatches) return false;
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(DividedByArm(eq.H));
   const Directions all = {solver.eigenvectors(), 6};
   // No leak makes up such a share of the information: the second pass is for doubtful scans.
@@ -262,21 +273,20 @@ Directions FindUnobservable(Lineariser& lineariser, const ScanMatcherOptions& op
     facing = eq.young > kMostlyYoung * eq.matched ? eq.facing : eq.facing_old;
   }
   Matrix6d covariance = Matrix6d::Zero();
-  result->worst_sigma_m = 0.0;
   for (int k = 0; k < 6; ++k) {
     const Vector6d v = all.columns.col(k);
     const double sigma = 1.0 / std::sqrt(std::max(facing(k), kLeastInformation));
     result->worst_sigma_m = std::max(result->worst_sigma_m, sigma);
     const bool open =
         sigma > options.max_direction_sigma_m || facing(k) < options.min_facing_share * eq.weight;
-    if (open) held.columns.col(held.count++) = v;
+    if (open) held->columns.col(held->count++) = v;
     covariance +=
         v * v.transpose() / std::max(open ? facing(k) : solver.eigenvalues()(k), kLeastInformation);
   }
   result->covariance = DividedByArm(covariance);
-  result->degenerate = held.count;
-  result->degenerate_directions = held.columns;
-  return held;
+  result->degenerate = held->count;
+  result->degenerate_directions = held->columns;
+  return true;
 }
 
 }  // namespace
@@ -309,22 +319,21 @@ MatchResult ScanMatcher::Match(const std::vector<PointCluster>& clusters, const 
   NormalEquations eq;
   // What planes leave open already at the prediction is given to rough structure; what is open even
   // then is held from the start, or the first steps would slide along it, out of the map.
-  Directions held = FindUnobservable(lineariser, options_, options_.kernel_start_sigma, &result);
+  Directions held, after;
+  FindUnobservable(lineariser, options_, options_.kernel_start_sigma, &result, &held);
   if (held.count > 0) {
     lineariser.use_rough = true;
-    held = FindUnobservable(lineariser, options_, options_.kernel_start_sigma, &result);
+    FindUnobservable(lineariser, options_, options_.kernel_start_sigma, &result, &held);
   }
-  bool enough = Descend(lineariser, options_, initial, held, &result, &eq);
-  if (enough) {
-    const Directions after =
-        FindUnobservable(lineariser, options_, options_.kernel_end_sigma, &result);
-    // Outliers may have posed as structure before the kernel had narrowed.
-    if (after.count > held.count) {
-      lineariser.use_rough = true;
-      enough = Descend(lineariser, options_, initial, after, &result, &eq);
-    }
+  bool enough = Descend(lineariser, options_, initial, held, &result, &eq) &&
+                FindUnobservable(lineariser, options_, options_.kernel_end_sigma, &result, &after);
+  // Outliers may have posed as structure before the kernel had narrowed.
+  if (enough && after.count > held.count) {
+    lineariser.use_rough = true;
+    enough = Descend(lineariser, options_, initial, after, &result, &eq);
   }
   if (!enough) {
+    ForgetInformation(&result);
     result.status = MatchResult::Status::kTooFewMatches;
     result.T_world_lidar = initial;
   }

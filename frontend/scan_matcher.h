@@ -64,7 +64,8 @@ struct MatchResult {
   enum class Status {
     kConverged,
     kIterationLimit,  // usable
-    kTooFewMatches,   // pose is the initial one
+    kTooFewMatches,  // pose is the initial one, and nothing is known of it: covariance, worst sigma
+                     // and degenerate directions are zero
   };
   // Rotations count by what they move at this distance, in metres.
   static constexpr double kRotationArmM = 3.0;

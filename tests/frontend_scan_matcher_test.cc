@@ -98,6 +98,37 @@ TEST(ScanMatcher, TooFewMatchesLeaveThePoseAsItWas) {
   expect_refused(matcher.Match(few, start, stage.map));
 }
 
+TEST(ScanMatcher, ARefusedScanCarriesNoDegeneracy) {
+  // Matches at the start leave directions open; the first step then carries the scan off the small
+  // plane, to where too few are left.
+  World world;
+  world.facets.push_back({{5.5, 0, 0.8}, {0, 4, 0}, {0, 0, 0.7}});
+  world.facets.push_back({{2.4, 2.4, 0.8}, {0.7, 0, 0}, {0, 0, 0.7}});
+  Stage stage(world, 8);
+  constexpr double kOffM = 0.6;
+  std::vector<PointCluster> scan;
+  for (int i = 0; i < 9; ++i) {
+    const Patch wall({5.5 - kOffM, 0.8 * (i - 4), 0.7}, Eigen::Vector3d::UnitX());
+    scan.push_back(ClusterOf({wall.centre, wall.centre + 0.1 * wall.u1, wall.centre - 0.1 * wall.u1,
+                              wall.centre + 0.1 * wall.u2, wall.centre - 0.1 * wall.u2}));
+  }
+  for (int i = 0; i < 3; ++i) scan.push_back(ClusterOf({{3.0, 2.4, 0.5 + 0.2 * i}}));
+  ScanMatcherOptions options;
+  options.max_iterations = 1;
+  const MatchResult one_step = ScanMatcher(options).Match(scan, SE3(), stage.map);
+  EXPECT_EQ(one_step.matched, 12);
+  for (const int iterations : {1, 20}) {
+    options.max_iterations = iterations;
+    const MatchResult result = ScanMatcher(options).Match(scan, SE3(), stage.map);
+    EXPECT_EQ(result.status, Status::kTooFewMatches);
+    EXPECT_EQ(result.T_world_lidar.t, Eigen::Vector3d::Zero());
+    EXPECT_EQ(result.degenerate, 0);
+    EXPECT_TRUE(result.degenerate_directions.isZero());
+    EXPECT_TRUE(result.covariance.isZero());
+    EXPECT_EQ(result.worst_sigma_m, 0.0);
+  }
+}
+
 TEST(ScanMatcher, CovarianceIsPositiveAndShrinksWithMorePlanes) {
   Stage corner(World::Corner(), 5);
   Stage room(World::Room(), 5);
