@@ -49,12 +49,18 @@ MappedFrame Mapper::Process(StampNs stamp_ns, std::vector<TimedCluster> clusters
 
 OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) {
   OdometryFrame frame = odometry_.Register(stamp_ns, clusters, map_);
-  // The first scan was put into the map as if the sensor stood still: two scans later its motion is
+  const auto refine = [&] {
+    return frame.status == OdometryFrame::Status::kTracked &&
+           RefineLastTwist(stamp_ns, frame.T_world_lidar);
+  };
+  if (keyframes_.size() != 1) {
+    refine();
+    return frame;
+  }
+  // The first scan was put into the map as if the sensor stood still: one scan later its motion is
   // known, so both are brought to agree before anything is built on them.
-  const int passes = keyframes_.size() == 1 ? 4 : 1;
-  for (int i = 0; i < passes && frame.status == OdometryFrame::Status::kTracked; ++i) {
-    if (!RefineLastTwist(stamp_ns, frame.T_world_lidar)) break;
-    if (passes == 1) break;
+  constexpr int kRounds = 4;
+  for (int i = 0; i < kRounds && refine(); ++i) {
     map_.Refresh();
     frame = odometry_.Register(stamp_ns, clusters, map_);
   }
@@ -81,10 +87,7 @@ bool Mapper::RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar) {
 }
 
 void Mapper::AddKeyframe(const OdometryFrame& odometry, std::vector<TimedCluster> clusters) {
-  if (window_.full()) {
-    const WindowFrame gone = window_.PopOldest();
-    keyframes_[static_cast<std::size_t>(gone.id)] = gone.T_world_lidar;
-  }
+  if (window_.full()) window_.PopOldest();
   WindowFrame frame;
   frame.id = static_cast<std::int64_t>(keyframes_.size());
   frame.stamp_ns = odometry.stamp_ns;

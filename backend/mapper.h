@@ -95,7 +95,8 @@ class Mapper {
   Odometry odometry_;
   SlidingWindow window_;
   std::vector<FrameRecord> records_;
-  std::vector<SE3> keyframes_;  // final or present poses, by keyframe id
+  // By keyframe id: final poses and, of frames in the window, the same ones as there.
+  std::vector<SE3> keyframes_;
   int keyframes_since_solve_ = 0;
   std::vector<std::int64_t> solving_;  // ids of the frames of the problem under way
   int lost_in_a_row_ = 0;

@@ -150,19 +150,14 @@ void SlidingWindow::Push(WindowFrame frame) {
   frames_.push_back(std::move(frame));
 }
 
-WindowFrame SlidingWindow::PopOldest() {
-  WindowFrame frame = std::move(frames_.front());
-  frames_.pop_front();
+void SlidingWindow::PopOldest() {
+  const WindowFrame& frame = frames_.front();
   for (std::size_t i = 0; i < frame.in_map.size(); ++i) {
     if (frame.leaves[i] == VoxelMap::kNoNode) continue;
     map_->FixWindow(frame.leaves[i], frame.in_map[i], frame.id);
     map_->Release(frame.leaves[i]);
   }
-  frame.measured.clear();
-  frame.deskewed.clear();
-  frame.in_map.clear();
-  frame.leaves.clear();
-  return frame;
+  frames_.pop_front();
 }
 
 void SlidingWindow::Move(std::size_t i, const SE3& T_world_lidar, const Vector6d& twist) {

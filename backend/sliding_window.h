@@ -66,8 +66,8 @@ class SlidingWindow {
   // Puts a frame into window and map. id, stamp, pose, twist and `measured` must be set.
   void Push(WindowFrame frame);
 
-  // Marginalises the oldest frame and returns it, without its clusters.
-  WindowFrame PopOldest();
+  // Marginalises the oldest frame.
+  void PopOldest();
 
   // Sets the pose of frame i and leaves its clusters to a later Move.
   void SetPose(std::size_t i, const SE3& T_world_lidar) {
