@@ -123,15 +123,20 @@ void Mapper::ApplySolve(const BundleResult& result) {
   const std::vector<std::int64_t> ids = std::move(solving_);
   solving_.clear();
   if (!result.usable()) return;
+  // Frames that have left the window since are part of the map as they stood, and stay there: what
+  // the map shows and the trajectory says must not part.
+  const std::int64_t first = window_.frames().front().id;
+  if (ids.back() < first) return;
   // Frames that have joined since move with the last one that was solved.
   const auto last = static_cast<std::size_t>(ids.back());
   const SE3 correction = result.poses.back() * keyframes_[last].Inverse();
-  for (std::size_t k = 0; k < ids.size(); ++k)
-    keyframes_[static_cast<std::size_t>(ids[k])] = result.poses[k];
-  for (std::size_t k = last + 1; k < keyframes_.size(); ++k)
+  for (std::size_t k = 0; k < ids.size(); ++k) {
+    if (ids[k] >= first) keyframes_[static_cast<std::size_t>(ids[k])] = result.poses[k];
+  }
+  for (std::size_t k = last + 1; k < keyframes_.size(); ++k) {
     keyframes_[k] = correction * keyframes_[k];
+  }
   odometry_.Correct(correction);
-  const auto first = window_.frames().front().id;
   for (std::size_t i = 0; i < window_.frames().size(); ++i) {
     window_.SetPose(i, keyframes_[static_cast<std::size_t>(first) + i]);
   }

@@ -4,7 +4,8 @@
 //   Process(scan)      pose from odometry; a keyframe enters window and map
 //   SolveDue()         whether a bundle adjustment of the window is to start now
 //   PrepareSolve()     its problem, a self-contained copy: AdjustBundle may run on any thread
-//   ApplySolve(...)    takes its result in: moves the window's frames, the map and the present pose
+//   ApplySolve(...)    takes its result in: moves the window's frames, the map, the present pose.
+//                      Frames that left the window meanwhile stay where the map has them
 //
 // When ApplySolve is called is for the caller to decide, as long as it is decided by counting
 // frames: then the result is the same whatever the threads do (MappingPipeline).
