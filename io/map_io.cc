@@ -112,7 +112,7 @@ class RecordFile {
   static bool IsPly(const std::string& path) {
     const auto ending = std::filesystem::path(path).extension();
     if (ending == ".ply" || ending == ".pcd") return ending == ".ply";
-    throw OutputError(fmt::format("{}: the name must end in .ply or .pcd", path));
+    throw OptionError(fmt::format("{}: the name must end in .ply or .pcd", path));
   }
 
   // The header for any count has the same length: a comment makes up for missing digits. (Leading

@@ -19,7 +19,7 @@ namespace lamina {
 // red green blue (uchar). The colour tells the thickness sqrt(l3): blue at 0, green at 25 mm, red
 // at 50 mm and above, blended linearly between. PCD has the names that PCL gives to normals,
 // normal_x normal_y normal_z, and `rgb` (uint32, 0x00RRGGBB) for the colour. Same surfels, same
-// bytes. All members throw OutputError, for another ending, too.
+// bytes. All members throw OutputError; OptionError for another ending.
 class SurfelWriter {
  public:
   explicit SurfelWriter(const std::string& path);
@@ -37,8 +37,8 @@ class SurfelWriter {
 void WriteSurfels(const std::string& path, const SurfelMap& surfels);
 
 // A cloud written piece by piece, in bounded memory: the count in the header is patched at the end.
-// Format by the ending of the path: .ply or .pcd (x y z intensity, float). Throws OutputError, for
-// another ending, too.
+// Format by the ending of the path: .ply or .pcd (x y z intensity, float). Throws OutputError;
+// OptionError for another ending.
 class CloudWriter {
  public:
   explicit CloudWriter(const std::string& path);

@@ -124,7 +124,7 @@ TEST_F(MapTest, CloudWithoutCommitLeavesNothing) {
 }
 
 TEST_F(MapTest, OutputsThatCannotBeAreNamed) {
-  EXPECT_THAT(MessageOf<OutputError>([&] { CloudWriter writer(Path("c.xyz")); }),
+  EXPECT_THAT(MessageOf<OptionError>([&] { CloudWriter writer(Path("c.xyz")); }),
               AllOf(HasSubstr("c.xyz"), HasSubstr(".ply or .pcd")));
   EXPECT_THROW(CloudWriter(Path("none/c.ply")), OutputError);
   EXPECT_THROW(WriteSurfels(Path("none/m.ply"), {}), OutputError);

@@ -234,7 +234,7 @@ TEST_F(RunBadInputTest, OptionsAgainstTheirRules) {
       {"--frames", "9:", "names none of the 2 scans"},
   };
   for (const auto& bad : kCases) {
-    const Outcome outcome = Run(scans, {bad.option, bad.value}, 1);
+    const Outcome outcome = Run(scans, {bad.option, bad.value}, 2);
     EXPECT_THAT(outcome.err, AllOf(HasSubstr(bad.option), HasSubstr(bad.message))) << bad.value;
   }
   EXPECT_FALSE(std::filesystem::exists(Path("out")));
@@ -243,8 +243,11 @@ TEST_F(RunBadInputTest, OptionsAgainstTheirRules) {
 TEST_F(RunBadInputTest, BadConfigurationFile) {
   const std::string scans = WriteRecording("street", Street(2));
   const std::string config = Write("bad.yaml", "map:\n  root_size_m: 1.0\n  colour: red\n");
-  EXPECT_THAT(Run(scans, {"--config", config}, 1).err,
+  EXPECT_THAT(Run(scans, {"--config", config}, 2).err,
               AllOf(HasSubstr(config + ":3"), HasSubstr("map.colour")));
+  const std::string range = Write("range.yaml", "map:\n  depth: 9\n");
+  EXPECT_THAT(Run(scans, {"--config", range}, 2).err,
+              AllOf(HasSubstr(range + ":2"), HasSubstr("map.depth")));
   EXPECT_THAT(Run(scans, {"--config", Path("no.yaml")}, 1).err, HasSubstr(Path("no.yaml")));
 }
 

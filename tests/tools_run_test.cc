@@ -11,6 +11,7 @@
 #include <thread>
 #include <vector>
 
+#include "io/map_io.h"
 #include "tests/tools_run_helpers.h"
 
 namespace lamina {
@@ -225,6 +226,28 @@ TEST_F(RunCommandTest, WrongUsageIsExitCodeTwo) {
     EXPECT_THAT(outcome.err, HasSubstr(more[0]));
   }
   EXPECT_FALSE(std::filesystem::exists(Path("out")));
+}
+
+TEST_F(RunCommandTest, ValuesAgainstTheirRulesAreWrongUsageOfEveryCommand) {
+  Write("run/trajectory_tum.txt", "0 0 0 0 0 0 0 1\n0.1 0 0 0 0 0 0 1\n");
+  Write("run/config.yaml", "");
+  WriteSurfels(Path("run/map_surfels.ply"), {Surfel()});
+  const std::string run = Path("run"), poses = Path("run/trajectory_tum.txt");
+  const std::string scans = WriteRecording("street", Street(2));
+  for (const std::vector<std::string>& arguments : std::vector<std::vector<std::string>>{
+           {"eval", "--estimate", poses},
+           {"eval", "--estimate", poses, "--truth", poses, "--tolerance", "-1"},
+           {"eval", "--estimate", poses, "--truth", poses, "--other", "nameless"},
+           {"eval", "--estimate", poses, "--scans", scans, "--set", "map.depth=9"},
+           {"export", "--run", run, "--scans", scans, "--resolution", "0"},
+           {"export", "--run", run, "--scans", scans, "--resolution", "1", "--out", Path("m.las")},
+           {"plot", "--run", run, "--out", Path("map.jpg")},
+           {"synth", "--out", Path("synth"), "--scene", "moon"},
+           {"synth", "--out", Path("synth"), "--frames", "0"}}) {
+    const Outcome outcome = Lamina(arguments);
+    EXPECT_EQ(outcome.code, 2) << testing::PrintToString(arguments) << outcome.err;
+    EXPECT_THAT(outcome.err, HasSubstr("error: "));
+  }
 }
 
 // The recordings that no test can make: taken with real sensors.

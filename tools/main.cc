@@ -1,5 +1,6 @@
 // The program `lamina`: parses the command line, runs a subcommand, turns errors into messages.
-// Exit codes: 0 done, 1 failed with a reason, 2 wrong usage.
+// Exit codes: 0 done, 1 failed with a reason, 2 wrong usage: a command line that cannot be parsed,
+// or an option or a value of the configuration outside of its rule (OptionError).
 
 #include <fmt/format.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
@@ -10,6 +11,7 @@
 #include <functional>
 #include <new>
 
+#include "core/error.h"
 #include "tools/eval_command.h"
 #include "tools/export_command.h"
 #include "tools/plot_command.h"
@@ -43,6 +45,9 @@ int main(int argc, char** argv) {
   }
   try {
     return run();
+  } catch (const lamina::OptionError& error) {
+    fmt::print(stderr, "lamina: error: {}\n", error.what());
+    return 2;
   } catch (const std::bad_alloc&) {
     fmt::print(stderr, "lamina: error: out of memory\n");
   } catch (const std::exception& error) {
