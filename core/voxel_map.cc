@@ -256,23 +256,28 @@ void VoxelMap::Refresh() {
 }
 
 std::size_t VoxelMap::bytes() const {
-  return blocks_.size() * (kBlockMask + 1) * sizeof(Node) + index_.bytes() +
-         marked_.capacity() * sizeof(NodeId);
+  return blocks_.size() * (kBlockMask + 1) * sizeof(Node) + BookkeepingBytes();
 }
 
-std::size_t VoxelMap::UsedBytes() const {
-  return used_nodes_ * sizeof(Node) + index_.bytes() + marked_.capacity() * sizeof(NodeId);
+std::size_t VoxelMap::UsedBytes() const { return used_nodes_ * sizeof(Node) + BookkeepingBytes(); }
+
+std::size_t VoxelMap::BookkeepingBytes() const {
+  return index_.bytes() + marked_.capacity() * sizeof(NodeId) +
+         blocks_.capacity() * sizeof(blocks_[0]);
 }
 
 std::size_t VoxelMap::EvictToBudget(int min_frames,
                                     const std::function<void(const Surfel&)>& on_evict) {
   // Blocks are never given back, they are filled again: so room must be made before the pool would
-  // grow over the budget, with a reserve for what the next frame may add.
-  const double budget = options_.budget_mb * 1048576.0;
-  constexpr double kReserve = 0.95;
+  // grow over the budget, with a reserve for what the next frame may add: a twentieth or, where a
+  // scan is much of a small budget, a little more than the last one added.
+  const double budget = options_.BudgetBytes();
+  const double added =
+      static_cast<double>(UsedBytes()) - static_cast<double>(bytes_after_eviction_);
+  const double limit = budget - std::max(0.05 * budget, 1.25 * added);
   std::size_t dropped = 0;
   NodeId root = oldest_;
-  while (root != kNoNode && static_cast<double>(UsedBytes()) > kReserve * budget) {
+  while (root != kNoNode && static_cast<double>(UsedBytes()) > limit) {
     const NodeId next = node(root).newer;
     if (node(root).holds == 0 && !node(root).marked) {
       if (on_evict) VisitSurfaces(root, min_frames, on_evict);
@@ -283,6 +288,7 @@ std::size_t VoxelMap::EvictToBudget(int min_frames,
     }
     root = next;
   }
+  bytes_after_eviction_ = UsedBytes();
   return dropped;
 }
 

@@ -15,6 +15,7 @@
 //
 // Memory stays below `budget_mb`: the roots form a list in the order in which they were last
 // touched, and EvictToBudget drops the longest untouched, unless the window still stands on them.
+// A budget below what the window stands on cannot be kept; over_budget() says so.
 //
 // Thread-safety: const members may run at once; anything else needs the map for itself.
 #pragma once
@@ -45,11 +46,12 @@ struct VoxelMapOptions {
   double min_breadth = 0.02;
   // Points that a fixed cluster weighs at most: later data can still correct an old surface.
   double max_fixed_weight = 30.0;
-  // Memory of the map.
+  // Memory of the map, in units of 2^20 bytes.
   double budget_mb = 2048.0;
 
   void Visit(OptionVisitor& v);
   double LeafSize() const { return root_size_m / static_cast<double>(1 << depth); }
+  double BudgetBytes() const { return budget_mb * 1048576.0; }
 };
 
 // What a node looks like from outside.
@@ -98,6 +100,8 @@ class VoxelMap {
   std::size_t roots() const { return index_.size(); }
   std::size_t nodes() const { return used_nodes_; }
   std::size_t bytes() const;
+  // After EvictToBudget: what is held alone takes, or once took, more than the budget.
+  bool over_budget() const { return static_cast<double>(bytes()) > options_.BudgetBytes(); }
 
   // --- Writing -------------------------------------------------------------------------------
 
@@ -123,7 +127,7 @@ class VoxelMap {
 
   // Drops the longest untouched roots until bytes() fits the budget; before a root goes, its
   // surfaces seen by at least min_frames frames are handed to `on_evict`. Returns the number
-  // dropped. Roots that are held stay, even over budget.
+  // dropped. Roots that are held stay, even over budget. To be called after each frame.
   std::size_t EvictToBudget(int min_frames, const std::function<void(const Surfel&)>& on_evict);
 
  private:
@@ -141,7 +145,9 @@ class VoxelMap {
     std::uint32_t holds = 0;
     bool marked = false;
   };
-  static constexpr int kBlockBits = 10;
+  // Nodes live in blocks: big enough that their table stays small, small enough that a budget of a
+  // megabyte is some dozen of them.
+  static constexpr int kBlockBits = 8;
   static constexpr NodeId kBlockMask = (1 << kBlockBits) - 1;
 
   Node& node(NodeId id) {
@@ -167,7 +173,9 @@ class VoxelMap {
   Surface MakeSurface(const PointCluster& cluster, int frames) const;
   void VisitSurfaces(NodeId id, int min_frames,
                      const std::function<void(const Surfel&)>& visit) const;
+  // Of nodes in use, and of all but nodes.
   std::size_t UsedBytes() const;
+  std::size_t BookkeepingBytes() const;
 
   VoxelMapOptions options_;
   double inverse_root_size_;
@@ -176,6 +184,7 @@ class VoxelMap {
   NodeId next_unused_ = 0;
   NodeId free_list_ = kNoNode;  // chained through Node::parent
   std::size_t used_nodes_ = 0;
+  std::size_t bytes_after_eviction_ = 0;
   NodeId oldest_ = kNoNode, newest_ = kNoNode;
   std::vector<NodeId> marked_;
 };

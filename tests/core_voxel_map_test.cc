@@ -284,6 +284,30 @@ TEST(VoxelMap, EvictionSparesWhatIsHeldAndHandsOutByFrames) {
   EXPECT_EQ(map.FindSurface(held), VoxelMap::kNoNode);
 }
 
+TEST(VoxelMap, SaysThatItCannotKeepItsBudget) {
+  Draws draws(9);
+  VoxelMapOptions options;
+  options.budget_mb = 1.0;
+  VoxelMap map(options);
+  const auto fill = [&](int frame, bool hold) {
+    for (int i = 0; i < 200; ++i) {
+      AddPatch(i, frame, 0, 2 * frame, &draws, &map);
+      const Eigen::Vector3d centre =
+          options.root_size_m * Eigen::Vector3d(i + 0.5, frame + 0.5, 0.5);
+      if (hold) map.Hold(map.LeafAt(centre));
+    }
+    map.Refresh();
+    map.EvictToBudget(2, nullptr);
+  };
+  for (int frame = 0; frame < 20; ++frame) fill(frame, false);
+  EXPECT_FALSE(map.over_budget());
+  for (int frame = 20; frame < 30; ++frame) fill(frame, true);
+  EXPECT_TRUE(map.over_budget());
+  // What is held is all that is there.
+  EXPECT_EQ(map.roots(), 2000U);
+  EXPECT_LT(map.bytes(), 2U * 1048576U);
+}
+
 TEST(VoxelMap, HoldsMillionsOfVoxels) {
   VoxelMapOptions options;
   options.depth = 0;

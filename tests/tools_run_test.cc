@@ -157,13 +157,29 @@ TEST_F(RunCommandTest, MapStaysBelowItsBudget) {
   const auto all = Summary("unlimited")["map_bytes"].get<double>();
   constexpr double kMegabyte = 1048576.0;
   ASSERT_GT(all, 10.0 * kMegabyte) << "the recording is too short to fill a budget";
-  // Less than the frames of the window need cannot be asked for.
   for (const int budget : {8, 6}) {
     Run(scans, {"--set", "map.budget_mb=" + std::to_string(budget)});
-    EXPECT_LE(Summary()["map_bytes"], budget * kMegabyte);
+    EXPECT_LE(Summary()["map_peak_bytes"], budget * kMegabyte);
+    EXPECT_EQ(Summary()["map_over_budget"], false);
     EXPECT_EQ(Summary()["lost_frames"], 0);
     // What left memory is in the map that is written.
     EXPECT_GT(Summary()["map_surfels"], 0.9 * Summary("unlimited")["map_surfels"].get<double>());
+    EXPECT_LT(LargestDistance(AllScans(), AllScans("unlimited")), 0.01);
+  }
+  // Less than the frames of the window need: they keep it, and the run says so, once.
+  for (const char* budget : {"3", "1"}) {
+    const Outcome outcome = Run(scans, {"--set", std::string("map.budget_mb=") + budget});
+    std::vector<std::string> warnings;
+    for (const std::string& line : Lines(outcome.err)) {
+      if (line.find("warning") != std::string::npos) warnings.push_back(line);
+    }
+    ASSERT_THAT(warnings, SizeIs(1));
+    EXPECT_THAT(warnings[0], AllOf(HasSubstr(std::string("over map.budget_mb=") + budget),
+                                   HasSubstr("raise the budget")));
+    EXPECT_EQ(Summary()["map_over_budget"], true);
+    EXPECT_GT(Summary()["map_peak_bytes"], 3.0 * kMegabyte);
+    EXPECT_LT(Summary()["map_peak_bytes"], 6.0 * kMegabyte);
+    EXPECT_EQ(Summary()["lost_frames"], 0);
     EXPECT_LT(LargestDistance(AllScans(), AllScans("unlimited")), 0.01);
   }
 }
@@ -231,7 +247,8 @@ TEST_F(RunCommandTest, WrongUsageIsExitCodeTwo) {
 TEST_F(RunCommandTest, ValuesAgainstTheirRulesAreWrongUsageOfEveryCommand) {
   Write("run/trajectory_tum.txt", "0 0 0 0 0 0 0 1\n0.1 0 0 0 0 0 0 1\n");
   Write("run/config.yaml", "");
-  WriteSurfels(Path("run/map_surfels.ply"), {Surfel()});
+  const Eigen::Vector3f z = Eigen::Vector3f::UnitZ();
+  WriteSurfels(Path("run/map_surfels.ply"), {{Eigen::Vector3d::Zero(), z, z, 1}});
   const std::string run = Path("run"), poses = Path("run/trajectory_tum.txt");
   const std::string scans = WriteRecording("street", Street(2));
   for (const std::vector<std::string>& arguments : std::vector<std::vector<std::string>>{

@@ -41,6 +41,17 @@ void LogScan(const ScanReport& report, RunProgress* progress) {
   }
 }
 
+// Follows the memory of the map, and says once that it takes more than its budget.
+void WatchMap(const VoxelMap& map, RunFigures* figures, RunProgress* progress) {
+  figures->map_peak_bytes = std::max(figures->map_peak_bytes, map.bytes());
+  if (figures->map_over_budget || !map.over_budget()) return;
+  figures->map_over_budget = true;
+  progress->Warn(fmt::format(
+      "the map takes {:.1f} MB, over map.budget_mb={}: the frames of the window need all of it; "
+      "raise the budget (to map_peak_bytes of summary.json) or lower backend.window.frames",
+      static_cast<double>(map.bytes()) / 1048576.0, map.options().budget_mb));
+}
+
 void PrintSummary(const std::string& out, const MappingResult& result, const nlohmann::json& json) {
   fmt::print("{} frames in {:.1f} s ({:.1f} frames/s, {:.1f} ms CPU a frame), {} surfels\n",
              result.frames.size(), json["wall_s"].get<double>(), json.value("frames_per_s", 0.0),
@@ -112,15 +123,16 @@ int Run(const RunArguments& arguments) {
   const double cpu_start = ProcessCpuSeconds();
   MappingPipeline pipeline(config.Mapping(),
                            [&](const Surfel& surfel) { output.surfels().Append(surfel); });
+  RunFigures figures;
   MappingCallbacks callbacks;
   callbacks.on_scan = [&](const ScanReport& report) {
     output.frames().Append(report);
     LogScan(report, &progress);
+    WatchMap(pipeline.map(), &figures, &progress);
     progress.Step();
   };
   const MappingResult result = pipeline.Run(*source, range.begin, range.end, callbacks, &stop);
   progress.Finish();
-  RunFigures figures;
   figures.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   figures.cpu_s = ProcessCpuSeconds() - cpu_start;
 

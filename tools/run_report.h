@@ -31,6 +31,8 @@ std::size_t PeakRssBytes();
 struct RunFigures {
   double wall_s = 0.0, cpu_s = 0.0;
   std::size_t map_surfels = 0;
+  std::size_t map_peak_bytes = 0;
+  bool map_over_budget = false;  // at any time
 };
 
 // `errors` is null without a true trajectory.
