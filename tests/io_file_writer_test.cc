@@ -83,6 +83,22 @@ TEST_F(FileWriterTest, FailureOfBufferedBytesShowsAtCommit) {
   EXPECT_EQ(Bytes(Path("a.txt")), "old");
 }
 
+TEST_F(FileWriterTest, AFullDiskIsNamedAndTheOldFileStays) {
+  if (!fs::exists("/dev/full")) GTEST_SKIP() << "no /dev/full, the disk that is always full";
+  for (const std::size_t bytes : {10U, 1000000U}) {
+    Write("a.txt", "old");
+    fs::create_symlink("/dev/full", Path("a.txt.partial"));
+    const std::string message = MessageOf<OutputError>([&] {
+      FileWriter writer(Path("a.txt"));
+      writer.Write(std::string(bytes, 'x'));
+      writer.Commit();
+    });
+    EXPECT_THAT(message, AllOf(HasSubstr(Path("a.txt")), HasSubstr("No space left on device")));
+    EXPECT_EQ(Bytes(Path("a.txt")), "old");
+    EXPECT_FALSE(fs::is_symlink(Path("a.txt.partial")));
+  }
+}
+
 TEST_F(FileWriterTest, MissingFolderIsNamed) {
   const std::string message =
       MessageOf<OutputError>([&] { FileWriter writer(Path("none/a.txt")); });

@@ -199,7 +199,21 @@ TEST_F(RunBadInputTest, OutputFolderThatIsAFile) {
 }
 
 TEST_F(RunBadInputTest, FullDisk) {
-  // A limit on the size of a file stands in for it: writing fails in the same way.
+  if (!std::filesystem::exists("/dev/full")) GTEST_SKIP() << "no /dev/full";
+  const std::string scans = WriteRecording("street", Street(6));
+  for (const char* name : {"frames.csv", "map_surfels.ply", "trajectory_tum.txt", "summary.json"}) {
+    std::filesystem::create_directories(Path("out"));
+    std::filesystem::create_symlink("/dev/full", Path(std::string("out/") + name + ".partial"));
+    const Outcome outcome = Run(scans, {}, 1);
+    EXPECT_THAT(outcome.err, AllOf(HasSubstr("error: "), HasSubstr(Path("out/") + name),
+                                   HasSubstr("No space left on device")));
+    EXPECT_FALSE(std::filesystem::exists(Path(std::string("out/") + name)));
+    EXPECT_FALSE(std::filesystem::exists(Path("out/summary.json")));
+    std::filesystem::remove_all(Path("out"));
+  }
+}
+
+TEST_F(RunBadInputTest, FileLargerThanTheSystemAllows) {
   const std::string scans = WriteRecording("street", Street(6));
   const std::vector<std::string> arguments{"run", "--scans", scans, "--out", Path("out")};
   const Outcome outcome = Lamina(arguments, [] {
