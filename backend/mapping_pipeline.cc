@@ -1,12 +1,9 @@
 #include "backend/mapping_pipeline.h"
 
-#include <tbb/parallel_pipeline.h>
-#include <tbb/task_group.h>
-
-#include <memory>
 #include <optional>
 #include <utility>
 
+#include "core/parallel.h"
 #include "core/stopwatch.h"
 
 namespace lamina {
@@ -18,13 +15,13 @@ struct PipelineScan {
   std::vector<TimedCluster> clusters;
 };
 
-std::shared_ptr<PipelineScan> Decode(const ScanSource& source, const MappingOptions& options,
-                                     std::size_t begin, std::size_t i) {
-  auto scan = std::make_shared<PipelineScan>();
+PipelineScan Decode(const ScanSource& source, const MappingOptions& options, std::size_t begin,
+                    std::size_t i) {
   DecodedScan decoded = DecodeScan(source, options.preparation, options.pipeline.min_points,
                                    options.mapper.map.LeafSize(), begin, i);
-  static_cast<ScanDecodeReport&>(scan->report) = std::move(decoded.report);
-  scan->clusters = std::move(decoded.clusters);
+  PipelineScan scan;
+  static_cast<ScanDecodeReport&>(scan.report) = std::move(decoded.report);
+  scan.clusters = std::move(decoded.clusters);
   return scan;
 }
 
@@ -33,7 +30,6 @@ class SolveInFlight {
  public:
   SolveInFlight(Mapper* mapper, const BackendOptions& options)
       : mapper_(mapper), options_(options) {}
-  ~SolveInFlight() { group_.wait(); }
 
   // Call before frame number `frame`. Returns the time that the solve took, 0 if none was due.
   double TakeInIfDue(std::int64_t frame) { return pending_ && frame >= due_ ? TakeIn() : 0.0; }
@@ -59,11 +55,11 @@ class SolveInFlight {
   void Start() {
     pending_ = true;
     problem_ = mapper_->PrepareSolve();
-    group_.run([this] { result_ = AdjustBundle(problem_, options_.solver); });
+    background_.Start([this] { result_ = AdjustBundle(problem_, options_.solver); });
   }
 
   double TakeIn() {
-    group_.wait();
+    background_.Wait();
     pending_ = false;
     ++solves;
     if (!result_.usable()) ++failed;
@@ -73,11 +69,11 @@ class SolveInFlight {
 
   Mapper* mapper_;
   const BackendOptions& options_;
-  tbb::task_group group_;
   bool pending_ = false;
   std::int64_t due_ = 0;
   BundleProblem problem_;
   BundleResult result_;
+  Background background_;  // the last member: it waits before what it works on goes
 };
 
 // Poses for all scans: those that were skipped lie between their neighbours, by stamp where that is
@@ -169,6 +165,45 @@ class SerialStage {
   StampNs last_stamp_ns_ = 0;
 };
 
+// The way of a scan: read ahead, then mapped in order.
+class ScanStages final : public PipelineStages {
+ public:
+  ScanStages(const ScanSource& source, std::size_t begin, std::size_t end,
+             const std::atomic<bool>* stop, const MappingOptions& options, Mapper* mapper,
+             const MappingCallbacks& callbacks)
+      : source_(source),
+        begin_(begin),
+        end_(end),
+        stop_(stop),
+        options_(options),
+        serial_(mapper, options, callbacks),
+        under_way_(static_cast<std::size_t>(options.pipeline.lookahead_scans)) {}
+
+  bool Begin(std::size_t i) override {
+    interrupted_ = stop_ != nullptr && stop_->load();
+    return begin_ + i < end_ && !interrupted_;
+  }
+  void Work(std::size_t i) override { Slot(i) = Decode(source_, options_, begin_, begin_ + i); }
+  void End(std::size_t i) override { serial_.Process(&Slot(i)); }
+
+  MappingResult Finish() {
+    MappingResult result = serial_.Finish();
+    result.interrupted = interrupted_;
+    return result;
+  }
+
+ private:
+  PipelineScan& Slot(std::size_t i) { return under_way_[i % under_way_.size()]; }
+
+  const ScanSource& source_;
+  const std::size_t begin_, end_;
+  const std::atomic<bool>* stop_;
+  const MappingOptions& options_;
+  SerialStage serial_;
+  std::vector<PipelineScan> under_way_;
+  bool interrupted_ = false;
+};
+
 }  // namespace
 
 MappingPipeline::MappingPipeline(const MappingOptions& options,
@@ -181,27 +216,9 @@ MappingPipeline::MappingPipeline(const MappingOptions& options,
 MappingResult MappingPipeline::Run(const ScanSource& source, std::size_t begin, std::size_t end,
                                    const MappingCallbacks& callbacks,
                                    const std::atomic<bool>* stop) {
-  SerialStage serial(&mapper_, options_, callbacks);
-  std::size_t next = begin;
-  bool interrupted = false;
-  const auto feed = [&](tbb::flow_control& control) -> std::size_t {
-    interrupted = stop != nullptr && stop->load();
-    if (next >= end || interrupted) control.stop();
-    return next++;
-  };
-  const auto decode = [&](std::size_t i) { return Decode(source, options_, begin, i); };
-  const auto map = [&](const std::shared_ptr<PipelineScan>& decoded) {
-    serial.Process(decoded.get());
-  };
-  using Decoded = std::shared_ptr<PipelineScan>;
-  tbb::parallel_pipeline(
-      static_cast<std::size_t>(options_.pipeline.lookahead_scans),
-      tbb::make_filter<void, std::size_t>(tbb::filter_mode::serial_in_order, feed) &
-          tbb::make_filter<std::size_t, Decoded>(tbb::filter_mode::parallel, decode) &
-          tbb::make_filter<Decoded, void>(tbb::filter_mode::serial_in_order, map));
-  MappingResult result = serial.Finish();
-  result.interrupted = interrupted;
-  return result;
+  ScanStages stages(source, begin, end, stop, options_, &mapper_, callbacks);
+  RunPipeline(static_cast<std::size_t>(options_.pipeline.lookahead_scans), &stages);
+  return stages.Finish();
 }
 
 }  // namespace lamina

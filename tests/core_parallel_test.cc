@@ -5,6 +5,7 @@
 #include <atomic>
 #include <cmath>
 #include <cstring>
+#include <stdexcept>
 
 #include "tests/random_scenes.h"
 
@@ -58,6 +59,69 @@ TEST(ParallelSum, OfNothingIsZeroAndNestingWorks) {
                        [](std::size_t b, std::size_t e) { return static_cast<int>(e - b); });
   });
   EXPECT_EQ(nested, 100);
+}
+
+TEST(Background, HandsOverWhatItDidAndWhatItThrew) {
+  Background background;
+  std::vector<int> done;
+  for (int i = 0; i < 20; ++i) {
+    background.Start([&done, i] { done.push_back(i); });
+    background.Wait();
+    EXPECT_EQ(done.size(), static_cast<std::size_t>(i) + 1);
+  }
+  background.Start([] { throw std::runtime_error("no"); });
+  EXPECT_THROW(background.Wait(), std::runtime_error);
+  background.Start([&done] { done.clear(); });
+  background.Wait();
+  EXPECT_TRUE(done.empty());
+}
+
+// Takes `items` numbers through three stages, and looks at the order of the calls.
+class CountingStages final : public PipelineStages {
+ public:
+  CountingStages(std::size_t items, std::size_t most) : slots(most), items_(items) {}
+
+  bool Begin(std::size_t i) override {
+    if (i != begun++) ++wrong;
+    if (i >= items_) return false;
+    if (i - ended >= slots.size()) ++wrong;
+    slots[i % slots.size()] = 0;
+    return true;
+  }
+  void Work(std::size_t i) override { slots[i % slots.size()] += i; }
+  void End(std::size_t i) override {
+    if (i != ended) ++wrong;
+    if (slots[i % slots.size()] != i) ++wrong;
+    if (i == bad) throw std::runtime_error("bad item");
+    ++ended;
+  }
+
+  std::vector<std::size_t> slots;
+  std::size_t begun = 0;
+  std::atomic<std::size_t> ended{0}, wrong{0};
+  std::size_t bad = 1000000;
+
+ private:
+  std::size_t items_;
+};
+
+TEST(RunPipeline, TakesItemsThroughInOrderAndSoManyAtOnce) {
+  for (const std::size_t most : {1U, 2U, 5U}) {
+    for (const std::size_t items : {0U, 1U, 500U}) {
+      CountingStages stages(items, most);
+      RunPipeline(most, &stages);
+      EXPECT_EQ(stages.ended, items);
+      EXPECT_EQ(stages.wrong, 0U) << most << " at once";
+    }
+  }
+}
+
+TEST(RunPipeline, ThrowsWhatAStageThrew) {
+  CountingStages stages(500, 4);
+  stages.bad = 100;
+  EXPECT_THROW(RunPipeline(4, &stages), std::runtime_error);
+  EXPECT_EQ(stages.ended, 100U);
+  EXPECT_LE(stages.begun, 105U);
 }
 
 }  // namespace
