@@ -259,8 +259,8 @@ void AddSceneOptions(CLI::App* command, SimulateArguments* a) {
                       kFerrerPatchM, kFerrerCubeM, kBalm2TranslationM, kBalm2RotationRad,
                       kBalm2PatchM, kBalm2CubeM))
       ->capture_default_str();
-  command->add_option("--poses", o.poses, "number of poses")->capture_default_str();
-  command->add_option("--planes", o.planes, "number of planes")->capture_default_str();
+  command->add_option("--poses", o.poses, "number of poses of a scene")->capture_default_str();
+  command->add_option("--planes", o.planes, "number of planes of a scene")->capture_default_str();
   command->add_option("--points", o.points, "points of a plane in a pose that sees it")
       ->capture_default_str();
   command->add_option("--noise-m", o.noise_m, "standard deviation of points along the normal, m")

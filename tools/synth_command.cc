@@ -1,18 +1,17 @@
 #include "tools/synth_command.h"
 
 #include <fmt/format.h>
-#include <tbb/global_control.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "core/error.h"
+#include "tools/command_common.h"
 #include "tools/synth_writer.h"
 
 namespace lamina {
@@ -52,11 +51,7 @@ int RunSynth(SynthArguments arguments) {
     throw OptionError(
         fmt::format("--threads = {}: must be in [0, {}]", arguments.threads, kMaxThreads));
   }
-  std::optional<tbb::global_control> limit;
-  if (arguments.threads > 0) {
-    limit.emplace(tbb::global_control::max_allowed_parallelism,
-                  static_cast<std::size_t>(arguments.threads));
-  }
+  const auto limit = LimitThreads(arguments.threads);
   const auto start = std::chrono::steady_clock::now();
   const WrittenSequence written =
       WriteSequence(options, arguments.directory, [](std::size_t done, std::size_t all) {
