@@ -92,14 +92,17 @@ std::vector<int> FramesThatLeapt(const std::vector<SE3>& before, const std::vect
   return leapt;
 }
 
+// Root mean square over the frames: single ones may go back and forth with their associations.
 bool MovedLess(const std::vector<SE3>& a, const std::vector<SE3>& b, double rotation_rad,
                double translation_m) {
+  double rotation2 = 0.0, translation2 = 0.0;
   for (std::size_t k = 0; k < a.size(); ++k) {
-    if (RotationAngle(a[k], b[k]) > rotation_rad || (a[k].t - b[k].t).norm() > translation_m) {
-      return false;
-    }
+    rotation2 += std::pow(RotationAngle(a[k], b[k]), 2);
+    translation2 += (a[k].t - b[k].t).squaredNorm();
   }
-  return true;
+  const auto n = static_cast<double>(a.size());
+  return rotation2 <= n * rotation_rad * rotation_rad &&
+         translation2 <= n * translation_m * translation_m;
 }
 
 }  // namespace

@@ -7,7 +7,7 @@
 //
 //     root size of round i = map.root_size_m * (coarse / map.root_size_m)^(1 - i / (rounds - 1))
 //
-// and end early when a round at the final size moves no pose any more.
+// and end early when a round at the final size hardly moves the poses any more.
 //
 // What cannot be determined (observability.h) stays at the initial poses and is reported; the rest
 // is solved. Nothing at all to solve is a refusal.
@@ -33,7 +33,7 @@ struct RegistrationOptions {
   int rounds = 8;
   // Root size of the first round; 0: as map.root_size_m.
   double coarse_root_size_m = 0.0;
-  // Converged when a round at the final size moves no pose by more.
+  // Converged when a round at the final size moves the poses by less, root mean square.
   double min_rotation_change_deg = 0.01;
   double min_translation_change_m = 0.001;
   BundleAdjusterOptions solver = {50, 1e-8, 6};
