@@ -153,6 +153,44 @@ double BatchRegistration::RootSize(int round) const {
   return map_.root_size_m * std::pow(options_.coarse_root_size_m / map_.root_size_m, left);
 }
 
+BundleProblem BatchRegistration::CastRound(const std::vector<BatchFrame>& frames,
+                                           const std::vector<SE3>& poses,
+                                           double root_size_m) const {
+  VoxelMapOptions map = map_;
+  map.root_size_m = root_size_m;
+  // Poor poses make planes thick: what passes for one grows with the voxel.
+  map.max_thickness_m *= map.root_size_m / map_.root_size_m;
+  return CastFrames(frames, poses, map, weights_)
+      .Problem(options_.formulation == Formulation::kEvm1);
+}
+
+BundleResult BatchRegistration::SolveRound(const RegistrationCallbacks& callbacks,
+                                           BundleProblem* problem, RoundReport* report,
+                                           std::vector<BundleFault>* faults) const {
+  const BundleObserver observer = [&](const BundleStep& step, const std::vector<SE3>&) {
+    if (callbacks.on_step) callbacks.on_step(*report, step);
+  };
+  report->planes = problem->planes.size();
+  report->observations = problem->observations.size();
+  BundleResult solved = AdjustBundle(*problem, options_.solver, options_.formulation, observer);
+  for (const int frame : FramesThatLeapt(problem->poses, solved.poses, report->root_size_m)) {
+    for (int i = 0; i < 6; ++i) problem->holds.push_back({frame, Vector6d::Unit(i)});
+    BundleFault fault;
+    fault.kind = BundleFault::Kind::kLeapt;
+    fault.frame = frame;
+    faults->push_back(fault);
+    report->leapt = true;
+  }
+  if (report->leapt) {
+    solved = AdjustBundle(*problem, options_.solver, options_.formulation, observer);
+  }
+  report->initial_cost = solved.initial_cost;
+  report->final_cost = solved.final_cost;
+  report->iterations = solved.iterations;
+  report->solve_ms = solved.solve_ms;
+  return solved;
+}
+
 RegistrationResult BatchRegistration::Run(const std::vector<BatchFrame>& frames,
                                           const RegistrationCallbacks& callbacks,
                                           const std::atomic<bool>* stop) const {
@@ -160,16 +198,12 @@ RegistrationResult BatchRegistration::Run(const std::vector<BatchFrame>& frames,
   for (const BatchFrame& frame : frames) result.poses.push_back(frame.T_world_lidar);
   result.status = Status::kRoundLimit;
   BundleProblem problem;
-  for (int round = 0; round < options_.rounds; ++round) {
+  for (int round = 0; round < options_.rounds && result.status == Status::kRoundLimit; ++round) {
     Stopwatch watch;
     RoundReport report;
     report.round = round;
-    VoxelMapOptions map = map_;
-    map.root_size_m = report.root_size_m = RootSize(round);
-    // Poor poses make planes thick: what passes for one grows with the voxel.
-    map.max_thickness_m *= map.root_size_m / map_.root_size_m;
-    problem = CastFrames(frames, result.poses, map, weights_)
-                  .Problem(options_.formulation == Formulation::kEvm1);
+    report.root_size_m = RootSize(round);
+    problem = CastRound(frames, result.poses, report.root_size_m);
     const Observability observability = FindObservability(problem, options_.observability);
     result.faults = observability.faults;
     result.reason = Refusal(problem, observability, options_.solver);
@@ -179,28 +213,8 @@ RegistrationResult BatchRegistration::Run(const std::vector<BatchFrame>& frames,
     }
     problem.holds = observability.holds;
     problem.hold_first_pose = false;
-    report.planes = problem.planes.size();
-    report.observations = problem.observations.size();
     report.build_ms = watch.LapMilliseconds();
-    const BundleObserver observer = [&](const BundleStep& step, const std::vector<SE3>&) {
-      if (callbacks.on_step) callbacks.on_step(report, step);
-    };
-    BundleResult solved = AdjustBundle(problem, options_.solver, options_.formulation, observer);
-    for (const int frame : FramesThatLeapt(result.poses, solved.poses, report.root_size_m)) {
-      for (int i = 0; i < 6; ++i) problem.holds.push_back({frame, Vector6d::Unit(i)});
-      BundleFault fault;
-      fault.kind = BundleFault::Kind::kLeapt;
-      fault.frame = frame;
-      result.faults.push_back(fault);
-      report.leapt = true;
-    }
-    if (report.leapt) {
-      solved = AdjustBundle(problem, options_.solver, options_.formulation, observer);
-    }
-    report.initial_cost = solved.initial_cost;
-    report.final_cost = solved.final_cost;
-    report.iterations = solved.iterations;
-    report.solve_ms = solved.solve_ms;
+    const BundleResult solved = SolveRound(callbacks, &problem, &report, &result.faults);
     result.rounds.push_back(report);
     if (callbacks.on_round) callbacks.on_round(report);
     if (!solved.usable()) {
@@ -214,11 +228,8 @@ RegistrationResult BatchRegistration::Run(const std::vector<BatchFrame>& frames,
     result.poses = solved.poses;
     if (settled && report.root_size_m <= map_.root_size_m) {
       result.status = Status::kConverged;
-      break;
-    }
-    if (stop != nullptr && stop->load()) {
+    } else if (stop != nullptr && stop->load()) {
       result.status = Status::kInterrupted;
-      break;
     }
   }
   if (!result.faults.empty() && result.status != Status::kInterrupted) {

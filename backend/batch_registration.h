@@ -67,7 +67,7 @@ struct RegistrationResult {
     kConverged,
     kRoundLimit,  // usable
     kPartial,     // some of it could not be determined: see faults
-    kIllPosed,    // refused; poses are the initial ones
+    kIllPosed,    // refused; poses are those of the last good round, or the initial ones
     kFailed,      // numerical failure; poses are those of the last good round
     kInterrupted,
   };
@@ -105,6 +105,12 @@ class BatchRegistration {
   double RootSize(int round) const;
 
  private:
+  BundleProblem CastRound(const std::vector<BatchFrame>& frames, const std::vector<SE3>& poses,
+                          double root_size_m) const;
+  // Solves, and once more without the frames that leapt.
+  BundleResult SolveRound(const RegistrationCallbacks& callbacks, BundleProblem* problem,
+                          RoundReport* report, std::vector<BundleFault>* faults) const;
+
   RegistrationOptions options_;
   VoxelMapOptions map_;
   SlidingWindowOptions weights_;

@@ -146,13 +146,27 @@ void NameScans(const Batch& batch, RegistrationResult* result) {
   }
 }
 
-int Register(const RegisterArguments& arguments) {
+// Returns the number of surfels.
+std::size_t WriteMap(const std::string& path, const BatchRegistration& registration,
+                     const Batch& batch, const std::vector<SE3>& poses, int min_frames) {
+  SurfelWriter surfels(path);
+  registration.VisitSurfels(batch.frames, poses, min_frames,
+                            [&](const Surfel& surfel) { surfels.Append(surfel); });
+  surfels.Commit();
+  return surfels.size();
+}
+
+LaminaConfig Configuration(const RegisterArguments& arguments) {
   LaminaConfig config = LoadConfig(arguments.config, arguments.set);
-  if (!arguments.formulation.empty()) {
-    const auto& names = FormulationNames();
-    config.registration.formulation = static_cast<Formulation>(
-        std::find(names.begin(), names.end(), arguments.formulation) - names.begin());
-  }
+  if (arguments.formulation.empty()) return config;
+  const auto& names = FormulationNames();
+  config.registration.formulation = static_cast<Formulation>(
+      std::find(names.begin(), names.end(), arguments.formulation) - names.begin());
+  return config;
+}
+
+int Register(const RegisterArguments& arguments) {
+  const LaminaConfig config = Configuration(arguments);
   const auto source = OpenScans(arguments.scans, config.scans);
   const FrameRange range = ParseFrameRange(arguments.frames, source->size());
   const std::vector<SE3> initial = ReadInitialPoses(arguments.initial, *source, range);
@@ -193,11 +207,8 @@ int Register(const RegisterArguments& arguments) {
   WriteTumTrajectory(path("trajectory_tum.txt"), poses);
   rounds.Commit();
   WriteCovariances(path("covariance.csv"), batch.scans, result.covariances);
-  SurfelWriter surfels(path("map_surfels.ply"));
-  registration.VisitSurfels(batch.frames, result.poses, config.backend.min_surfel_frames,
-                            [&](const Surfel& surfel) { surfels.Append(surfel); });
-  surfels.Commit();
-  figures.map_surfels = surfels.size();
+  figures.map_surfels = WriteMap(path("map_surfels.ply"), registration, batch, result.poses,
+                                 config.backend.min_surfel_frames);
   figures.wall_s = 1e-3 * watch.Milliseconds();
   figures.cpu_s = ProcessCpuSeconds() - cpu_start;
   std::optional<TrajectoryErrors> errors;
