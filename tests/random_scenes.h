@@ -24,7 +24,8 @@ class Draws {
   double Uniform(double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random_);
   }
-  double Normal(double sigma) { return std::normal_distribution<double>(0.0, sigma)(random_); }
+  // sigma may be zero.
+  double Normal(double sigma) { return sigma * std::normal_distribution<double>()(random_); }
   // A whole number in [low, high].
   int Integer(int low, int high) { return std::uniform_int_distribution<int>(low, high)(random_); }
 
