@@ -8,6 +8,7 @@
 
 #include "core/point_cluster.h"
 #include "core/se3.h"
+#include "core/state_archive.h"
 
 namespace lamina {
 
@@ -56,5 +57,17 @@ struct BundleProblem {
   // The first pose is held where nothing else holds the whole (no fixed cluster).
   bool hold_first_pose = true;
 };
+
+inline void Archive(StateArchive& a, PlaneObservation* o) { a(&o->frame, &o->cluster); }
+inline void Archive(StateArchive& a, WeightedPoint* p) { a(&p->p, &p->weight); }
+inline void Archive(StateArchive& a, Plane* p) { a(&p->first, &p->count, &p->fixed, &p->weight); }
+inline void Archive(StateArchive& a, RelativePrior* p) {
+  a(&p->a, &p->b, &p->T_a_b, &p->sqrt_information);
+}
+inline void Archive(StateArchive& a, HeldDirection* h) { a(&h->frame, &h->direction); }
+inline void Archive(StateArchive& a, BundleProblem* p) {
+  a(&p->poses, &p->planes, &p->observations, &p->points, &p->priors, &p->holds,
+    &p->hold_first_pose);
+}
 
 }  // namespace lamina

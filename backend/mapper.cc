@@ -1,5 +1,6 @@
 #include "backend/mapper.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -17,34 +18,45 @@ void BackendOptions::Visit(OptionVisitor& v) {
   v.Group("solver", &solver);
 }
 
-Mapper::Mapper(const MapperOptions& options, std::function<void(const Surfel&)> on_evicted)
+Mapper::Mapper(const MapperOptions& options, VoxelStore* store)
     : options_(options),
-      map_(options.map),
+      map_(options.map, store),
       odometry_(options.odometry),
-      window_(options.backend.window, &map_),
-      on_evicted_(std::move(on_evicted)) {
+      window_(options.backend.window, &map_) {
   CheckOptions(options.backend, "backend");
 }
 
 MappedFrame Mapper::Process(StampNs stamp_ns, std::vector<TimedCluster> clusters) {
   MappedFrame result;
+  if (odometry_.started()) RecallAround(odometry_.Predict(stamp_ns), clusters);
   result.odometry = Register(stamp_ns, clusters);
   OdometryFrame& frame = result.odometry;
   if (frame.status == OdometryFrame::Status::kLost) {
-    result.restarted = ++lost_in_a_row_ > options_.backend.restart_after_lost_frames;
+    result.restarted =
+        ++lost_in_a_row_ > options_.backend.restart_after_lost_frames && !localising_;
   }
   if (frame.status != OdometryFrame::Status::kLost || result.restarted) {
     lost_in_a_row_ = 0;
     odometry_.Accept(frame);
-    result.keyframe = result.restarted || IsKeyframe(frame.T_world_lidar);
+    result.keyframe = !localising_ && (result.restarted || IsKeyframe(frame.T_world_lidar));
     if (result.keyframe) AddKeyframe(frame, std::move(clusters));
   }
-  FrameRecord record;
-  record.stamp_ns = stamp_ns;
-  record.keyframe_id = static_cast<std::int64_t>(keyframes_.size()) - 1;
-  record.T_keyframe_lidar = keyframes_.back().Inverse() * frame.T_world_lidar;
-  records_.push_back(record);
+  // The last keyframe's clusters may have moved though nothing new entered the map.
+  map_.Refresh();
+  if (localising_) {
+    open_.push_back({stamp_ns, OpenFrame::kNoKeyframe, frame.T_world_lidar});
+  } else {
+    open_.push_back({stamp_ns, NextId() - 1, keyframes_.back().Inverse() * frame.T_world_lidar});
+  }
   return result;
+}
+
+void Mapper::RecallAround(const SE3& T_world_lidar, const std::vector<TimedCluster>& clusters) {
+  std::vector<Eigen::Vector3d> points;
+  points.reserve(clusters.size());
+  for (const TimedCluster& cluster : clusters)
+    points.push_back(T_world_lidar * cluster.points.mean);
+  map_.Recall(points);
 }
 
 OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) {
@@ -53,7 +65,7 @@ OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>
     return frame.status == OdometryFrame::Status::kTracked &&
            RefineLastTwist(stamp_ns, frame.T_world_lidar);
   };
-  if (keyframes_.size() != 1) {
+  if (NextId() != 1) {
     refine();
     return frame;
   }
@@ -89,7 +101,7 @@ bool Mapper::RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar) {
 void Mapper::AddKeyframe(const OdometryFrame& odometry, std::vector<TimedCluster> clusters) {
   if (window_.full()) window_.PopOldest();
   WindowFrame frame;
-  frame.id = static_cast<std::int64_t>(keyframes_.size());
+  frame.id = NextId();
   frame.stamp_ns = odometry.stamp_ns;
   frame.T_world_lidar = odometry.T_world_lidar;
   frame.twist = odometry.twist;
@@ -100,7 +112,7 @@ void Mapper::AddKeyframe(const OdometryFrame& odometry, std::vector<TimedCluster
   keyframes_.push_back(frame.T_world_lidar);
   window_.Push(std::move(frame));
   map_.Refresh();
-  map_.EvictToBudget(options_.backend.min_surfel_frames, on_evicted_);
+  map_.EvictToBudget();
   ++keyframes_since_solve_;
 }
 
@@ -128,17 +140,16 @@ void Mapper::ApplySolve(const BundleResult& result) {
   const std::int64_t first = window_.frames().front().id;
   if (ids.back() < first) return;
   // Frames that have joined since move with the last one that was solved.
-  const auto last = static_cast<std::size_t>(ids.back());
-  const SE3 correction = result.poses.back() * keyframes_[last].Inverse();
+  const SE3 correction = result.poses.back() * Keyframe(ids.back()).Inverse();
   for (std::size_t k = 0; k < ids.size(); ++k) {
-    if (ids[k] >= first) keyframes_[static_cast<std::size_t>(ids[k])] = result.poses[k];
+    if (ids[k] >= first) Keyframe(ids[k]) = result.poses[k];
   }
-  for (std::size_t k = last + 1; k < keyframes_.size(); ++k) {
-    keyframes_[k] = correction * keyframes_[k];
+  for (std::int64_t id = ids.back() + 1; id < NextId(); ++id) {
+    Keyframe(id) = correction * Keyframe(id);
   }
   odometry_.Correct(correction);
   for (std::size_t i = 0; i < window_.frames().size(); ++i) {
-    window_.SetPose(i, keyframes_[static_cast<std::size_t>(first) + i]);
+    window_.SetPose(i, Keyframe(first + static_cast<std::int64_t>(i)));
   }
   for (std::size_t i = 0; i < window_.frames().size(); ++i) {
     window_.Move(i, window_.frames()[i].T_world_lidar, window_.CentralTwist(i));
@@ -146,13 +157,39 @@ void Mapper::ApplySolve(const BundleResult& result) {
   map_.Refresh();
 }
 
-Trajectory Mapper::CurrentTrajectory() const {
+void Mapper::StartLocalising(const SE3& T_world_lidar) {
+  localising_ = true;
+  odometry_.StartAt(T_world_lidar);
+}
+
+StampedPose Mapper::PoseOf(const OpenFrame& frame) const {
+  if (frame.keyframe_id == OpenFrame::kNoKeyframe) return {frame.stamp_ns, frame.T_keyframe_lidar};
+  return {frame.stamp_ns, Keyframe(frame.keyframe_id) * frame.T_keyframe_lidar};
+}
+
+Trajectory Mapper::TakeFinal() {
   Trajectory trajectory;
-  for (const FrameRecord& r : records_) {
-    trajectory.push_back(
-        {r.stamp_ns, keyframes_[static_cast<std::size_t>(r.keyframe_id)] * r.T_keyframe_lidar});
+  const std::int64_t first = window_.frames().empty() ? 0 : window_.frames().front().id;
+  for (; !open_.empty() && open_.front().keyframe_id < first; open_.pop_front()) {
+    trajectory.push_back(PoseOf(open_.front()));
   }
+  if (keyframes_.empty()) return trajectory;
+  const std::int64_t needed = open_.empty() ? first : std::min(first, open_.front().keyframe_id);
+  for (; first_id_ < needed; ++first_id_) keyframes_.pop_front();
   return trajectory;
+}
+
+Trajectory Mapper::OpenFrames() const {
+  Trajectory trajectory;
+  for (const OpenFrame& frame : open_) trajectory.push_back(PoseOf(frame));
+  return trajectory;
+}
+
+void Mapper::Archive(StateArchive& a) {
+  a(&odometry_, &window_, &keyframes_, &first_id_, &keyframes_since_solve_, &solving_,
+    &lost_in_a_row_, &localising_);
+  open_.resize(a.Size(open_.size(), 1));
+  for (OpenFrame& frame : open_) a(&frame.stamp_ns, &frame.keyframe_id, &frame.T_keyframe_lidar);
 }
 
 }  // namespace lamina

@@ -12,12 +12,13 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
+#include <deque>
 #include <vector>
 
 #include "backend/bundle_adjuster.h"
 #include "backend/sliding_window.h"
 #include "core/scan.h"
+#include "core/state_archive.h"
 #include "core/voxel_map.h"
 #include "frontend/odometry.h"
 
@@ -55,19 +56,20 @@ struct MappedFrame {
   bool restarted = false;  // lost for so long that mapping starts anew from the prediction
 };
 
-// What is known of a frame once it is processed.
-struct FrameRecord {
+// A frame whose pose bundle adjustment may still move.
+struct OpenFrame {
   StampNs stamp_ns = 0;
-  SE3 T_world_lidar;  // final once the window has passed
-  bool keyframe = false;
-  std::int64_t keyframe_id = 0;  // the keyframe that it hangs on (itself, if it is one)
+  // The keyframe that it hangs on (itself, if it is one). kNoKeyframe: none, T_keyframe_lidar is
+  // T_world_lidar.
+  static constexpr std::int64_t kNoKeyframe = -1;
+  std::int64_t keyframe_id = kNoKeyframe;
   SE3 T_keyframe_lidar;
 };
 
 class Mapper {
  public:
-  // `on_evicted` gets the planes of parts of the map that leave memory; may be empty.
-  Mapper(const MapperOptions& options, std::function<void(const Surfel&)> on_evicted);
+  // `store` gets the parts of the map that leave memory (VoxelMap).
+  explicit Mapper(const MapperOptions& options, VoxelStore* store = nullptr);
 
   // Stamps must increase. A lost frame leaves the map as it is.
   MappedFrame Process(StampNs stamp_ns, std::vector<TimedCluster> clusters);
@@ -78,10 +80,24 @@ class Mapper {
   BundleProblem PrepareSolve();
   void ApplySolve(const BundleResult& result);
 
-  // Poses of all frames so far, as known now.
-  Trajectory CurrentTrajectory() const;
+  // From now on scans are matched to the map and leave it as it is, the first one near this pose.
+  // Before any scan.
+  void StartLocalising(const SE3& T_world_lidar);
+
+  // The next scan is of another recording, whose clock may be another one.
+  void Interrupt() { odometry_.Interrupt(); }
+
+  // Frames whose pose nothing will change any more, since the last call; memory holds no more of
+  // the trajectory than what is open.
+  Trajectory TakeFinal();
+  // Poses of the frames after those, as known now.
+  Trajectory OpenFrames() const;
+
+  // All but the map.
+  void Archive(StateArchive& a);
 
   const VoxelMap& map() const { return map_; }
+  VoxelMap& map() { return map_; }
 
  private:
   OdometryFrame Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters);
@@ -90,18 +106,27 @@ class Mapper {
   // Deskews the last keyframe again, now that the motion after it is known too. False if it makes
   // no difference.
   bool RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar);
+  // Brings back what the map had where this scan is expected.
+  void RecallAround(const SE3& T_world_lidar, const std::vector<TimedCluster>& clusters);
+  StampedPose PoseOf(const OpenFrame& frame) const;
+  SE3& Keyframe(std::int64_t id) { return keyframes_[static_cast<std::size_t>(id - first_id_)]; }
+  const SE3& Keyframe(std::int64_t id) const {
+    return keyframes_[static_cast<std::size_t>(id - first_id_)];
+  }
+  std::int64_t NextId() const { return first_id_ + static_cast<std::int64_t>(keyframes_.size()); }
 
   MapperOptions options_;
   VoxelMap map_;
   Odometry odometry_;
   SlidingWindow window_;
-  std::vector<FrameRecord> records_;
-  // By keyframe id: final poses and, of frames in the window, the same ones as there.
-  std::vector<SE3> keyframes_;
+  std::deque<OpenFrame> open_;
+  // Poses of the keyframes in the window, and of those before them on which open frames hang.
+  std::deque<SE3> keyframes_;
+  std::int64_t first_id_ = 0;  // of the first of them
   int keyframes_since_solve_ = 0;
   std::vector<std::int64_t> solving_;  // ids of the frames of the problem under way
   int lost_in_a_row_ = 0;
-  std::function<void(const Surfel&)> on_evicted_;
+  bool localising_ = false;
 };
 
 }  // namespace lamina

@@ -1,6 +1,5 @@
 #include "backend/mapping_pipeline.h"
 
-#include <optional>
 #include <utility>
 
 #include "core/parallel.h"
@@ -31,40 +30,55 @@ class SolveInFlight {
   SolveInFlight(Mapper* mapper, const BackendOptions& options)
       : mapper_(mapper), options_(options) {}
 
-  // Call before frame number `frame`. Returns the time that the solve took, 0 if none was due.
-  double TakeInIfDue(std::int64_t frame) { return pending_ && frame >= due_ ? TakeIn() : 0.0; }
+  // Call before frame number `frame`. Whether a solve was taken in, whose report *report is then.
+  bool TakeInIfDue(std::int64_t frame, SolveReport* report) {
+    if (!pending_ || frame < due_) return false;
+    *report = TakeIn();
+    return true;
+  }
 
   // Call after frame number `frame`.
   void StartIfDue(std::int64_t frame) {
     if (pending_ || !mapper_->SolveDue()) return;
+    problem_ = mapper_->PrepareSolve();
     Start();
     due_ = frame + 1 + options_.hand_over_lag_frames;
   }
 
   // What is still under way, then one last solve that includes the newest frames.
-  void Finish() {
-    if (pending_) TakeIn();
-    if (!mapper_->SolvePossible()) return;
+  std::vector<SolveReport> Finish() {
+    std::vector<SolveReport> reports;
+    if (pending_) reports.push_back(TakeIn());
+    if (!mapper_->SolvePossible()) return reports;
+    problem_ = mapper_->PrepareSolve();
     Start();
-    TakeIn();
+    reports.push_back(TakeIn());
+    return reports;
   }
 
-  std::size_t solves = 0, failed = 0;
+  void Archive(StateArchive& a) {
+    a(&pending_, &due_);
+    if (!pending_) return;
+    a(&problem_);
+    if (a.reading()) Start();
+  }
 
  private:
   void Start() {
     pending_ = true;
-    problem_ = mapper_->PrepareSolve();
     background_.Start([this] { result_ = AdjustBundle(problem_, options_.solver); });
   }
 
-  double TakeIn() {
+  SolveReport TakeIn() {
     background_.Wait();
     pending_ = false;
-    ++solves;
-    if (!result_.usable()) ++failed;
     mapper_->ApplySolve(result_);
-    return result_.solve_ms;
+    SolveReport report;
+    report.frames = problem_.poses.size();
+    report.planes = problem_.planes.size();
+    report.observations = problem_.observations.size();
+    report.result = std::move(result_);
+    return report;
   }
 
   Mapper* mapper_;
@@ -76,149 +90,180 @@ class SolveInFlight {
   Background background_;  // the last member: it waits before what it works on goes
 };
 
-// Poses for all scans: those that were skipped lie between their neighbours, by stamp where that is
-// possible.
-Trajectory FillSkipped(const std::vector<std::pair<StampNs, bool>>& scans,
-                       const Trajectory& frames) {
-  Trajectory all;
-  std::size_t next = 0;
-  for (const auto& [stamp_ns, has_pose] : scans) {
-    if (has_pose) {
-      all.push_back(frames[next++]);
-      continue;
-    }
-    StampedPose pose;
-    pose.stamp_ns = stamp_ns;
-    if (next > 0) pose.T_world_lidar = frames[next - 1].T_world_lidar;
-    if (next == 0 && !frames.empty()) pose.T_world_lidar = frames[0].T_world_lidar;
-    if (next > 0 && next < frames.size() && stamp_ns > frames[next - 1].stamp_ns &&
-        stamp_ns < frames[next].stamp_ns) {
-      const double s = SecondsBetween(frames[next - 1].stamp_ns, stamp_ns) /
-                       SecondsBetween(frames[next - 1].stamp_ns, frames[next].stamp_ns);
-      pose.T_world_lidar =
-          Interpolate(frames[next - 1].T_world_lidar, frames[next].T_world_lidar, s);
-    }
-    all.push_back(pose);
-  }
-  return all;
-}
+}  // namespace
 
 // The serial stage: everything that depends on the order of the scans.
-class SerialStage {
+class MappingPipeline::SerialStage {
  public:
-  SerialStage(Mapper* mapper, const MappingOptions& options, const MappingCallbacks& callbacks)
-      : mapper_(mapper), solve_(mapper, options.mapper.backend), callbacks_(callbacks) {}
+  SerialStage(const MappingOptions& options, MappingCallbacks callbacks, VoxelStore* store)
+      : mapper_(options.mapper, store),
+        solve_(&mapper_, options.mapper.backend),
+        callbacks_(std::move(callbacks)) {}
+
+  Mapper& mapper() { return mapper_; }
+  const MappingCounts& counts() const { return counts_; }
 
   void Process(PipelineScan* decoded) {
     ScanReport& report = decoded->report;
-    if (!report.skipped && frames_ > 0 && report.stamp_ns <= last_stamp_ns_) {
+    if (!report.skipped && any_ && report.stamp_ns <= last_stamp_ns_) {
       report.skipped = true;
       report.reason = SkipReason::kStampNotAfterLast;
       report.detail = "scan " + std::to_string(report.index) + ": its stamp " +
                       std::to_string(report.stamp_ns) + " ns is not after the last one, " +
                       std::to_string(last_stamp_ns_) + " ns";
     }
-    scans_.emplace_back(report.stamp_ns, !report.skipped);
+    ++counts_.scans;
+    poses_.AddScan(report.index, report.stamp_ns, report.skipped);
     if (report.skipped) {
-      ++result_.skipped[report.reason];
+      ++counts_.skipped[report.reason];
     } else {
       Map(decoded);
     }
     if (callbacks_.on_scan) callbacks_.on_scan(report);
+    HandOnFinalPoses();
   }
 
-  MappingResult Finish() {
-    solve_.Finish();
-    result_.frames = mapper_->CurrentTrajectory();
-    result_.all_scans = FillSkipped(scans_, result_.frames);
-    result_.solves = solve_.solves;
-    result_.failed_solves = solve_.failed;
-    return std::move(result_);
+  void Interrupt() {
+    any_ = false;
+    mapper_.Interrupt();
   }
+
+  void Finish() {
+    for (SolveReport& report : solve_.Finish()) Count(&report, counts_.scans);
+    poses_.ShowOpen(mapper_.OpenFrames(), Visitor());
+  }
+
+  void ShowOpenPoses(const FinalPoses::Visit& visit) const {
+    poses_.ShowOpen(mapper_.OpenFrames(), visit);
+  }
+
+  void Archive(StateArchive& a) { a(&mapper_, &solve_, &counts_, &poses_, &any_, &last_stamp_ns_); }
 
  private:
   void Map(PipelineScan* decoded) {
     ScanReport& report = decoded->report;
+    const auto number = static_cast<std::int64_t>(counts_.frames);
     last_stamp_ns_ = report.stamp_ns;
-    report.solve_ms = solve_.TakeInIfDue(frames_);
+    any_ = true;
+    SolveReport solved;
+    if (solve_.TakeInIfDue(number, &solved)) {
+      report.solve_ms = solved.result.solve_ms;
+      Count(&solved, report.index);
+    }
     Stopwatch watch;
-    const MappedFrame frame = mapper_->Process(report.stamp_ns, std::move(decoded->clusters));
+    const MappedFrame frame = mapper_.Process(report.stamp_ns, std::move(decoded->clusters));
     report.odometry_ms = watch.LapMilliseconds();
-    solve_.StartIfDue(frames_);
+    solve_.StartIfDue(number);
     report.map_ms = watch.LapMilliseconds();
-    ++frames_;
     report.odometry = frame.odometry;
     report.keyframe = frame.keyframe;
-    result_.keyframes += frame.keyframe ? 1 : 0;
-    result_.restarts += frame.restarted ? 1 : 0;
-    result_.lost += frame.odometry.status == OdometryFrame::Status::kLost ? 1 : 0;
-    result_.degenerate += frame.odometry.match.degenerate > 0 ? 1 : 0;
-    result_.searched += frame.odometry.searched ? 1 : 0;
+    ++counts_.frames;
+    counts_.keyframes += frame.keyframe ? 1 : 0;
+    counts_.restarts += frame.restarted ? 1 : 0;
+    counts_.lost += frame.odometry.status == OdometryFrame::Status::kLost ? 1 : 0;
+    counts_.degenerate += frame.odometry.match.degenerate > 0 ? 1 : 0;
+    counts_.searched += frame.odometry.searched ? 1 : 0;
   }
 
-  Mapper* mapper_;
+  void Count(SolveReport* report, std::size_t before_scan) {
+    report->before_scan = before_scan;
+    ++counts_.solves;
+    if (!report->result.usable()) ++counts_.failed_solves;
+    if (callbacks_.on_solve) callbacks_.on_solve(*report);
+  }
+
+  FinalPoses::Visit Visitor() const {
+    return [this](const FinalPose& pose) {
+      if (callbacks_.on_final_pose) callbacks_.on_final_pose(pose);
+    };
+  }
+
+  void HandOnFinalPoses() { poses_.AddPoses(mapper_.TakeFinal(), Visitor()); }
+
+  Mapper mapper_;
   SolveInFlight solve_;
-  const MappingCallbacks& callbacks_;
-  MappingResult result_;
-  std::vector<std::pair<StampNs, bool>> scans_;
-  std::int64_t frames_ = 0;
+  MappingCallbacks callbacks_;
+  MappingCounts counts_;
+  FinalPoses poses_;
+  bool any_ = false;
   StampNs last_stamp_ns_ = 0;
 };
 
 // The way of a scan: read ahead, then mapped in order.
-class ScanStages final : public PipelineStages {
+class MappingPipeline::ScanStages final : public PipelineStages {
  public:
-  ScanStages(const ScanSource& source, std::size_t begin, std::size_t end,
-             const std::atomic<bool>* stop, const MappingOptions& options, Mapper* mapper,
-             const MappingCallbacks& callbacks)
+  ScanStages(const ScanSource& source, const ScanRange& range, const std::atomic<bool>* stop,
+             const MappingOptions& options, SerialStage* serial)
       : source_(source),
-        begin_(begin),
-        end_(end),
+        range_(range),
         stop_(stop),
         options_(options),
-        serial_(mapper, options, callbacks),
+        serial_(serial),
         under_way_(static_cast<std::size_t>(options.pipeline.lookahead_scans)) {}
 
   bool Begin(std::size_t i) override {
-    interrupted_ = stop_ != nullptr && stop_->load();
-    return begin_ + i < end_ && !interrupted_;
+    return range_.next + i < range_.end && (stop_ == nullptr || !stop_->load());
   }
-  void Work(std::size_t i) override { Slot(i) = Decode(source_, options_, begin_, begin_ + i); }
-  void End(std::size_t i) override { serial_.Process(&Slot(i)); }
+  void Work(std::size_t i) override {
+    Slot(i) = Decode(source_, options_, range_.begin, range_.next + i);
+  }
+  void End(std::size_t i) override {
+    serial_->Process(&Slot(i));
+    ++processed_;
+  }
 
-  MappingResult Finish() {
-    MappingResult result = serial_.Finish();
-    result.interrupted = interrupted_;
-    return result;
-  }
+  std::size_t processed() const { return processed_; }
 
  private:
   PipelineScan& Slot(std::size_t i) { return under_way_[i % under_way_.size()]; }
 
   const ScanSource& source_;
-  const std::size_t begin_, end_;
+  const ScanRange range_;
   const std::atomic<bool>* stop_;
   const MappingOptions& options_;
-  SerialStage serial_;
+  SerialStage* serial_;
   std::vector<PipelineScan> under_way_;
-  bool interrupted_ = false;
+  std::size_t processed_ = 0;
 };
 
-}  // namespace
+void MappingCounts::Archive(StateArchive& a) {
+  a(&scans, &frames, &keyframes, &lost, &restarts, &degenerate, &searched, &solves, &failed_solves);
+  std::vector<SkipReason> reasons;
+  std::vector<std::size_t> numbers;
+  for (const auto& [reason, number] : skipped) {
+    reasons.push_back(reason);
+    numbers.push_back(number);
+  }
+  a(&reasons, &numbers);
+  for (std::size_t i = 0; i < reasons.size(); ++i) skipped[reasons[i]] = numbers.at(i);
+}
 
-MappingPipeline::MappingPipeline(const MappingOptions& options,
-                                 std::function<void(const Surfel&)> on_evicted)
-    : options_(options), mapper_(options.mapper, std::move(on_evicted)) {
+MappingPipeline::MappingPipeline(const MappingOptions& options, MappingCallbacks callbacks,
+                                 VoxelStore* store)
+    : options_(options),
+      serial_(std::make_unique<SerialStage>(options_, std::move(callbacks), store)) {
   CheckOptions(options.preparation, "preparation");
   CheckOptions(options.pipeline, "pipeline");
 }
 
-MappingResult MappingPipeline::Run(const ScanSource& source, std::size_t begin, std::size_t end,
-                                   const MappingCallbacks& callbacks,
-                                   const std::atomic<bool>* stop) {
-  ScanStages stages(source, begin, end, stop, options_, &mapper_, callbacks);
+MappingPipeline::~MappingPipeline() = default;
+
+std::size_t MappingPipeline::Process(const ScanSource& source, const ScanRange& range,
+                                     const std::atomic<bool>* stop) {
+  ScanStages stages(source, range, stop, options_, serial_.get());
   RunPipeline(static_cast<std::size_t>(options_.pipeline.lookahead_scans), &stages);
-  return stages.Finish();
+  return stages.processed();
 }
+
+void MappingPipeline::Interrupt() { serial_->Interrupt(); }
+void MappingPipeline::Finish() { serial_->Finish(); }
+void MappingPipeline::StartLocalising(const SE3& T) { serial_->mapper().StartLocalising(T); }
+const MappingCounts& MappingPipeline::counts() const { return serial_->counts(); }
+void MappingPipeline::ShowOpenPoses(const FinalPoses::Visit& visit) const {
+  serial_->ShowOpenPoses(visit);
+}
+const VoxelMap& MappingPipeline::map() const { return serial_->mapper().map(); }
+VoxelMap& MappingPipeline::map() { return serial_->mapper().map(); }
+void MappingPipeline::Archive(StateArchive& a) { a(serial_.get()); }
 
 }  // namespace lamina

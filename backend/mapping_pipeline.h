@@ -3,21 +3,25 @@
 //     read + prepare + cluster    parallel over the next scans
 //       -> odometry, window, map  serial, in the order of the scans (Mapper)
 //            -> bundle adjustment one window in flight, beside the next scans' odometry
-//       -> observer               one call for each scan, in order
+//       -> callbacks              for each scan, in order
 //
 // Bounded: at most `lookahead_scans` are between the first stage and the last, so back-pressure
 // reaches the reader. A window's correction takes effect a fixed number of frames after it was
 // started, never "when it is ready". Therefore the result is the same, bit for bit, at any number
-// of threads.
+// of threads; and whether the scans are there at once or come one by one.
+//
+// Memory does not grow with the number of scans: poses are handed on when they are final.
 #pragma once
 
 #include <atomic>
 #include <cstddef>
 #include <functional>
 #include <map>
+#include <memory>
 #include <string>
 #include <vector>
 
+#include "backend/final_poses.h"
 #include "backend/mapper.h"
 #include "backend/scan_decoder.h"
 #include "core/options.h"
@@ -38,41 +42,71 @@ struct ScanReport : ScanDecodeReport {
   double odometry_ms = 0, map_ms = 0, solve_ms = 0;
 };
 
-struct MappingResult {
-  // One pose for each scan of the range that was reached, final; skipped scans get one between
-  // their neighbours'.
-  Trajectory all_scans;
-  // Without the skipped ones.
-  Trajectory frames;
+// A window that was solved.
+struct SolveReport {
+  std::size_t before_scan = 0;  // took effect before this scan
+  std::size_t frames = 0, planes = 0, observations = 0;
+  BundleResult result;
+};
+
+struct MappingCounts {
+  std::size_t scans = 0, frames = 0;  // with and without those skipped
   std::size_t keyframes = 0, lost = 0, restarts = 0, degenerate = 0, searched = 0;
   std::map<SkipReason, std::size_t> skipped;
   std::size_t solves = 0, failed_solves = 0;
-  bool interrupted = false;
+
+  void Archive(StateArchive& a);
 };
 
+// All are called from one thread at a time, between two scans: the pipeline may be looked at, and
+// Checkpoint() called. May be empty.
 struct MappingCallbacks {
-  // Called after each scan, in order, from one thread at a time.
-  std::function<void(const ScanReport&)> on_scan;
+  std::function<void(const ScanReport&)> on_scan;       // each scan, in order
+  std::function<void(const FinalPose&)> on_final_pose;  // each scan, in order, somewhat later
+  std::function<void(const SolveReport&)> on_solve;
 };
 
-// Not thread-safe: one Run at a time.
+// Scans [next, end) of a source; the period of a sweep is learned from stamps from `begin` on.
+struct ScanRange {
+  std::size_t begin = 0, next = 0, end = 0;
+};
+
+// Not thread-safe.
 class MappingPipeline {
  public:
-  // `on_evicted` gets the planes of parts of the map that leave memory; may be empty. Throws
-  // OptionError.
-  explicit MappingPipeline(const MappingOptions& options,
-                           std::function<void(const Surfel&)> on_evicted = nullptr);
+  // `store` gets parts of the map that leave memory (VoxelMap). Throws OptionError.
+  explicit MappingPipeline(const MappingOptions& options, MappingCallbacks callbacks = {},
+                           VoxelStore* store = nullptr);
+  ~MappingPipeline();
 
-  // Maps scans [begin, end) of the source. Once `stop` is true, scans that have been read are still
-  // processed, and the run ends in good order.
-  MappingResult Run(const ScanSource& source, std::size_t begin, std::size_t end,
-                    const MappingCallbacks& callbacks, const std::atomic<bool>* stop = nullptr);
+  // Maps scans that are there now; what is under way in the background stays so. Once `stop` is
+  // true, scans that have been read are still processed. Returns the number of scans processed.
+  std::size_t Process(const ScanSource& source, const ScanRange& range,
+                      const std::atomic<bool>* stop = nullptr);
+  // The next scan is of another recording, whose clock may be another one.
+  void Interrupt();
+  // No more scans are to come: one last solve, then all poses are final.
+  void Finish();
 
-  const VoxelMap& map() const { return mapper_.map(); }
+  // From now on scans are matched to the map and leave it as it is, the first one near this pose.
+  void StartLocalising(const SE3& T_world_lidar);
+
+  const MappingCounts& counts() const;
+  // Poses of the scans that are not final, as known now.
+  void ShowOpenPoses(const FinalPoses::Visit& visit) const;
+  const VoxelMap& map() const;
+  VoxelMap& map();
+
+  // All of the state but the map. Reading starts the solve again that was under way, and needs the
+  // map as it was.
+  void Archive(StateArchive& a);
 
  private:
+  class SerialStage;
+  class ScanStages;
+
   MappingOptions options_;
-  Mapper mapper_;
+  std::unique_ptr<SerialStage> serial_;
 };
 
 }  // namespace lamina

@@ -232,6 +232,38 @@ BundleProblem SlidingWindow::BuildProblem(std::vector<std::vector<ClusterUse>>* 
   return problem;
 }
 
+void SlidingWindow::ArchiveLeaves(StateArchive& a, WindowFrame* frame) const {
+  frame->leaves.resize(frame->deskewed.size(), VoxelMap::kNoNode);
+  for (VoxelMap::NodeId& leaf : frame->leaves) {
+    bool known = leaf != VoxelMap::kNoNode;
+    a(&known);
+    if (!known) continue;
+    VoxelMap::LeafAddress address;
+    if (!a.reading()) address = map_->AddressOf(leaf);
+    a(&address.root, &address.path);
+    if (!a.reading()) continue;
+    leaf = map_->LeafOf(address);
+    if (leaf == VoxelMap::kNoNode) throw InputError("saved window and saved map do not match");
+    map_->Hold(leaf);
+  }
+}
+
+void SlidingWindow::Archive(StateArchive& a) {
+  frames_.resize(a.Size(frames_.size(), 1));
+  for (WindowFrame& frame : frames_) {
+    a(&frame.id, &frame.stamp_ns, &frame.T_world_lidar, &frame.twist, &frame.held,
+      &frame.T_previous_this, &frame.measured);
+    // What follows from other members is made again.
+    if (frame.measured.empty()) {
+      a(&frame.deskewed);
+    } else if (a.reading()) {
+      frame.deskewed = DeskewClusters(frame.measured, frame.twist);
+    }
+    if (a.reading()) UpdateClusters(frame.T_world_lidar, &frame);
+    ArchiveLeaves(a, &frame);
+  }
+}
+
 RelativePrior SlidingWindow::MotionPrior(std::size_t i) const {
   RelativePrior prior;
   prior.a = static_cast<int>(i) - 1;

@@ -16,6 +16,7 @@
 #include "backend/bundle_problem.h"
 #include "core/options.h"
 #include "core/scan.h"
+#include "core/state_archive.h"
 #include "core/voxel_map.h"
 #include "frontend/scan_clusters.h"
 #include "frontend/scan_matcher.h"
@@ -92,7 +93,12 @@ class SlidingWindow {
   };
   BundleProblem BuildProblem(std::vector<std::vector<ClusterUse>>* uses) const;
 
+  // Reading finds the leaves in the map, which must hold what it held when this was written, and
+  // holds them again. Throws InputError if it does not.
+  void Archive(StateArchive& a);
+
  private:
+  void ArchiveLeaves(StateArchive& a, WindowFrame* frame) const;
   RelativePrior MotionPrior(std::size_t i) const;
   void UpdateClusters(const SE3& T, WindowFrame* frame) const;
 

@@ -12,6 +12,7 @@ struct Surfel {
   Eigen::Vector3f normal;       // unit, towards the sensor that saw it first
   Eigen::Vector3f eigenvalues;  // of the covariance, descending, m^2; thickness = sqrt of the last
   std::uint32_t count = 0;      // points
+  std::int64_t last_keyframe = 0;  // the last frame that added to it
 };
 
 using SurfelMap = std::vector<Surfel>;

@@ -38,8 +38,8 @@ void VoxelMapOptions::Visit(OptionVisitor& v) {
   v.Number("budget_mb", &budget_mb, 1.0, 1e6);
 }
 
-VoxelMap::VoxelMap(const VoxelMapOptions& options)
-    : options_(options), inverse_root_size_(1.0 / options.root_size_m) {
+VoxelMap::VoxelMap(const VoxelMapOptions& options, VoxelStore* store)
+    : options_(options), inverse_root_size_(1.0 / options.root_size_m), store_(store) {
   CheckOptions(options, "map");
 }
 
@@ -55,6 +55,7 @@ VoxelMap::NodeId VoxelMap::NewNode(NodeId parent) {
   n = Node();
   std::fill(std::begin(n.child), std::end(n.child), kNoNode);
   n.parent = parent;
+  n.snapshot = snapshot_;
   ++used_nodes_;
   return id;
 }
@@ -117,14 +118,19 @@ PointCluster VoxelMap::FixedAggregate(NodeId id) const {
 VoxelMap::NodeId VoxelMap::LeafAt(const Eigen::Vector3d& p) {
   const VoxelKey key = VoxelKeyOf(p, inverse_root_size_);
   NodeId id = index_.Find(key);
+  if (id == kNoNode && store_ != nullptr && store_->Has(TileOf(key))) {
+    store_->TakeRoot(TileOf(key), key, [this](std::string_view record) { Return(record); });
+    id = index_.Find(key);
+  }
   if (id == kNoNode) {
     id = NewNode(kNoNode);
     node(id).key = key;
     index_.FindOrInsert(key, id);
   } else {
+    BeforeChange(id);
     Unlink(id);
   }
-  LinkNewest(id);
+  Touch(id);
   Eigen::Vector3d centre = VoxelCentre(key, options_.root_size_m);
   double half = 0.25 * options_.root_size_m;
   for (int level = 0; level < options_.depth; ++level, half *= 0.5) {
@@ -141,6 +147,7 @@ VoxelMap::NodeId VoxelMap::LeafAt(const Eigen::Vector3d& p) {
 
 void VoxelMap::Unlink(NodeId root) {
   Node& n = node(root);
+  if (snapshot_next_ == root) snapshot_next_ = n.newer;
   (n.older == kNoNode ? oldest_ : node(n.older).newer) = n.newer;
   (n.newer == kNoNode ? newest_ : node(n.newer).older) = n.older;
 }
@@ -155,39 +162,44 @@ void VoxelMap::LinkNewest(NodeId root) {
 
 void VoxelMap::Mark(NodeId leaf) {
   const NodeId root = RootOf(leaf);
+  BeforeChange(root);
+  MarkRoot(root);
+}
+
+void VoxelMap::MarkRoot(NodeId root) {
   if (node(root).marked) return;
   node(root).marked = true;
   marked_.push_back(root);
 }
 
 void VoxelMap::AddWindow(NodeId leaf, const PointCluster& cluster, std::int64_t frame) {
+  Mark(leaf);
   Node& n = node(leaf);
   n.window += cluster;
   if (n.last_added != frame) n.window_frames = SaturatingAdd(n.window_frames, 1);
-  n.last_added = frame;
-  Mark(leaf);
+  n.last_added = static_cast<std::int32_t>(frame);
 }
 
 void VoxelMap::ReplaceWindow(NodeId leaf, const PointCluster& before, const PointCluster& after) {
+  Mark(leaf);
   Node& n = node(leaf);
   n.window -= before;
   n.window += after;
-  Mark(leaf);
 }
 
 void VoxelMap::FixWindow(NodeId leaf, const PointCluster& cluster, std::int64_t frame) {
+  Mark(leaf);
   Node& n = node(leaf);
   if (n.last_fixed != frame) {
     n.fixed_frames = SaturatingAdd(n.fixed_frames, 1);
     n.window_frames = static_cast<std::uint16_t>(n.window_frames - 1);
   }
-  n.last_fixed = frame;
+  n.last_fixed = static_cast<std::int32_t>(frame);
   n.window -= cluster;
   n.fixed += cluster;
   if (n.fixed.count > options_.max_fixed_weight) {
     n.fixed = n.fixed.Scaled(options_.max_fixed_weight / n.fixed.count);
   }
-  Mark(leaf);
 }
 
 void VoxelMap::Hold(NodeId leaf) { ++node(RootOf(leaf)).holds; }
@@ -245,55 +257,81 @@ void VoxelMap::RefreshTree(NodeId root, std::vector<TreeSum>* sums) {
 }
 
 void VoxelMap::Refresh() {
+  if (marked_.empty()) return;
+  ++refreshes_;
   ParallelChunks(marked_.size(), 256, [this](std::size_t begin, std::size_t end) {
     std::vector<TreeSum> sums;
     for (std::size_t i = begin; i < end; ++i) {
       RefreshTree(marked_[i], &sums);
       node(marked_[i]).marked = false;
+      node(marked_[i]).refreshed = static_cast<std::uint32_t>(refreshes_);
     }
   });
   marked_.clear();
 }
 
 std::size_t VoxelMap::bytes() const {
-  return blocks_.size() * (kBlockMask + 1) * sizeof(Node) + BookkeepingBytes();
+  return blocks_.size() * (kBlockMask + 1) * sizeof(Node) + index_.bytes() +
+         marked_.capacity() * sizeof(NodeId) + blocks_.capacity() * sizeof(blocks_[0]);
 }
 
-std::size_t VoxelMap::UsedBytes() const { return used_nodes_ * sizeof(Node) + BookkeepingBytes(); }
-
-std::size_t VoxelMap::BookkeepingBytes() const {
-  return index_.bytes() + marked_.capacity() * sizeof(NodeId) +
-         blocks_.capacity() * sizeof(blocks_[0]);
+// What eviction goes by. Capacities that depend on the way there, and are not saved, must not
+// count: a map that was saved and loaded has to evict the same roots as one that never was.
+std::size_t VoxelMap::UsedBytes() const {
+  return used_nodes_ * sizeof(Node) + index_.bytes() + roots() * sizeof(NodeId) +
+         used_nodes_ / (kBlockMask + 1) * sizeof(blocks_[0]);
 }
 
-std::size_t VoxelMap::EvictToBudget(int min_frames,
-                                    const std::function<void(const Surfel&)>& on_evict) {
+std::size_t VoxelMap::EvictToBudget() {
   // Blocks are never given back, they are filled again: so room must be made before the pool would
   // grow over the budget, with a reserve for what the next frame may add: a twentieth or, where a
   // scan is much of a small budget, a little more than the last one added.
   const double budget = options_.BudgetBytes();
   const double added =
       static_cast<double>(UsedBytes()) - static_cast<double>(bytes_after_eviction_);
-  const double limit = budget - std::max(0.05 * budget, 1.25 * added);
+  constexpr double kBlockBytes = (kBlockMask + 1) * sizeof(Node);  // the last one may be begun
+  const double reserve = std::max(0.05 * budget, 1.25 * added) + kBlockBytes;
+  const std::size_t dropped = EvictTo(budget - reserve, touches_);
+  bytes_after_eviction_ = UsedBytes();
+  std::rotate(recent_touches_.begin(), recent_touches_.begin() + 1, recent_touches_.end());
+  recent_touches_.back() = touches_;
+  return dropped;
+}
+
+std::size_t VoxelMap::EvictTo(double limit, std::uint64_t last_touch) {
   std::size_t dropped = 0;
+  StateArchive record;
   NodeId root = oldest_;
-  while (root != kNoNode && static_cast<double>(UsedBytes()) > limit) {
+  while (root != kNoNode && node(root).touched <= last_touch &&
+         static_cast<double>(UsedBytes()) > limit) {
     const NodeId next = node(root).newer;
+    const VoxelKey key = node(root).key;
     if (node(root).holds == 0 && !node(root).marked) {
-      if (on_evict) VisitSurfaces(root, min_frames, on_evict);
-      index_.Erase(node(root).key);
+      BeforeChange(root);
+      if (store_ != nullptr) {
+        record.written().clear();
+        ArchiveRoot(record, root);
+        store_->Put(TileOf(key), key, record.written());
+      }
+      index_.Erase(key);
       Unlink(root);
       FreeTree(root);
       ++dropped;
     }
     root = next;
   }
-  bytes_after_eviction_ = UsedBytes();
   return dropped;
 }
 
-void VoxelMap::VisitSurfaces(NodeId id, int min_frames,
-                             const std::function<void(const Surfel&)>& visit) const {
+std::int32_t VoxelMap::LastAdded(NodeId id) const {
+  std::int32_t last = node(id).last_added;
+  for (const NodeId child : node(id).child) {
+    if (child != kNoNode) last = std::max(last, LastAdded(child));
+  }
+  return last;
+}
+
+void VoxelMap::VisitSurfaces(NodeId id, int min_frames, const VisitSurfel& visit) const {
   const Node& n = node(id);
   if (n.surface.kind == Surface::Kind::kPlane) {
     // Below a planar node nothing is kept up to date: what it does not show, its children may not.
@@ -305,18 +343,12 @@ void VoxelMap::VisitSurfaces(NodeId id, int min_frames,
     surfel.normal = eigen.u.col(2).cast<float>();
     surfel.eigenvalues = eigen.l.cwiseMax(0.0).cast<float>();
     surfel.count = static_cast<std::uint32_t>(std::lround(cluster.count));
+    surfel.last_keyframe = LastAdded(id);
     visit(surfel);
     return;
   }
   for (const NodeId child : n.child) {
     if (child != kNoNode) VisitSurfaces(child, min_frames, visit);
-  }
-}
-
-void VoxelMap::ForEachSurface(int min_frames,
-                              const std::function<void(const Surfel&)>& visit) const {
-  for (NodeId root = oldest_; root != kNoNode; root = node(root).newer) {
-    VisitSurfaces(root, min_frames, visit);
   }
 }
 

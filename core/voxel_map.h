@@ -14,13 +14,18 @@
 // parallel. Nothing here visits the whole map but ForEachSurface.
 //
 // Memory stays below `budget_mb`: the roots form a list in the order in which they were last
-// touched, and EvictToBudget drops the longest untouched, unless the window still stands on them.
-// A budget below what the window stands on cannot be kept; over_budget() says so.
+// touched, and EvictToBudget moves the longest untouched to the VoxelStore, unless the window still
+// stands on them. They come back when something new is to be put beside them, or by Recall(). A
+// budget below what the window stands on cannot be kept; over_budget() says so.
+//
+// Snapshot: the map as it stood at one moment, saved piece by piece while it goes on changing. A
+// root is saved before its first change after that moment, or when its turn comes.
 //
 // Thread-safety: const members may run at once; anything else needs the map for itself.
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -28,8 +33,10 @@
 
 #include "core/options.h"
 #include "core/point_cluster.h"
+#include "core/state_archive.h"
 #include "core/surfel.h"
 #include "core/voxel_key.h"
+#include "core/voxel_store.h"
 
 namespace lamina {
 
@@ -76,8 +83,9 @@ class VoxelMap {
   using NodeId = std::int32_t;
   static constexpr NodeId kNoNode = -1;
 
-  // Throws OptionError.
-  explicit VoxelMap(const VoxelMapOptions& options);
+  // `store` gets what leaves memory, and must outlive the map; without one it is lost. Throws
+  // OptionError.
+  explicit VoxelMap(const VoxelMapOptions& options, VoxelStore* store = nullptr);
 
   const VoxelMapOptions& options() const { return options_; }
 
@@ -93,9 +101,17 @@ class VoxelMap {
   PointCluster Aggregate(NodeId id) const;
   PointCluster FixedAggregate(NodeId id) const;
 
-  // Calls visit for every coarsest planar node with at least min_frames frames, from the longest to
-  // the last touched root (the same order for the same input).
-  void ForEachSurface(int min_frames, const std::function<void(const Surfel&)>& visit) const;
+  // Calls visit for every coarsest planar node with at least min_frames frames: first those in
+  // memory, from the longest to the last touched root, then those in the store (the same order for
+  // the same input).
+  using VisitSurfel = std::function<void(const Surfel&)>;
+  void ForEachSurface(int min_frames, const VisitSurfel& visit) const;
+  // Those of one tile. Returns the number of the refresh that last changed it; visits nothing if
+  // that is `changed_by` or earlier (0 for what lies in the store).
+  std::int64_t ForEachSurfaceOfTile(VoxelKey tile, std::int64_t changed_by, int min_frames,
+                                    const VisitSurfel& visit) const;
+  // Number of refreshes that changed anything.
+  std::int64_t refreshes() const { return refreshes_; }
 
   std::size_t roots() const { return index_.size(); }
   std::size_t nodes() const { return used_nodes_; }
@@ -125,10 +141,38 @@ class VoxelMap {
   // Brings surfaces of all marked roots up to date.
   void Refresh();
 
-  // Drops the longest untouched roots until bytes() fits the budget; before a root goes, its
-  // surfaces seen by at least min_frames frames are handed to `on_evict`. Returns the number
-  // dropped. Roots that are held stay, even over budget. To be called after each frame.
-  std::size_t EvictToBudget(int min_frames, const std::function<void(const Surfel&)>& on_evict);
+  // Moves the longest untouched roots to the store until bytes() fits the budget. Roots that are
+  // held stay, even over budget. To be called after each frame. Returns the number moved.
+  std::size_t EvictToBudget();
+
+  // Brings back, and up to date, what the store has of the tiles around these points, as far as
+  // there is room or can be made by evicting what no recent frame has touched: a budget below what
+  // the sensor sees must not make every frame write and read it all. Returns the number of roots
+  // that came.
+  std::size_t Recall(const std::vector<Eigen::Vector3d>& points);
+
+  // --- Saving and loading (voxel_map_records.cc) ---------------------------------------------
+
+  // Starts a snapshot; one under way is given up. Nothing may be marked: after Refresh().
+  void BeginSnapshot();
+  // Saves roots until `bytes` have come together, and moves them to *records, which Load() reads.
+  // False when the snapshot is complete.
+  bool ContinueSnapshot(std::size_t bytes, std::string* records);
+  bool snapshot_under_way() const { return snapshot_under_way_; }
+  // All that is saved beside the roots; to be read before them.
+  void ArchiveCounters(StateArchive& a);
+
+  // Into an empty map, in any number of pieces, then FinishLoading(). Throws InputError.
+  void Load(std::string_view records);
+  void FinishLoading();
+
+  // A leaf, named so that another map of the same content finds it.
+  struct LeafAddress {
+    VoxelKey root = 0;
+    std::uint32_t path = 0;  // the child of each level, three bits each
+  };
+  LeafAddress AddressOf(NodeId leaf) const;
+  NodeId LeafOf(const LeafAddress& address) const;  // kNoNode if there is none
 
  private:
   struct Node {
@@ -138,11 +182,14 @@ class VoxelMap {
     NodeId parent = kNoNode;
 
     std::uint16_t fixed_frames = 0, window_frames = 0;
-    std::int64_t last_added = -1, last_fixed = -1;  // frames, to count each once
+    std::int32_t last_added = -1, last_fixed = -1;  // frames, to count each once
     // Roots alone:
     VoxelKey key = 0;
     NodeId older = kNoNode, newer = kNoNode;  // list in order of touch
     std::uint32_t holds = 0;
+    std::uint32_t snapshot = 0;   // the last one that has it, or does not want it
+    std::uint32_t refreshed = 0;  // by which refresh
+    std::uint64_t touched = 0;    // number of the touch: grows along the list
     bool marked = false;
   };
   // Nodes live in blocks: big enough that their table stays small, small enough that a budget of a
@@ -161,7 +208,26 @@ class VoxelMap {
   NodeId RootOf(NodeId id) const;
   void Unlink(NodeId root);
   void LinkNewest(NodeId root);
+  void Touch(NodeId root) {
+    LinkNewest(root);
+    node(root).touched = ++touches_;
+  }
+  // Before anything of a root changes that a snapshot would show.
+  void BeforeChange(NodeId root) {
+    if (snapshot_under_way_ && node(root).snapshot != snapshot_) SaveRoot(root);
+  }
+  // Before a leaf changes.
   void Mark(NodeId leaf);
+  void MarkRoot(NodeId root);
+  // A record that the store gave back.
+  void Return(std::string_view record);
+  // Until UsedBytes() is at most `limit`, as far as roots go that have not been touched since.
+  std::size_t EvictTo(double limit, std::uint64_t last_touch);
+  void ArchiveTree(StateArchive& a, NodeId id, int level);
+  void ArchiveRoot(StateArchive& a, NodeId root);
+  void SaveRoot(NodeId root);
+  // A record's root, neither linked nor marked; kNoNode if it is there already.
+  NodeId LoadRoot(StateArchive& a);
   struct TreeSum {
     NodeId id;
     PointCluster cluster;
@@ -171,14 +237,13 @@ class VoxelMap {
   PointCluster SumTree(NodeId id, std::vector<TreeSum>* sums);
   void RefreshTree(NodeId root, std::vector<TreeSum>* sums);
   Surface MakeSurface(const PointCluster& cluster, int frames) const;
-  void VisitSurfaces(NodeId id, int min_frames,
-                     const std::function<void(const Surfel&)>& visit) const;
-  // Of nodes in use, and of all but nodes.
+  void VisitSurfaces(NodeId id, int min_frames, const VisitSurfel& visit) const;
+  std::int32_t LastAdded(NodeId id) const;
   std::size_t UsedBytes() const;
-  std::size_t BookkeepingBytes() const;
 
   VoxelMapOptions options_;
   double inverse_root_size_;
+  VoxelStore* store_;
   VoxelIndex index_;
   std::vector<std::unique_ptr<Node[]>> blocks_;
   NodeId next_unused_ = 0;
@@ -187,6 +252,15 @@ class VoxelMap {
   std::size_t bytes_after_eviction_ = 0;
   NodeId oldest_ = kNoNode, newest_ = kNoNode;
   std::vector<NodeId> marked_;
+  std::int64_t refreshes_ = 0;
+  std::uint64_t touches_ = 0;
+  // As it stood after each of the last frames; what was touched since, a recall does not evict.
+  std::array<std::uint64_t, 16> recent_touches_ = {};
+
+  bool snapshot_under_way_ = false;
+  std::uint32_t snapshot_ = 0;
+  NodeId snapshot_next_ = kNoNode;  // in the order of the list
+  StateArchive snapshot_records_;
 };
 
 }  // namespace lamina

@@ -31,15 +31,25 @@ Odometry::Odometry(const OdometryOptions& options) : options_(options), matcher_
   CheckOptions(options, "frontend");
 }
 
+std::optional<double> Odometry::KnownGap(StampNs stamp_ns) const {
+  const double dt = SecondsBetween(last_stamp_ns_, stamp_ns);
+  if (interrupted_ || dt <= 0.0 || dt > options_.max_prediction_gap_s) return std::nullopt;
+  return dt;
+}
+
+SE3 Odometry::Predict(StampNs stamp_ns) const {
+  const std::optional<double> dt = KnownGap(stamp_ns);
+  return dt ? T_world_last_ * TwistExp(velocity_ * *dt) : T_world_last_;
+}
+
 OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                                  const VoxelMap& map) const {
   OdometryFrame frame;
   frame.stamp_ns = stamp_ns;
   if (!started_) return frame;
-  const double dt = SecondsBetween(last_stamp_ns_, stamp_ns);
-  const bool known = dt <= options_.max_prediction_gap_s;
-  frame.twist = known ? velocity_ : Vector6d::Zero();
-  frame.T_world_predicted = T_world_last_ * TwistExp(frame.twist * dt);
+  const std::optional<double> dt = KnownGap(stamp_ns);
+  if (dt) frame.twist = velocity_;
+  frame.T_world_predicted = Predict(stamp_ns);
   const std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.twist);
   frame.match = matcher_.Match(deskewed, frame.T_world_predicted, map);
   if (NeedsSearch(frame)) {
@@ -47,8 +57,8 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
     frame.match = Search(deskewed, {frame.T_world_predicted, T_world_last_}, frame.match, map);
   }
   const bool timed = AnyTimed(clusters);
-  for (int pass = 0; timed && known && pass < options_.deskew_passes; ++pass) {
-    frame.twist = TwistLog(T_world_last_.Inverse() * frame.match.T_world_lidar) / dt;
+  for (int pass = 0; timed && dt && pass < options_.deskew_passes; ++pass) {
+    frame.twist = TwistLog(T_world_last_.Inverse() * frame.match.T_world_lidar) / *dt;
     frame.match =
         matcher_.Match(DeskewClusters(clusters, frame.twist), frame.match.T_world_lidar, map);
   }
@@ -125,8 +135,10 @@ void Odometry::Accept(const OdometryFrame& frame) {
   constexpr std::size_t kRecent = 15;
   const double dt = SecondsBetween(last_stamp_ns_, frame.stamp_ns);
   velocity_.setZero();
-  if (frame.status == OdometryFrame::Status::kTracked && dt > 0.0) {
-    velocity_ = TwistLog(T_world_last_.Inverse() * frame.T_world_lidar) / dt;
+  if (frame.status == OdometryFrame::Status::kTracked) {
+    if (dt > 0.0 && !interrupted_) {
+      velocity_ = TwistLog(T_world_last_.Inverse() * frame.T_world_lidar) / dt;
+    }
     recent_inliers_.push_back(frame.match.inlier_share);
     if (recent_inliers_.size() > kRecent) recent_inliers_.pop_front();
   } else {
@@ -135,6 +147,18 @@ void Odometry::Accept(const OdometryFrame& frame) {
   last_stamp_ns_ = frame.stamp_ns;
   T_world_last_ = frame.T_world_lidar;
   started_ = true;
+  interrupted_ = false;
+}
+
+void Odometry::StartAt(const SE3& T_world_lidar) {
+  T_world_last_ = T_world_lidar;
+  velocity_.setZero();
+  recent_inliers_.clear();
+  started_ = interrupted_ = true;
+}
+
+void Odometry::Archive(StateArchive& a) {
+  a(&recent_inliers_, &started_, &interrupted_, &last_stamp_ns_, &T_world_last_, &velocity_);
 }
 
 void Odometry::Correct(const SE3& correction) { T_world_last_ = correction * T_world_last_; }

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <deque>
+#include <optional>
 #include <vector>
 
 #include "core/options.h"
 #include "core/scan.h"
+#include "core/state_archive.h"
 #include "core/voxel_map.h"
 #include "frontend/scan_clusters.h"
 #include "frontend/scan_matcher.h"
@@ -67,6 +69,8 @@ class Odometry {
  public:
   explicit Odometry(const OdometryOptions& options);
 
+  // Where a scan is expected, from the state alone.
+  SE3 Predict(StampNs stamp_ns) const;
   // Pose of a scan from the state and the map. The state stays as it is until Accept.
   OdometryFrame Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                          const VoxelMap& map) const;
@@ -76,10 +80,20 @@ class Odometry {
   void Accept(const OdometryFrame& frame);
   // The last pose moves: T -> correction * T.
   void Correct(const SE3& correction);
+  // The next scan is of another recording: nothing is known of the time in between.
+  void Interrupt() { interrupted_ = true; }
+  // Makes this pose the last one: the next scan is expected there.
+  void StartAt(const SE3& T_world_lidar);
 
+  void Archive(StateArchive& a);
+
+  // Whether there is a last pose.
+  bool started() const { return started_; }
   const Vector6d& velocity() const { return velocity_; }
 
  private:
+  // Seconds since the last scan, if the velocity is still worth something.
+  std::optional<double> KnownGap(StampNs stamp_ns) const;
   double RecentInliers() const;
   bool NeedsSearch(const OdometryFrame& frame) const;
   // The best of the matches from hypotheses about the centres and the given one.
@@ -89,7 +103,7 @@ class Odometry {
   OdometryOptions options_;
   ScanMatcher matcher_;
   std::deque<double> recent_inliers_;
-  bool started_ = false;
+  bool started_ = false, interrupted_ = false;
   StampNs last_stamp_ns_ = 0;
   SE3 T_world_last_;
   Vector6d velocity_ = Vector6d::Zero();

@@ -13,7 +13,7 @@ const Eigen::Vector3d kShift(0.01, 0.0, 0.0);
 // A mapper that goes through a room, a keyframe for each scan.
 class Walk {
  public:
-  Walk() : mapper_(Options(), nullptr) {}
+  Walk() : mapper_(Options()) {}
 
   void Process(int scans) {
     for (int i = 0; i < scans; ++i, ++count_) {
@@ -33,9 +33,9 @@ class Walk {
   }
   // How far each frame moves when the result is taken in.
   std::vector<double> Apply(const BundleResult& result) {
-    const Trajectory before = mapper_.CurrentTrajectory();
+    const Trajectory before = mapper_.OpenFrames();
     mapper_.ApplySolve(result);
-    const Trajectory after = mapper_.CurrentTrajectory();
+    const Trajectory after = mapper_.OpenFrames();
     std::vector<double> moved;
     for (std::size_t i = 0; i < before.size(); ++i) {
       moved.push_back((after[i].T_world_lidar.t - before[i].T_world_lidar.t).norm());

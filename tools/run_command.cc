@@ -14,7 +14,7 @@
 
 #include "config/config.h"
 #include "core/error.h"
-#include "io/map_io.h"
+#include "io/tile_store.h"
 #include "io/trajectory_io.h"
 #include "tools/command_common.h"
 #include "tools/run_report.h"
@@ -52,18 +52,18 @@ void WatchMap(const VoxelMap& map, RunFigures* figures, RunProgress* progress) {
       static_cast<double>(map.bytes()) / 1048576.0, map.options().budget_mb));
 }
 
-void PrintSummary(const std::string& out, const MappingResult& result, const nlohmann::json& json) {
+void PrintSummary(const std::string& out, const MappingCounts& counts, const nlohmann::json& json) {
   fmt::print("{} frames in {:.1f} s ({:.1f} frames/s, {:.1f} ms CPU a frame), {} surfels\n",
-             result.frames.size(), json["wall_s"].get<double>(), json.value("frames_per_s", 0.0),
+             counts.frames, json["wall_s"].get<double>(), json.value("frames_per_s", 0.0),
              json.value("cpu_ms_per_frame", 0.0), json["map_surfels"].get<std::size_t>());
   if (json["skipped_scans"] > 0) fmt::print("skipped: {}\n", json["skipped_by_reason"].dump());
-  if (result.lost > 0) {
+  if (counts.lost > 0) {
     fmt::print("lost on {} frames (status `lost` in frames.csv), mapping restarted {} times\n",
-               result.lost, result.restarts);
+               counts.lost, counts.restarts);
   }
-  if (result.degenerate > 0) {
+  if (counts.degenerate > 0) {
     fmt::print("degenerate on {} frames: motion along unobservable directions is predicted\n",
-               result.degenerate);
+               counts.degenerate);
   }
   if (json.contains("ape_rmse_m")) {
     fmt::print("against the truth: APE {:.4f} m, RPE {:.4f} m (RMSE, SE(3)-aligned)\n",
@@ -80,21 +80,24 @@ void PrintSummary(const std::string& out, const MappingResult& result, const nlo
 class RunOutput {
  public:
   explicit RunOutput(const std::string& directory)
-      : directory_(directory), frames_(Path("frames.csv")), surfels_(Path("map_surfels.ply")) {}
+      : directory_(directory), table_(Path("frames.csv")) {}
 
-  FrameTable& frames() { return frames_; }
-  SurfelWriter& surfels() { return surfels_; }
+  FrameTable& table() { return table_; }
+  void Add(const FinalPose& pose) {
+    all_scans_.push_back(pose.pose);
+    if (!pose.skipped) frames_.push_back(pose.pose);
+  }
+  // Without the scans that were skipped.
+  const Trajectory& frames() const { return frames_; }
 
-  nlohmann::json Finish(const MappingResult& result, const VoxelMap& map, int min_surfel_frames,
+  nlohmann::json Finish(const MappingCounts& counts, const VoxelMap& map, int min_surfel_frames,
                         RunFigures figures, const TrajectoryErrors* errors) {
     // First what cannot be made again: poses, then the map.
-    WriteKittiTrajectory(Path("trajectory_kitti.txt"), result.all_scans);
-    WriteTumTrajectory(Path("trajectory_tum.txt"), result.frames);
-    map.ForEachSurface(min_surfel_frames, [&](const Surfel& s) { surfels_.Append(s); });
-    surfels_.Commit();
-    frames_.Commit();
-    figures.map_surfels = surfels_.size();
-    nlohmann::json summary = Summarise(result, map, figures, errors);
+    WriteKittiTrajectory(Path("trajectory_kitti.txt"), all_scans_);
+    WriteTumTrajectory(Path("trajectory_tum.txt"), frames_);
+    table_.Commit();
+    figures.map_surfels = WriteMap(Path("map_surfels.ply"), map, min_surfel_frames);
+    nlohmann::json summary = Summarise(counts, map, figures, errors);
     WriteTextFile(Path("summary.json"), summary.dump(2) + "\n");
     return summary;
   }
@@ -103,8 +106,8 @@ class RunOutput {
 
  private:
   std::string directory_;
-  FrameTable frames_;
-  SurfelWriter surfels_;
+  FrameTable table_;
+  Trajectory all_scans_, frames_;
 };
 
 int Run(const RunArguments& arguments) {
@@ -121,17 +124,23 @@ int Run(const RunArguments& arguments) {
 
   const auto start = std::chrono::steady_clock::now();
   const double cpu_start = ProcessCpuSeconds();
-  MappingPipeline pipeline(config.Mapping(),
-                           [&](const Surfel& surfel) { output.surfels().Append(surfel); });
   RunFigures figures;
+  TileStore tiles(output.Path("map_tiles.scratch"), TileStore::Lifetime::kScratch);
+  MappingPipeline* running = nullptr;
   MappingCallbacks callbacks;
   callbacks.on_scan = [&](const ScanReport& report) {
-    output.frames().Append(report);
+    output.table().Append(report);
     LogScan(report, &progress);
-    WatchMap(pipeline.map(), &figures, &progress);
+    WatchMap(running->map(), &figures, &progress);
     progress.Step();
   };
-  const MappingResult result = pipeline.Run(*source, range.begin, range.end, callbacks, &stop);
+  callbacks.on_final_pose = [&](const FinalPose& pose) { output.Add(pose); };
+  MappingPipeline pipeline(config.Mapping(), callbacks, &tiles);
+  running = &pipeline;
+  const std::size_t processed =
+      pipeline.Process(*source, {range.begin, range.begin, range.end}, &stop);
+  pipeline.Finish();
+  figures.interrupted = processed < range.end - range.begin;
   progress.Finish();
   figures.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   figures.cpu_s = ProcessCpuSeconds() - cpu_start;
@@ -141,18 +150,18 @@ int Run(const RunArguments& arguments) {
   if (!arguments.truth.empty()) {
     // A bad truth file must not cost the run.
     try {
-      errors = CompareWithTruth(arguments.truth, *source, result.frames);
+      errors = CompareWithTruth(arguments.truth, *source, output.frames());
     } catch (const InputError& error) {
       truth_problem = error.what();
     }
   }
   const nlohmann::json summary =
-      output.Finish(result, pipeline.map(), config.backend.min_surfel_frames, figures,
+      output.Finish(pipeline.counts(), pipeline.map(), config.backend.min_surfel_frames, figures,
                     errors ? &*errors : nullptr);
-  if (result.frames.empty()) {
+  if (output.frames().empty()) {
     throw InputError(arguments.scans + ": not one usable scan; summary.json says why");
   }
-  PrintSummary(arguments.out, result, summary);
+  PrintSummary(arguments.out, pipeline.counts(), summary);
   if (!truth_problem.empty()) throw InputError(truth_problem + " (all else is written)");
   return 0;
 }

@@ -6,6 +6,8 @@
 
 #include <cmath>
 
+#include "io/map_io.h"
+
 namespace lamina {
 namespace {
 
@@ -60,25 +62,32 @@ std::size_t PeakRssBytes() {
   return static_cast<std::size_t>(usage.ru_maxrss) * 1024;
 }
 
-nlohmann::json Summarise(const MappingResult& result, const VoxelMap& map,
+std::size_t WriteMap(const std::string& path, const VoxelMap& map, int min_frames) {
+  SurfelWriter writer(path);
+  map.ForEachSurface(min_frames, [&](const Surfel& surfel) { writer.Append(surfel); });
+  writer.Commit();
+  return writer.size();
+}
+
+nlohmann::json Summarise(const MappingCounts& counts, const VoxelMap& map,
                          const RunFigures& figures, const TrajectoryErrors* errors) {
-  const auto frames = static_cast<double>(result.frames.size());
+  const auto frames = static_cast<double>(counts.frames);
   nlohmann::json skipped = nlohmann::json::object();
   std::size_t skipped_total = 0;
-  for (const auto& [reason, count] : result.skipped) {
+  for (const auto& [reason, count] : counts.skipped) {
     skipped[ToString(reason)] = count;
     skipped_total += count;
   }
   nlohmann::json json = {
-      {"frames", result.frames.size()},
-      {"keyframes", result.keyframes},
+      {"frames", counts.frames},
+      {"keyframes", counts.keyframes},
       {"skipped_scans", skipped_total},
       {"skipped_by_reason", skipped},
-      {"lost_frames", result.lost},
-      {"restarts", result.restarts},
-      {"degenerate_frames", result.degenerate},
-      {"searched_frames", result.searched},
-      {"interrupted", result.interrupted},
+      {"lost_frames", counts.lost},
+      {"restarts", counts.restarts},
+      {"degenerate_frames", counts.degenerate},
+      {"searched_frames", counts.searched},
+      {"interrupted", figures.interrupted},
       {"wall_s", figures.wall_s},
       {"cpu_s", figures.cpu_s},
       {"cpu_ms_per_frame", NumberOrNull(1e3 * figures.cpu_s / frames)},
@@ -90,8 +99,8 @@ nlohmann::json Summarise(const MappingResult& result, const VoxelMap& map,
       {"map_peak_bytes", figures.map_peak_bytes},
       {"map_over_budget", figures.map_over_budget},
       {"map_surfels", figures.map_surfels},
-      {"ba_solves", result.solves},
-      {"ba_failed_solves", result.failed_solves},
+      {"ba_solves", counts.solves},
+      {"ba_failed_solves", counts.failed_solves},
   };
   if (errors != nullptr) {
     json["ape_rmse_m"] = NumberOrNull(errors->ape_rmse_m);

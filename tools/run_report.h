@@ -33,10 +33,14 @@ struct RunFigures {
   std::size_t map_surfels = 0;
   std::size_t map_peak_bytes = 0;
   bool map_over_budget = false;  // at any time
+  bool interrupted = false;
 };
 
+// Writes the surfaces that at least min_frames frames have seen; returns their number.
+std::size_t WriteMap(const std::string& path, const VoxelMap& map, int min_frames);
+
 // `errors` is null without a true trajectory.
-nlohmann::json Summarise(const MappingResult& result, const VoxelMap& map,
+nlohmann::json Summarise(const MappingCounts& counts, const VoxelMap& map,
                          const RunFigures& figures, const TrajectoryErrors* errors);
 
 }  // namespace lamina
