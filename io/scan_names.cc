@@ -44,25 +44,6 @@ std::int64_t EpochNsPerUnit(std::int64_t value) {
   return 0;
 }
 
-// `form` tells names of different forms apart; 0: no stamp.
-struct NameStamp {
-  StampNs stamp_ns = 0;
-  std::int64_t form = 0;
-};
-
-NameStamp StampFromName(const std::string& name) {
-  std::int64_t whole = 0;
-  if (ParseWhole(name, &whole)) {
-    const std::int64_t ns_per_unit = EpochNsPerUnit(whole);
-    return {whole * ns_per_unit, ns_per_unit};
-  }
-  const bool decimal =
-      std::all_of(name.begin(), name.end(), [](char c) { return IsDigit(c) || c == '.'; });
-  NameStamp stamp;
-  if (decimal && ParseSecondsNs(name, &stamp.stamp_ns)) stamp.form = -1;
-  return stamp;
-}
-
 // `2011-09-26 13:02:25.594360375`.
 bool ParseDateTime(std::string_view text, StampNs* stamp_ns) {
   constexpr std::string_view kForm = "0000-00-00 00:00:";
@@ -96,17 +77,18 @@ bool ParseDateTime(std::string_view text, StampNs* stamp_ns) {
   return true;
 }
 
-// For each file the line that holds its stamp, see ReadStamps.
-std::vector<std::size_t> LinesOfFiles(const std::vector<fs::path>& files, std::size_t lines) {
-  std::vector<std::size_t> by_name, by_order;
-  for (const fs::path& file : files) {
-    by_order.push_back(by_order.size());
-    std::int64_t number = 0;
-    if (ParseWhole(file.stem().string(), &number) && static_cast<std::size_t>(number) < lines) {
-      by_name.push_back(static_cast<std::size_t>(number));
-    }
-  }
-  return lines > files.size() && by_name.size() == files.size() ? by_name : by_order;
+// A name as the text before its last number, that number and the text behind it.
+struct CountedName {
+  std::string_view before, number, behind;
+};
+
+CountedName SplitAtLastNumber(std::string_view name) {
+  const std::size_t dot = std::min(name.rfind('.'), name.size());
+  std::size_t end = dot;
+  while (end > 0 && !IsDigit(name[end - 1])) --end;
+  std::size_t begin = end;
+  while (begin > 0 && IsDigit(name[begin - 1])) --begin;
+  return {name.substr(0, begin), name.substr(begin, end - begin), name.substr(end)};
 }
 
 }  // namespace
@@ -129,14 +111,20 @@ bool NaturalLess(std::string_view a, std::string_view b) {
   return whole_a < whole_b;
 }
 
-std::vector<fs::path> ListFiles(const fs::path& folder, const std::vector<std::string>& endings) {
+ScanName KindOfName(std::string_view name) {
+  if (name.empty() || name[0] == '.') return ScanName::kNone;
+  const std::size_t dot = name.rfind('.');
+  const std::string_view ending = dot == std::string_view::npos ? "" : name.substr(dot);
+  if (ending == ".bin" || ending == ".pcd" || ending == ".ply") return ScanName::kPoints;
+  return ending == ".txt" ? ScanName::kText : ScanName::kNone;
+}
+
+std::vector<fs::path> ListScans(const fs::path& folder, ScanName kind) {
   std::vector<fs::path> files;
   try {
     for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
-      const std::string ending = entry.path().extension().string();
-      const bool hidden = entry.path().filename().string()[0] == '.';
-      const bool wanted = std::find(endings.begin(), endings.end(), ending) != endings.end();
-      if (wanted && !hidden && entry.is_regular_file()) files.push_back(entry.path());
+      const bool wanted = KindOfName(entry.path().filename().string()) == kind;
+      if (wanted && entry.is_regular_file()) files.push_back(entry.path());
     }
   } catch (const fs::filesystem_error& error) {
     throw InputError(
@@ -146,6 +134,30 @@ std::vector<fs::path> ListFiles(const fs::path& folder, const std::vector<std::s
     return NaturalLess(a.filename().string(), b.filename().string());
   });
   return files;
+}
+
+NameStamp StampFromName(const std::string& stem) {
+  if (const std::optional<std::int64_t> whole = NumberFromName(stem)) {
+    const std::int64_t ns_per_unit = EpochNsPerUnit(*whole);
+    return {*whole * ns_per_unit, ns_per_unit};
+  }
+  const bool decimal =
+      std::all_of(stem.begin(), stem.end(), [](char c) { return IsDigit(c) || c == '.'; });
+  NameStamp stamp;
+  if (decimal && ParseSecondsNs(stem, &stamp.stamp_ns)) stamp.form = -1;
+  return stamp;
+}
+
+std::optional<std::int64_t> NumberFromName(const std::string& stem) {
+  std::int64_t number = 0;
+  return ParseWhole(stem, &number) ? std::optional(number) : std::nullopt;
+}
+
+bool IsNextName(std::string_view a, std::string_view b) {
+  const CountedName m = SplitAtLastNumber(a), n = SplitAtLastNumber(b);
+  std::int64_t from = 0, to = 0;
+  return m.before == n.before && m.behind == n.behind && ParseWhole(m.number, &from) &&
+         ParseWhole(n.number, &to) && to - 1 == from;
 }
 
 std::vector<StampNs> StampsFromNames(const std::vector<fs::path>& files) {
@@ -160,13 +172,24 @@ std::vector<StampNs> StampsFromNames(const std::vector<fs::path>& files) {
   return stamps;
 }
 
+bool ParseStamp(std::string_view line, StampNs* stamp_ns) {
+  return ParseDateTime(line, stamp_ns) || ParseSecondsNs(line, stamp_ns);
+}
+
+bool NamesAreLineNumbers(const std::vector<fs::path>& files, std::size_t lines) {
+  return lines > files.size() && std::all_of(files.begin(), files.end(), [&](const fs::path& file) {
+           const std::optional<std::int64_t> number = NumberFromName(file.stem().string());
+           return number && static_cast<std::size_t>(*number) < lines;
+         });
+}
+
 std::vector<StampNs> ReadStamps(const std::string& stamp_file, const std::vector<fs::path>& files) {
   const std::string text = ReadFile(stamp_file);
   LineReader lines(stamp_file, text);
   std::vector<StampNs> all;
   while (lines.Next()) {
     StampNs* const stamp_ns = &all.emplace_back();
-    if (ParseDateTime(lines.line(), stamp_ns) || ParseSecondsNs(lines.line(), stamp_ns)) continue;
+    if (ParseStamp(lines.line(), stamp_ns)) continue;
     lines.Fail("a stamp must be seconds or a date and time like 2011-09-26 13:02:25.594360375");
   }
   if (all.size() < files.size()) {
@@ -174,7 +197,11 @@ std::vector<StampNs> ReadStamps(const std::string& stamp_file, const std::vector
                            files.size()));
   }
   std::vector<StampNs> stamps;
-  for (const std::size_t line : LinesOfFiles(files, all.size())) stamps.push_back(all[line]);
+  const bool by_name = NamesAreLineNumbers(files, all.size());
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    stamps.push_back(
+        all[by_name ? static_cast<std::size_t>(*NumberFromName(files[i].stem().string())) : i]);
+  }
   return stamps;
 }
 

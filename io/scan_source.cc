@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/error.h"
+#include "io/scan_layout.h"
 #include "io/scan_names.h"
 #include "io/text_input.h"
 
@@ -21,57 +22,11 @@ namespace fs = std::filesystem;
 // Stamps of the recording and of the points that are further apart come from different clocks.
 constexpr double kSameClockNs = 10e9;
 
-// Where the parts of a recording are; files may be missing.
-struct Layout {
-  fs::path scans;
-  fs::path stamps;
-  fs::path calibration;
-  bool text_scans = false;  // *.txt are scans where there is no other
-};
-
-// False only if there is surely nothing: what cannot be looked at shall fail when it is read.
-bool MayExist(const fs::path& path) {
-  std::error_code ignored;
-  return !path.empty() && fs::status(path, ignored).type() != fs::file_type::not_found;
-}
-
-Layout FindLayout(const fs::path& path) {
-  std::error_code error;
-  const fs::file_status status = fs::status(path, error);
-  if (!fs::exists(status)) {
-    throw InputError(fmt::format("{}: cannot be read: {}", path.string(), error.message()));
-  }
-  if (!fs::is_directory(status)) {
-    throw InputError(
-        fmt::format("{}: is not a folder; scans are given by the folder that holds "
-                    "them",
-                    path.string()));
-  }
-  // Through the absolute path, so that `.` and a trailing slash do not hide the folder's name.
-  const fs::path folder = fs::weakly_canonical(path, error);
-  const fs::path up = folder.parent_path();
-  const auto odometry = [](const fs::path& root, const fs::path& scans) {
-    return Layout{scans, root / "times.txt", root / "calib.txt", false};
-  };
-  const auto raw = [](const fs::path& scans, const fs::path& root) {
-    return Layout{scans, root / "timestamps.txt", "", true};
-  };
-  if (fs::is_directory(path / "velodyne", error)) return odometry(path, path / "velodyne");
-  if (folder.filename() == "velodyne") return odometry(up, path);
-  if (fs::is_directory(path / "velodyne_points" / "data", error)) {
-    return raw(path / "velodyne_points" / "data", path / "velodyne_points");
-  }
-  if (folder.filename() == "velodyne_points") return raw(path / "data", path);
-  if (folder.filename() == "data" && up.filename() == "velodyne_points") return raw(path, up);
-  const char* name = MayExist(path / "times.txt") ? "times.txt" : "timestamps.txt";
-  return Layout{path, path / name, "", false};
-}
-
 class FileScanSource final : public ScanSource {
  public:
-  FileScanSource(const Layout& layout, const ScanSourceOptions& options) : options_(options) {
-    files_ = ListFiles(layout.scans, {".bin", ".pcd", ".ply"});
-    if (files_.empty() && layout.text_scans) files_ = ListFiles(layout.scans, {".txt"});
+  FileScanSource(const ScanLayout& layout, const ScanSourceOptions& options) : options_(options) {
+    files_ = ListScans(layout.scans, ScanName::kPoints);
+    if (files_.empty() && layout.text_scans) files_ = ListScans(layout.scans, ScanName::kText);
     if (files_.empty()) {
       throw InputError(fmt::format("{}: holds no scans (*.bin, *.pcd, *.ply{})",
                                    layout.scans.string(), layout.text_scans ? ", *.txt" : ""));
@@ -88,20 +43,11 @@ class FileScanSource final : public ScanSource {
   SE3 T_camera_lidar() const override { return T_camera_lidar_; }
 
   Scan Read(std::size_t i) const override {
-    Scan scan = ReadScanFile(Name(i), options_);
-    const StampNs clock_ns = scan.stamp_ns;
-    scan.stamp_ns = Stamp(i);
-    // The difference in double first: that of int64 might not fit.
-    const double apart_ns = static_cast<double>(clock_ns) - static_cast<double>(scan.stamp_ns);
-    if (clock_ns != 0 && recorded_stamps_ && std::abs(apart_ns) <= kSameClockNs) {
-      const float shift_s = static_cast<float>(SecondsBetween(scan.stamp_ns, clock_ns));
-      for (float& t : scan.time_s) t += shift_s;
-    }
-    return scan;
+    return ReadStampedScan(Name(i), Stamp(i), recorded_stamps_, options_);
   }
 
  private:
-  void FindStamps(const Layout& layout) {
+  void FindStamps(const ScanLayout& layout) {
     if (MayExist(layout.stamps)) {
       stamps_ = ReadStamps(layout.stamps.string(), files_);
     } else {
@@ -110,7 +56,7 @@ class FileScanSource final : public ScanSource {
     }
     recorded_stamps_ = !stamps_.empty();
     for (std::size_t i = stamps_.size(); i < files_.size(); ++i) {
-      stamps_.push_back(std::llround(static_cast<double>(i) * options_.frame_period_s * 1e9));
+      stamps_.push_back(MadeUpStamp(i, options_));
     }
   }
 
@@ -140,7 +86,25 @@ void ScanSourceOptions::Visit(OptionVisitor& v) {
 
 std::unique_ptr<ScanSource> OpenScans(const std::string& path, const ScanSourceOptions& options) {
   CheckOptions(options, "scans");
-  return std::make_unique<FileScanSource>(FindLayout(path), options);
+  return std::make_unique<FileScanSource>(FindScanLayout(path), options);
+}
+
+StampNs MadeUpStamp(std::size_t i, const ScanSourceOptions& options) {
+  return std::llround(static_cast<double>(i) * options.frame_period_s * 1e9);
+}
+
+Scan ReadStampedScan(const std::string& path, StampNs stamp_ns, bool recorded_stamp,
+                     const ScanSourceOptions& options) {
+  Scan scan = ReadScanFile(path, options);
+  const StampNs clock_ns = scan.stamp_ns;
+  scan.stamp_ns = stamp_ns;
+  // The difference in double first: that of int64 might not fit.
+  const double apart_ns = static_cast<double>(clock_ns) - static_cast<double>(scan.stamp_ns);
+  if (clock_ns != 0 && recorded_stamp && std::abs(apart_ns) <= kSameClockNs) {
+    const float shift_s = static_cast<float>(SecondsBetween(scan.stamp_ns, clock_ns));
+    for (float& t : scan.time_s) t += shift_s;
+  }
+  return scan;
 }
 
 std::optional<SE3> ReadKittiCalibration(const std::string& path) {

@@ -69,6 +69,15 @@ std::unique_ptr<ScanSource> OpenScans(const std::string& path, const ScanSourceO
 // from zero): then it is the earliest of them. Throws InputError.
 Scan ReadScanFile(const std::string& path, const ScanSourceOptions& options);
 
+// Reads one point file of a recording that gives it this stamp, as ScanSource::Read does.
+// `recorded_stamp` is false for stamps that are made up: no clock of the points is held against
+// them. Throws InputError.
+Scan ReadStampedScan(const std::string& path, StampNs stamp_ns, bool recorded_stamp,
+                     const ScanSourceOptions& options);
+
+// The stamp of scan i where the recording carries none: i * frame_period_s.
+StampNs MadeUpStamp(std::size_t i, const ScanSourceOptions& options);
+
 // T_camera_lidar from the line "Tr:" (12 numbers, row-major 3x4) of a KITTI calib.txt; nothing if
 // there is no such line. Throws InputError naming file and line.
 std::optional<SE3> ReadKittiCalibration(const std::string& path);

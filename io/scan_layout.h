@@ -1,0 +1,26 @@
+// Where the parts of a recording are on disk: see io/scan_source.h for the layouts. Private to io.
+#pragma once
+
+#include <filesystem>
+
+namespace lamina {
+
+// Files may be missing.
+struct ScanLayout {
+  std::filesystem::path scans;
+  std::filesystem::path stamps;
+  std::filesystem::path calibration;
+  bool text_scans = false;  // *.txt are scans where there is no other
+};
+
+// The recording that `path` means: a folder of scans, or one above it. Throws InputError if the
+// path is missing or no folder.
+ScanLayout FindScanLayout(const std::filesystem::path& path);
+
+// The recording whose scans stand in this very folder.
+ScanLayout LayoutOfFolder(const std::filesystem::path& folder);
+
+// False only if there is surely nothing: what cannot be looked at shall fail when it is read.
+bool MayExist(const std::filesystem::path& path);
+
+}  // namespace lamina
