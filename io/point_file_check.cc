@@ -110,14 +110,24 @@ void CheckPcdHeaderComplete(const LineReader& lines, const std::set<std::string_
   if (header->counts.empty()) header->counts.assign(header->fields, 1);
 }
 
+// What a point takes: bytes in binary, numbers in ASCII.
+struct PcdPoint {
+  std::size_t bytes = 0, columns = 0;
+};
+
+PcdPoint PointOf(const PcdHeader& header) {
+  PcdPoint point;
+  for (std::size_t i = 0; i < header.fields; ++i) {
+    point.bytes += header.sizes[i] * header.counts[i];
+    point.columns += header.counts[i];
+  }
+  return point;
+}
+
 // Holds the number of points against the bytes that are there.
 void CheckPcdData(const PcdHeader& header, const PcdLayout& layout, std::string_view bytes,
                   LineReader* lines) {
-  std::size_t point_bytes = 0, columns = 0;
-  for (std::size_t i = 0; i < header.fields; ++i) {
-    point_bytes += header.sizes[i] * header.counts[i];
-    columns += header.counts[i];
-  }
+  const auto [point_bytes, columns] = PointOf(header);
   const std::size_t have = bytes.size() - layout.data_offset;
   if (layout.points > kMostCloudBytes / point_bytes) {
     lines->Fail(
@@ -146,6 +156,32 @@ void CheckPcdData(const PcdHeader& header, const PcdLayout& layout, std::string_
                               layout.points, point_bytes, packed, unpacked));
     }
   }
+}
+
+// Reads the header up to and with its DATA line; false if the text ends before.
+bool ReadPcdHeader(LineReader* lines, PcdHeader* header, PcdLayout* layout) {
+  std::set<std::string_view> seen;
+  while (lines->Next()) {
+    const Words words = lines->Words();
+    if (!seen.insert(words[0]).second) {
+      lines->Fail("says again what an earlier line of the header said");
+    }
+    if (words[0] != "DATA") {
+      ReadPcdHeaderLine(*lines, words, header);
+      continue;
+    }
+    const std::string_view kind = words.size() == 2 ? words[1] : "";
+    if (kind == "binary") layout->data = PcdLayout::Data::kBinary;
+    if (kind == "binary_compressed") layout->data = PcdLayout::Data::kCompressed;
+    if (layout->data == PcdLayout::Data::kAscii && kind != "ascii") {
+      lines->Fail("DATA must be ascii, binary or binary_compressed");
+    }
+    CheckPcdHeaderComplete(*lines, seen, header);
+    layout->points = header->extent["POINTS"];
+    layout->data_offset = lines->next_offset();
+    return true;
+  }
+  return false;
 }
 
 const std::map<std::string_view, std::size_t>& PlyTypeSizes() {
@@ -226,11 +262,35 @@ void CheckPlyColours(const LineReader& lines, const PlyElement& vertex) {
   }
 }
 
+// Reads the header up to and with `end_header`; false if the text ends before.
+bool ReadPlyHeader(LineReader* lines, PlyHeader* header) {
+  if (!lines->Next() || lines->line() != "ply") {
+    lines->Fail("is no PLY file: must start with the line `ply`");
+  }
+  while (lines->Next()) {
+    if (lines->line() != "end_header") {
+      ReadPlyHeaderLine(*lines, lines->Words(), header);
+      continue;
+    }
+    if (header->format != "ascii" && header->format != "binary_little_endian" &&
+        header->format != "binary_big_endian") {
+      lines->Fail("the format must be ascii, binary_little_endian or binary_big_endian");
+    }
+    return true;
+  }
+  return false;
+}
+
+// Bytes of an item of the element, at least.
+std::size_t LeastItemBytes(const PlyHeader& header, const PlyElement& element) {
+  return header.format == "ascii" ? 2 * element.properties.size() : element.least_bytes;
+}
+
 void CheckPlyData(const PlyHeader& header, std::size_t have, LineReader* lines) {
   const bool ascii = header.format == "ascii";
   const PlyElement* vertex = nullptr;
   for (const PlyElement& element : header.elements) {
-    const std::size_t item = ascii ? 2 * element.properties.size() : element.least_bytes;
+    const std::size_t item = LeastItemBytes(header, element);
     if (item == 0 || element.count > (have + (ascii ? 1 : 0)) / item) {
       lines->Fail(fmt::format("{} items of element '{}' do not fit the {} bytes of data left",
                               element.count, element.name, have));
@@ -253,55 +313,66 @@ void CheckPlyData(const PlyHeader& header, std::size_t have, LineReader* lines) 
   CheckNumberRows(vertex->count, vertex->properties.size(), lines);
 }
 
+// Without a last line that has no end yet.
+std::string_view WholeLines(std::string_view text) { return text.substr(0, text.rfind('\n') + 1); }
+
 }  // namespace
 
 PcdLayout CheckPcd(const std::string& path, std::string_view bytes) {
   LineReader lines(path, bytes);
   PcdHeader header;
   PcdLayout layout;
-  std::set<std::string_view> seen;
-  while (lines.Next()) {
-    const Words words = lines.Words();
-    if (!seen.insert(words[0]).second)
-      lines.Fail("says again what an earlier line of the header said");
-    if (words[0] != "DATA") {
-      ReadPcdHeaderLine(lines, words, &header);
-      continue;
-    }
-    const std::string_view kind = words.size() == 2 ? words[1] : "";
-    if (kind == "binary") layout.data = PcdLayout::Data::kBinary;
-    if (kind == "binary_compressed") layout.data = PcdLayout::Data::kCompressed;
-    if (layout.data == PcdLayout::Data::kAscii && kind != "ascii") {
-      lines.Fail("DATA must be ascii, binary or binary_compressed");
-    }
-    CheckPcdHeaderComplete(lines, seen, &header);
-    layout.points = header.extent["POINTS"];
-    layout.data_offset = lines.next_offset();
-    CheckPcdData(header, layout, bytes, &lines);
-    return layout;
+  if (!ReadPcdHeader(&lines, &header, &layout)) {
+    throw InputError(fmt::format("{}: is no PCD file: ends without a DATA line", path));
   }
-  throw InputError(fmt::format("{}: is no PCD file: ends without a DATA line", path));
+  CheckPcdData(header, layout, bytes, &lines);
+  return layout;
 }
 
 void CheckPly(const std::string& path, std::string_view bytes) {
   LineReader lines(path, bytes);
-  if (!lines.Next() || lines.line() != "ply") {
-    throw InputError(fmt::format("{}: is no PLY file: must start with the line `ply`", path));
-  }
   PlyHeader header;
-  while (lines.Next()) {
-    if (lines.line() != "end_header") {
-      ReadPlyHeaderLine(lines, lines.Words(), &header);
-      continue;
-    }
-    if (header.format != "ascii" && header.format != "binary_little_endian" &&
-        header.format != "binary_big_endian") {
-      lines.Fail("the format must be ascii, binary_little_endian or binary_big_endian");
-    }
-    CheckPlyData(header, bytes.size() - lines.next_offset(), &lines);
-    return;
+  if (!ReadPlyHeader(&lines, &header)) {
+    throw InputError(fmt::format("{}: is no PLY file: ends without `end_header`", path));
   }
-  throw InputError(fmt::format("{}: is no PLY file: ends without `end_header`", path));
+  CheckPlyData(header, bytes.size() - lines.next_offset(), &lines);
+}
+
+std::optional<std::size_t> DeclaredPcdBytes(std::string_view head) {
+  try {
+    LineReader lines("", WholeLines(head));
+    PcdHeader header;
+    PcdLayout layout;
+    if (!ReadPcdHeader(&lines, &header, &layout)) return std::nullopt;
+    if (layout.data == PcdLayout::Data::kCompressed) {
+      std::uint32_t packed = 0;
+      if (head.size() < layout.data_offset + 8) return std::nullopt;
+      head.copy(reinterpret_cast<char*>(&packed), 4, layout.data_offset);
+      return layout.data_offset + 8 + packed;
+    }
+    const PcdPoint point = PointOf(header);
+    const bool ascii = layout.data == PcdLayout::Data::kAscii;
+    // A number and a blank each; the last line may lack its end.
+    const std::size_t data = layout.points * (ascii ? 2 * point.columns : point.bytes);
+    return layout.data_offset + data - (ascii && data > 0 ? 1 : 0);
+  } catch (const InputError&) {
+    return 0;
+  }
+}
+
+std::optional<std::size_t> DeclaredPlyBytes(std::string_view head) {
+  try {
+    LineReader lines("", WholeLines(head));
+    PlyHeader header;
+    if (WholeLines(head).empty() || !ReadPlyHeader(&lines, &header)) return std::nullopt;
+    std::size_t data = 0;
+    for (const PlyElement& element : header.elements) {
+      data += element.count * LeastItemBytes(header, element);
+    }
+    return lines.next_offset() + data - (header.format == "ascii" && data > 0 ? 1 : 0);
+  } catch (const InputError&) {
+    return 0;
+  }
 }
 
 }  // namespace lamina

@@ -7,6 +7,7 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -22,5 +23,11 @@ struct PcdLayout {
 PcdLayout CheckPcd(const std::string& path, std::string_view bytes);
 
 void CheckPly(const std::string& path, std::string_view bytes);
+
+// How long a file must be, at least, by the header that its first bytes `head` hold: for binary
+// data header and points, for ASCII a lower bound. Nothing if the header (or the sizes behind it,
+// in compressed data) does not end within `head`. 0 if it breaks a rule: more bytes will not help.
+std::optional<std::size_t> DeclaredPcdBytes(std::string_view head);
+std::optional<std::size_t> DeclaredPlyBytes(std::string_view head);
 
 }  // namespace lamina
