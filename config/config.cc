@@ -186,6 +186,7 @@ void Apply(const Settings& settings, LaminaConfig* config) {
 
 void LaminaConfig::Visit(OptionVisitor& v) {
   v.Group("scans", &scans);
+  v.Group("inbox", &inbox);
   v.Group("preparation", &preparation);
   v.Group("map", &map);
   v.Group("frontend", &frontend);

@@ -12,11 +12,13 @@
 #include "backend/batch_registration.h"
 #include "backend/mapping_pipeline.h"
 #include "core/options.h"
+#include "io/inbox.h"
 
 namespace lamina {
 
 struct LaminaConfig {
   ScanSourceOptions scans;
+  InboxOptions inbox;
   ScanPreparationOptions preparation;
   VoxelMapOptions map;
   OdometryOptions frontend;

@@ -1,0 +1,33 @@
+// What stands behind a name in the inbox, and whether it is all there. Private to io.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+namespace lamina {
+
+struct FileLook {
+  enum class What {
+    kFile,      // a regular file, or a symbolic link to one within the root
+    kGone,      // no such name
+    kDangling,  // a symbolic link to nothing (yet)
+    kFolder,    // a folder, or a symbolic link to one within the root
+    kRefused    // anything else: see reason
+  };
+  What what = What::kGone;
+  std::uint64_t size = 0;
+  std::int64_t modified_ns = 0;  // wall clock
+  // The name came to be by linking: no writer will close it.
+  bool linked = false;
+  std::string reason;
+};
+
+// Looks at root/name. `root` must be canonical. Never throws and opens nothing.
+FileLook LookAtFile(const std::string& root, const std::string& name);
+
+// Whether a file of `size` bytes, of which nobody knows that it is still written, holds what its
+// format says it does: a .bin whole points, a PCD or PLY header the data that it declares. True
+// also for files that no further bytes will heal: their reader says what is wrong.
+bool IsWhole(const std::string& path, std::uint64_t size);
+
+}  // namespace lamina
