@@ -18,7 +18,9 @@ double PeriodAt(const ScanSource& source, std::size_t begin, std::size_t i) {
     stamps.push_back(source.Stamp(k));
   }
   // The first scan knows no period yet, but the next stamp is there to see.
-  if (stamps.size() == 1 && i + 1 < source.size()) stamps.push_back(source.Stamp(i + 1));
+  if (stamps.size() == 1) {
+    if (const auto after = source.StampAfter(i)) stamps.push_back(*after);
+  }
   return SweepPeriod(stamps, kFallbackS);
 }
 

@@ -184,14 +184,27 @@ void Apply(const Settings& settings, LaminaConfig* config) {
 
 }  // namespace
 
-void LaminaConfig::Visit(OptionVisitor& v) {
+void LogOptions::Visit(OptionVisitor& v) {
+  v.EnumChoice("level", &level, {"debug", "info", "warn", "error"});
+  v.Flag("json", &json);
+  v.Number("rotate_mb", &rotate_mb, 0.01, 1e5);
+  v.Integer("kept_files", &kept_files, 1, 1000);
+}
+
+void LaminaConfig::VisitResultOptions(OptionVisitor& v) {
   v.Group("scans", &scans);
-  v.Group("inbox", &inbox);
   v.Group("preparation", &preparation);
   v.Group("map", &map);
   v.Group("frontend", &frontend);
   v.Group("backend", &backend);
   v.Group("pipeline", &pipeline);
+}
+
+void LaminaConfig::Visit(OptionVisitor& v) {
+  VisitResultOptions(v);
+  v.Group("inbox", &inbox);
+  v.Group("session", &session);
+  v.Group("log", &log);
   v.Group("registration", &registration);
 }
 
@@ -218,6 +231,13 @@ std::string ToYaml(const LaminaConfig& config) {
   Emitter emitter;
   LaminaConfig copy = config;
   copy.Visit(emitter);
+  return emitter.text;
+}
+
+std::string ResultOptionsToYaml(const LaminaConfig& config) {
+  Emitter emitter;
+  LaminaConfig copy = config;
+  copy.VisitResultOptions(emitter);
   return emitter.text;
 }
 

@@ -11,10 +11,24 @@
 
 #include "backend/batch_registration.h"
 #include "backend/mapping_pipeline.h"
+#include "backend/session.h"
 #include "core/options.h"
 #include "io/inbox.h"
 
 namespace lamina {
+
+// What a daemon says of itself (`lamina watch`).
+struct LogOptions {
+  enum class Level { kDebug, kInfo, kWarn, kError };
+  Level level = Level::kInfo;
+  // Lines of JSON instead of text for people.
+  bool json = false;
+  // The file in the session: a new one is begun at this size, and so many old ones are kept.
+  double rotate_mb = 10.0;
+  int kept_files = 5;
+
+  void Visit(OptionVisitor& v);
+};
 
 struct LaminaConfig {
   ScanSourceOptions scans;
@@ -24,9 +38,12 @@ struct LaminaConfig {
   OdometryOptions frontend;
   BackendOptions backend;
   PipelineOptions pipeline;
+  SessionOptions session;
+  LogOptions log;
   RegistrationOptions registration;
 
   void Visit(OptionVisitor& v);
+  void VisitResultOptions(OptionVisitor& v);
   MappingOptions Mapping() const;
 };
 
@@ -36,6 +53,9 @@ LaminaConfig LoadConfig(const std::string& path, const std::vector<std::string>&
 
 // Every option with its value, as YAML that LoadConfig reads back to the same configuration.
 std::string ToYaml(const LaminaConfig& config);
+
+// The same of the options that decide what is mapped from given scans, and nothing else.
+std::string ResultOptionsToYaml(const LaminaConfig& config);
 
 // All dotted names, in order.
 std::vector<std::string> OptionNames();

@@ -49,6 +49,13 @@ class ScanSource {
   // pipeline to judge.
   virtual StampNs Stamp(std::size_t i) const = 0;
 
+  // Stamp of the scan after i, if it is known by now: from these two the period of a sweep is
+  // learned when there is none before.
+  virtual std::optional<StampNs> StampAfter(std::size_t i) const {
+    if (i + 1 < size()) return Stamp(i + 1);
+    return std::nullopt;
+  }
+
   // Reads scan i as it stands in the file: no filtering, non-finite points included. Its stamp is
   // Stamp(i), and time_s counts from there. Where the file's point times are readings of a clock,
   // they are brought to Stamp(i) if the recording's own stamps are of that clock (within 10 s), and

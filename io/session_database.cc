@@ -28,7 +28,7 @@ constexpr const char* kSchema =
     " inlier_share REAL NOT NULL, residual_m REAL NOT NULL, worst_sigma_m REAL NOT NULL,"
     " covariance BLOB NOT NULL, read_ms REAL NOT NULL, prepare_ms REAL NOT NULL,"
     " cluster_ms REAL NOT NULL, odometry_ms REAL NOT NULL, map_ms REAL NOT NULL,"
-    " solve_ms REAL NOT NULL);"
+    " solve_ms REAL NOT NULL, next_stamp_ns INTEGER);"
     "CREATE INDEX IF NOT EXISTS sequences ON scans(sequence, scan);"
     "CREATE TABLE IF NOT EXISTS solves("
     " before_scan INTEGER NOT NULL, frames INTEGER NOT NULL, planes INTEGER NOT NULL,"
@@ -81,6 +81,13 @@ class ColumnBinder {
   // SQLite takes NaN for NULL.
   void Number(double value) { statement_->bind(++i_, std::isfinite(value) ? value : -1.0); }
   void Number(bool value) { statement_->bind(++i_, value ? 1 : 0); }
+  void NumberOrNull(const std::optional<std::int64_t>& value) {
+    if (value) {
+      Number(*value);
+    } else {
+      statement_->bind(++i_);
+    }
+  }
   void Execute() {
     statement_->exec();
     statement_->reset();
@@ -97,6 +104,10 @@ class ColumnReader {
   std::string Blob() { return BytesOf(statement_->getColumn(i_++)); }
   std::string Text() { return statement_->getColumn(i_++).getString(); }
   std::int64_t Whole() { return statement_->getColumn(i_++).getInt64(); }
+  std::optional<std::int64_t> WholeOrNull() {
+    const SQLite::Column column = statement_->getColumn(i_++);
+    return column.isNull() ? std::nullopt : std::make_optional(column.getInt64());
+  }
   double Real() { return statement_->getColumn(i_++).getDouble(); }
   bool Flag() { return Whole() != 0; }
 
@@ -135,6 +146,7 @@ SessionScan ReadScan(SQLite::Statement* statement) {
        {&s.read_ms, &s.prepare_ms, &s.cluster_ms, &s.odometry_ms, &s.map_ms, &s.solve_ms}) {
     *value = row.Real();
   }
+  s.next_stamp_ns = row.WholeOrNull();
   return s;
 }
 
@@ -151,7 +163,7 @@ struct SessionDatabase::Impl {
     database.exec(kSchema);
     put_scan.emplace(database,
                      "INSERT OR REPLACE INTO scans VALUES(?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,"
-                     "?,?,?,?,?,?,?,?)");
+                     "?,?,?,?,?,?,?,?,?)");
     put_solve.emplace(database, "INSERT INTO solves VALUES(?,?,?,?,?,?,?,?,?)");
     file_of.emplace(database, "SELECT file FROM scans WHERE scan = ?");
     finalise.emplace(database, "UPDATE scans SET pose = ?, crc = ?, final = 1 WHERE scan = ?");
@@ -268,6 +280,7 @@ void SessionDatabase::Put(const SessionScan& s) {
          {s.read_ms, s.prepare_ms, s.cluster_ms, s.odometry_ms, s.map_ms, s.solve_ms}) {
       row.Number(value);
     }
+    row.NumberOrNull(s.next_stamp_ns);
     row.Execute();
   });
 }

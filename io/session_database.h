@@ -28,8 +28,9 @@ struct SessionScan {
   std::string sequence;
   StampNs stamp_ns = 0;
   bool recorded_stamp = false;
-  bool skipped = false;  // the pose is not of its own points
-  bool final = false;    // nothing will change the pose any more
+  std::optional<StampNs> next_stamp_ns;  // of the first scan of a sequence (InboxFile)
+  bool skipped = false;                  // the pose is not of its own points
+  bool final = false;                    // nothing will change the pose any more
   SE3 T_world_lidar;
 
   std::string status;  // tracked, first, lost, degenerate, or why it was skipped

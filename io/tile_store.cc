@@ -1,5 +1,6 @@
 #include "io/tile_store.h"
 
+#include <SQLiteCpp/Backup.h>
 #include <SQLiteCpp/SQLiteCpp.h>
 #include <fmt/format.h>
 
@@ -198,6 +199,27 @@ void TileStore::ShowAll(const Visit& visit) const {
         impl_->database,
         "SELECT crc, record FROM voxels WHERE taken_at IS NULL ORDER BY tile, root");
     impl_->ShowRows(&rows, visit);
+  });
+}
+
+void TileStore::CopyFrom(const std::string& path, std::int64_t scan) {
+  Impl& impl = Open();
+  Guarded("cannot be copied to", [&] {
+    impl.transaction.reset();
+    {
+      SQLite::Database other(path, SQLite::OPEN_READONLY);
+      SQLite::Backup backup(impl.database, other);
+      backup.executeStep(-1);
+    }
+    impl.database.exec(kKept);
+    SQLite::Transaction transaction(impl.database);
+    SQLite::Statement drop(impl.database,
+                           "DELETE FROM voxels WHERE stored_at > ?1 OR taken_at <= ?1");
+    drop.bind(1, scan);
+    drop.exec();
+    impl.database.exec("UPDATE voxels SET stored_at = -1, taken_at = NULL");
+    transaction.commit();
+    impl.CountTiles();
   });
 }
 

@@ -40,6 +40,10 @@ class TileStore final : public VoxelStore {
   void ShowAll(const Visit& visit) const override;
   std::size_t records() const override;
 
+  // In the place of all that is here, what another kept store had after a scan of its own; here it
+  // has been from the beginning.
+  void CopyFrom(const std::string& path, std::int64_t scan);
+
   // Back to how it was after that scan (-1: empty).
   void RollBackTo(std::int64_t scan);
   // Records that left at this scan or before go for good: at most some hundred in a call, so that

@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "core/error.h"
-#include "io/file_writer.h"
 #include "io/text_input.h"
 
 namespace lamina {
@@ -79,29 +78,36 @@ Trajectory CameraToLidar(const Trajectory& cameras, const SE3& T_camera_lidar) {
   return lidars;
 }
 
-void WriteKittiTrajectory(const std::string& path, const Trajectory& trajectory) {
-  FileWriter writer(path);
-  for (const StampedPose& pose : trajectory) {
+TrajectoryWriter::TrajectoryWriter(const std::string& path, Form form)
+    : writer_(path), form_(form) {}
+
+void TrajectoryWriter::Append(const StampedPose& pose) {
+  if (form_ == Form::kKitti) {
     Eigen::Matrix<double, 3, 4, Eigen::RowMajor> T;
     T << pose.T_world_lidar.R(), pose.T_world_lidar.t;
-    writer.Write(fmt::format("{}\n", fmt::join(T.data(), T.data() + T.size(), " ")));
+    writer_.Write(fmt::format("{}\n", fmt::join(T.data(), T.data() + T.size(), " ")));
+    return;
   }
+  // The magnitude as unsigned: the smallest StampNs has no positive counterpart.
+  const bool negative = pose.stamp_ns < 0;
+  const auto bits = static_cast<std::uint64_t>(pose.stamp_ns);
+  const std::uint64_t ns = negative ? 0 - bits : bits;
+  const Eigen::Vector3d& t = pose.T_world_lidar.t;
+  const Eigen::Quaterniond& q = pose.T_world_lidar.q;
+  writer_.Write(fmt::format("{}{}.{:09d} {} {} {} {} {} {} {}\n", negative ? "-" : "",
+                            ns / 1000000000, ns % 1000000000, t.x(), t.y(), t.z(), q.x(), q.y(),
+                            q.z(), q.w()));
+}
+
+void WriteKittiTrajectory(const std::string& path, const Trajectory& trajectory) {
+  TrajectoryWriter writer(path, TrajectoryWriter::Form::kKitti);
+  for (const StampedPose& pose : trajectory) writer.Append(pose);
   writer.Commit();
 }
 
 void WriteTumTrajectory(const std::string& path, const Trajectory& trajectory) {
-  FileWriter writer(path);
-  for (const StampedPose& pose : trajectory) {
-    // The magnitude as unsigned: the smallest StampNs has no positive counterpart.
-    const bool negative = pose.stamp_ns < 0;
-    const auto bits = static_cast<std::uint64_t>(pose.stamp_ns);
-    const std::uint64_t ns = negative ? 0 - bits : bits;
-    const Eigen::Vector3d& t = pose.T_world_lidar.t;
-    const Eigen::Quaterniond& q = pose.T_world_lidar.q;
-    writer.Write(fmt::format("{}{}.{:09d} {} {} {} {} {} {} {}\n", negative ? "-" : "",
-                             ns / 1000000000, ns % 1000000000, t.x(), t.y(), t.z(), q.x(), q.y(),
-                             q.z(), q.w()));
-  }
+  TrajectoryWriter writer(path, TrajectoryWriter::Form::kTum);
+  for (const StampedPose& pose : trajectory) writer.Append(pose);
   writer.Commit();
 }
 

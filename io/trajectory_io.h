@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "core/scan.h"
+#include "io/file_writer.h"
 
 namespace lamina {
 
@@ -26,7 +27,21 @@ Trajectory ReadTrajectory(const std::string& path, const std::vector<StampNs>& s
 // T_world_lidar(i) = T_camera_lidar^-1 * T_world_camera(i) * T_camera_lidar.
 Trajectory CameraToLidar(const Trajectory& cameras, const SE3& T_camera_lidar);
 
-// Both write to a temporary name and rename. Throw OutputError.
+// A trajectory written pose by pose, to a temporary name that Commit() renames. Not thread-safe.
+// Throws OutputError.
+class TrajectoryWriter {
+ public:
+  enum class Form { kKitti, kTum };
+  TrajectoryWriter(const std::string& path, Form form);
+  void Append(const StampedPose& pose);
+  void Commit() { writer_.Commit(); }
+
+ private:
+  FileWriter writer_;
+  Form form_;
+};
+
+// The same in one call.
 void WriteKittiTrajectory(const std::string& path, const Trajectory& trajectory);
 void WriteTumTrajectory(const std::string& path, const Trajectory& trajectory);
 

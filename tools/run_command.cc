@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "backend/scan_record.h"
 #include "config/config.h"
 #include "core/error.h"
 #include "io/tile_store.h"
@@ -129,7 +130,7 @@ int Run(const RunArguments& arguments) {
   MappingPipeline* running = nullptr;
   MappingCallbacks callbacks;
   callbacks.on_scan = [&](const ScanReport& report) {
-    output.table().Append(report);
+    output.table().Append(RecordOf(report));
     LogScan(report, &progress);
     WatchMap(running->map(), &figures, &progress);
     progress.Step();

@@ -11,19 +11,6 @@
 namespace lamina {
 namespace {
 
-const char* StatusName(const ScanReport& report) {
-  if (report.skipped) return ToString(report.reason);
-  switch (report.odometry.status) {
-    case OdometryFrame::Status::kFirst:
-      return "first";
-    case OdometryFrame::Status::kLost:
-      return "lost";
-    case OdometryFrame::Status::kTracked:
-      break;
-  }
-  return report.odometry.match.degenerate > 0 ? "degenerate" : "tracked";
-}
-
 nlohmann::json NumberOrNull(double value) {
   return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json();
 }
@@ -37,16 +24,15 @@ FrameTable::FrameTable(const std::string& path) : writer_(path) {
       "read_ms,prepare_ms,cluster_ms,odometry_ms,map_ms,solve_ms\n");
 }
 
-void FrameTable::Append(const ScanReport& r) {
-  const MatchResult& m = r.odometry.match;
-  std::string line =
-      fmt::format("{},{}.{:09},{},{},{},{},{},{},{:.4f},{:.5f},{},{},{:.5f}", r.index,
-                  r.stamp_ns / 1000000000, r.stamp_ns % 1000000000, StatusName(r),
-                  r.keyframe ? 1 : 0, r.points, r.clusters, m.matched, m.iterations, m.inlier_share,
-                  m.residual_rms_m, r.odometry.searched ? 1 : 0, m.degenerate, m.worst_sigma_m);
-  for (int i = 0; i < 6; ++i) line += fmt::format(",{:.3e}", m.covariance(i, i));
-  line += fmt::format(",{:.2f},{:.2f},{:.2f},{:.2f},{:.2f},{:.2f}\n", r.read_ms, r.prepare_ms,
-                      r.cluster_ms, r.odometry_ms, r.map_ms, r.solve_ms);
+void FrameTable::Append(const SessionScan& s) {
+  std::string line = fmt::format(
+      "{},{}.{:09},{},{},{},{},{},{},{:.4f},{:.5f},{},{},{:.5f}", s.scan, s.stamp_ns / 1000000000,
+      s.stamp_ns % 1000000000, s.status, s.keyframe ? 1 : 0, s.points, s.clusters, s.matched,
+      s.iterations, s.inlier_share, s.residual_m, s.searched ? 1 : 0, s.unobservable_directions,
+      s.worst_sigma_m);
+  for (int i = 0; i < 6; ++i) line += fmt::format(",{:.3e}", s.covariance(i, i));
+  line += fmt::format(",{:.2f},{:.2f},{:.2f},{:.2f},{:.2f},{:.2f}\n", s.read_ms, s.prepare_ms,
+                      s.cluster_ms, s.odometry_ms, s.map_ms, s.solve_ms);
   writer_.Write(line);
 }
 

@@ -7,6 +7,7 @@
 #include "backend/mapping_pipeline.h"
 #include "core/trajectory_metrics.h"
 #include "io/file_writer.h"
+#include "io/session_database.h"
 
 namespace lamina {
 
@@ -15,7 +16,7 @@ namespace lamina {
 class FrameTable {
  public:
   explicit FrameTable(const std::string& path);
-  void Append(const ScanReport& report);
+  void Append(const SessionScan& scan);
   void Commit() { writer_.Commit(); }
 
  private:

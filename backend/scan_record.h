@@ -1,0 +1,14 @@
+// What is remembered of a scan and of a solve, out of the reports of the pipeline.
+#pragma once
+
+#include "backend/mapping_pipeline.h"
+#include "io/session_database.h"
+
+namespace lamina {
+
+// Without the names of its file. The pose is the one that the scan has now.
+SessionScan RecordOf(const ScanReport& report);
+SessionSolve RecordOf(const SolveReport& report);
+FinalPose PoseOf(const SessionScan& scan);
+
+}  // namespace lamina

@@ -1,0 +1,293 @@
+#include "backend/session.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstring>
+#include <filesystem>
+#include <sstream>
+#include <utility>
+
+#include "backend/scan_record.h"
+#include "backend/session_checkpoint.h"
+#include "core/error.h"
+
+namespace lamina {
+namespace {
+
+namespace fs = std::filesystem;
+
+// The first lines that differ.
+std::pair<std::string, std::string> FirstDifference(const std::string& a, const std::string& b) {
+  std::istringstream lines_a(a), lines_b(b);
+  std::string line_a, line_b;
+  while (line_a == line_b && (lines_a || lines_b)) {
+    if (!std::getline(lines_a, line_a)) line_a.clear();
+    if (!std::getline(lines_b, line_b)) line_b.clear();
+  }
+  return {line_a, line_b};
+}
+
+}  // namespace
+
+void SessionOptions::Visit(OptionVisitor& v) {
+  v.Integer("checkpoint_every_scans", &checkpoint_every_scans, 1, 1000000);
+  v.Number("trajectory_period_s", &trajectory_period_s, 0.01, 1e6);
+}
+
+Session::Session(SessionSetup setup, SessionHooks hooks)
+    : setup_(std::move(setup)), hooks_(std::move(hooks)) {
+  CheckOptions(setup_.session, "session");
+  Lock();
+  try {
+    OpenDatabase();
+    CheckFixedOptions();
+    tiles_ = std::make_unique<TileStore>(Path("map_tiles.db"), TileStore::Lifetime::kKept);
+    LoadNewestCheckpoint();
+  } catch (...) {
+    close(lock_);
+    throw;
+  }
+  next_ = repeat_from_ = last_checkpoint_;
+  tiles_->SetScan(next_);
+  database_->DropSolvesFrom(next_);
+  database_->ForEach(next_, database_->scans(),
+                     [this](const SessionScan& scan) { to_repeat_.push_back(scan); });
+  if (!to_repeat_.empty()) {
+    spdlog::info(
+        "continuing after scan {}: {} scans were recorded since the last checkpoint and "
+        "are mapped again",
+        next_ - 1, to_repeat_.size());
+  }
+  log_ = std::make_unique<SessionLog>(Path("session.db"), hooks_.on_durable);
+  housekeeping_ = std::make_unique<WorkerThread>([](const std::exception& error) {
+    spdlog::error("{} (the stream goes on; this will be tried again)", error.what());
+  });
+}
+
+Session::~Session() {
+  housekeeping_.reset();
+  log_.reset();
+  pipeline_.reset();
+  tiles_.reset();
+  if (lock_ >= 0) close(lock_);
+}
+
+std::string Session::Path(const std::string& name) const {
+  return (fs::path(setup_.folder) / name).string();
+}
+
+// The lock goes with the process, however it ends.
+void Session::Lock() {
+  std::error_code error;
+  fs::create_directories(setup_.folder, error);
+  if (error) {
+    throw OutputError(fmt::format("cannot make the folder {}: {}", setup_.folder, error.message()));
+  }
+  const std::string path = Path("lock");
+  lock_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+  if (lock_ < 0) throw OutputError(fmt::format("{}: {}", path, std::strerror(errno)));
+  if (flock(lock_, LOCK_EX | LOCK_NB) != 0) {
+    char owner[32] = {};
+    const ssize_t length = read(lock_, owner, sizeof(owner) - 1);
+    close(lock_);
+    throw InputError(fmt::format("{}: the session is in use by process {}", setup_.folder,
+                                 length > 0 ? owner : "?"));
+  }
+  const std::string pid = std::to_string(getpid());
+  if (ftruncate(lock_, 0) != 0 || write(lock_, pid.data(), pid.size()) < 0) {
+    close(lock_);
+    throw OutputError(fmt::format("{}: cannot be written: {}", path, std::strerror(errno)));
+  }
+}
+
+void Session::OpenDatabase() {
+  const std::string path = Path("session.db"), backup = Path("session.db.backup");
+  try {
+    database_ = std::make_unique<SessionDatabase>(path, true);
+    return;
+  } catch (const InputError& error) {
+    if (!fs::exists(backup)) throw;
+    spdlog::error("{}; going back to the copy of the last checkpoint", error.what());
+  }
+  for (const char* ending : {"", "-wal", "-shm"}) {
+    std::error_code ignored;
+    fs::rename(path + ending, path + ".damaged" + ending, ignored);
+  }
+  std::error_code error;
+  fs::copy_file(backup, path, error);
+  if (error) throw OutputError(fmt::format("{}: cannot be copied: {}", backup, error.message()));
+  database_ = std::make_unique<SessionDatabase>(path, true);
+}
+
+void Session::CheckFixedOptions() {
+  const std::optional<std::string> before = database_->Meta("fixed_options");
+  if (!before) {
+    database_->SetMeta("fixed_options", setup_.fixed_options);
+    return;
+  }
+  if (*before == setup_.fixed_options) return;
+  const auto [was, is] = FirstDifference(*before, setup_.fixed_options);
+  throw OptionError(fmt::format(
+      "{}: the session was begun with other options and can only be continued with the same: it "
+      "has '{}', now given '{}'",
+      setup_.folder, was, is));
+}
+
+void Session::BeginLocalising() {
+  const BaseMap& base = *setup_.base_map;
+  for (const std::int64_t scans : CheckpointsIn(base.session)) {
+    try {
+      pipeline_ = std::make_unique<MappingPipeline>(setup_.mapping, Callbacks(), tiles_.get());
+      ReadCheckpoint((fs::path(base.session) / CheckpointName(scans)).string(), pipeline_.get(),
+                     CheckpointPart::kMap);
+      tiles_->CopyFrom((fs::path(base.session) / "map_tiles.db").string(), scans - 1);
+      pipeline_->StartLocalising(base.T_world_start);
+      return;
+    } catch (const InputError& error) {
+      spdlog::error("{}; trying the checkpoint before it", error.what());
+    }
+  }
+  throw InputError(fmt::format("{}: holds no map that could be used", base.session));
+}
+
+void Session::LoadNewestCheckpoint() {
+  const std::int64_t recorded = database_->scans();
+  for (const std::int64_t scans : CheckpointsIn(setup_.folder)) {
+    if (scans > recorded) continue;  // of scans that the database has lost
+    try {
+      pipeline_ = std::make_unique<MappingPipeline>(setup_.mapping, Callbacks(), tiles_.get());
+      ReadCheckpoint(Path(CheckpointName(scans)), pipeline_.get(), CheckpointPart::kAll);
+      tiles_->RollBackTo(scans - 1);
+      last_checkpoint_ = newest_checkpoint_ = scans;
+      return;
+    } catch (const InputError& error) {
+      spdlog::error("{}; going back to the checkpoint before it", error.what());
+    }
+  }
+  if (recorded > 0) spdlog::warn("no checkpoint can be used: all scans are mapped again");
+  tiles_->RollBackTo(-1);
+  if (setup_.base_map) {
+    BeginLocalising();
+  } else {
+    pipeline_ = std::make_unique<MappingPipeline>(setup_.mapping, Callbacks(), tiles_.get());
+  }
+}
+
+MappingCallbacks Session::Callbacks() {
+  MappingCallbacks callbacks;
+  callbacks.on_scan = [this](const ScanReport& report) { OnScan(report); };
+  callbacks.on_final_pose = [this](const FinalPose& pose) {
+    if (finished_) {
+      tail_.push_back(pose);
+    } else if (kept_.count(static_cast<std::int64_t>(pose.scan)) == 0) {
+      log_->Finalise(
+          {static_cast<std::int64_t>(pose.scan), pose.pose.stamp_ns, pose.pose.T_world_lidar});
+    }
+  };
+  callbacks.on_solve = [this](const SolveReport& report) {
+    if (!finished_) log_->Put(RecordOf(report));
+    if (hooks_.on_solve) hooks_.on_solve(report);
+  };
+  return callbacks;
+}
+
+void Session::Process(StreamedScans* scans, const std::atomic<bool>* stop) {
+  scans_ = scans;
+  while (next_ < static_cast<std::int64_t>(scans->size()) && !(stop != nullptr && stop->load())) {
+    const auto next = static_cast<std::size_t>(next_);
+    const std::size_t begin = scans->RunBegin(next);
+    if (begin == next && next > 0) pipeline_->Interrupt();
+    pipeline_->Process(*scans, {begin, next, scans->RunEnd(next)}, stop);
+  }
+  scans->Forget(static_cast<std::size_t>(next_));
+  scans_ = nullptr;
+}
+
+void Session::OnScan(const ScanReport& report) {
+  const InboxFile& file = scans_->File(report.index);
+  SessionScan row = RecordOf(report);
+  row.file = file.name;
+  row.sequence = file.sequence;
+  row.recorded_stamp = file.recorded_stamp;
+  row.next_stamp_ns = file.next_stamp_ns;
+  if (FileIsGone(report)) {
+    spdlog::error(
+        "{}: was mapped before, but cannot be read again; its pose stays, its share of "
+        "the map is lost ({})",
+        file.name, report.detail);
+    kept_.insert(next_);
+  } else {
+    log_->Put(row);
+  }
+  ++next_;
+  tiles_->SetScan(next_);
+  if (hooks_.on_scan) hooks_.on_scan(report, row);
+  if (job_) {
+    ContinueCheckpoint();
+  } else if (checkpoint_requested_ ||
+             next_ - last_checkpoint_ >= setup_.session.checkpoint_every_scans) {
+    BeginCheckpoint();
+  }
+  PublishTrajectory();
+}
+
+// Whether a scan that is repeated could be read the first time, and cannot now.
+bool Session::FileIsGone(const ScanReport& report) const {
+  const auto i = static_cast<std::size_t>(next_ - repeat_from_);
+  return i < to_repeat_.size() && !to_repeat_[i].skipped && report.skipped &&
+         report.reason == SkipReason::kUnreadable;
+}
+
+void Session::SetAside(const std::string& file, const std::string& reason) {
+  log_->SetAside(file, reason);
+}
+
+bool Session::Idle() {
+  if (job_) {
+    ContinueCheckpoint();
+  } else if (checkpoint_requested_) {
+    BeginCheckpoint();
+  }
+  PublishTrajectory();
+  return job_ != nullptr;
+}
+
+void Session::Finish() {
+  if (next_ > newest_checkpoint_ || checkpoint_requested_) {
+    while (job_) {
+      housekeeping_->Wait();
+      ContinueCheckpoint();
+    }
+    housekeeping_->Wait();
+    if (next_ > newest_checkpoint_ || checkpoint_requested_) BeginCheckpoint();
+    while (job_) {
+      housekeeping_->Wait();
+      ContinueCheckpoint();
+    }
+  }
+  log_->WaitDurable();
+  housekeeping_->Wait();
+  if (newest_checkpoint_ != next_) {
+    throw OutputError(
+        fmt::format("{}: the last checkpoint could not be written; {} scans will be "
+                    "mapped again",
+                    setup_.folder, next_ - newest_checkpoint_));
+  }
+  finished_ = true;
+  tail_.clear();
+  pipeline_->Finish();
+  WriteTrajectories(*database_, next_, tail_);
+}
+
+void Session::ForEachPose(const FinalPoses::Visit& visit) const {
+  const std::int64_t open = tail_.empty() ? next_ : static_cast<std::int64_t>(tail_.front().scan);
+  database_->ForEach(0, open, [&](const SessionScan& scan) { visit(PoseOf(scan)); });
+  for (const FinalPose& pose : tail_) visit(pose);
+}
+
+}  // namespace lamina

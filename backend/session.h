@@ -1,0 +1,176 @@
+// A mapping session: the pipeline, and a folder in which nothing that it has done is lost.
+//
+//     session.db              every scan with its pose, every window solved (io/session_database.h)
+//     session.db.backup       the same as of a checkpoint, in case the first is damaged
+//     checkpoint-N.lmap       all of the pipeline after scan N - 1; the newest two are kept
+//     map_tiles.db            what the map's budget does not hold in memory (io/tile_store.h)
+//     trajectory_kitti.txt, trajectory_tum.txt     kept current
+//     lock                    held while a process works on the session
+//
+// A scan is *durable* when its row is on disk; its file may be called done. Poses follow when the
+// window has passed (final). Checkpoints are written beside the mapping: the state is copied at one
+// moment, the map piece by piece while it goes on changing (VoxelMap), and the file appears whole.
+//
+// To continue, the newest undamaged checkpoint is loaded, the tiles go back to what they were then,
+// and the scans recorded after it are mapped again, from their files, in the recorded order. So the
+// result is the same, bit for bit, as if the session had never been interrupted.
+//
+// A checkpoint is a checkpoint file (io/checkpoint_file.h) of these sections:
+//
+//     HEAD   u64 number of scans in it
+//     MAPC   counters of the map          (VoxelMap::ArchiveCounters)
+//     PIPE   window, odometry, solve ...  (MappingPipeline::Archive)
+//     ROOT   roots of the map, any number of sections  (core/voxel_map_records.cc)
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "backend/mapping_pipeline.h"
+#include "backend/session_log.h"
+#include "core/options.h"
+#include "core/worker_thread.h"
+#include "io/checkpoint_file.h"
+#include "io/session_database.h"
+#include "io/streamed_scans.h"
+#include "io/tile_store.h"
+
+namespace lamina {
+
+struct SessionOptions {
+  // A checkpoint is begun every so many scans. After an interruption as many are mapped again.
+  int checkpoint_every_scans = 300;
+  // The trajectory files are at most so old.
+  double trajectory_period_s = 5.0;
+
+  void Visit(OptionVisitor& v);
+};
+
+// A finished map to localise in, instead of making one.
+struct BaseMap {
+  std::string session;  // its folder
+  SE3 T_world_start;    // where the first scan is, roughly
+};
+
+struct SessionSetup {
+  std::string folder;  // made if it is not there
+  MappingOptions mapping;
+  // What decides results, as text: a session can only be continued with the same.
+  std::string fixed_options;
+  SessionOptions session;
+  std::optional<BaseMap> base_map;
+};
+
+struct SessionCheckpoint {
+  std::int64_t scans = 0;  // that are in it
+  std::uint64_t bytes = 0;
+  double longest_pause_ms = 0.0;  // of the mapping, for one piece of it
+  double total_ms = 0.0;
+};
+
+// Any may be empty. on_durable is called on the log's thread, on_checkpoint on the housekeeping
+// thread, the others on the mapping thread.
+struct SessionHooks {
+  std::function<void(const ScanReport&, const SessionScan&)> on_scan;
+  std::function<void(const SolveReport&)> on_solve;
+  std::function<void(const SessionScan&)> on_durable;
+  // The files of scans before `released` will not be needed again, whatever happens.
+  std::function<void(const SessionCheckpoint&, std::int64_t released)> on_checkpoint;
+};
+
+// One thread at a time, the mapping thread. Throws OutputError when the session's folder cannot be
+// written: nothing that was durable is lost.
+class Session {
+ public:
+  // Opens or makes a session, and loads its newest checkpoint. Throws InputError if another process
+  // works on it, or nothing in it can be used; OptionError for options that differ from those it
+  // was begun with.
+  Session(SessionSetup setup, SessionHooks hooks);
+  ~Session();
+
+  // Number of the next scan: of those to be repeated, if there are any.
+  std::int64_t next_scan() const { return next_; }
+  // Recorded scans from next_scan() on; their files come first again.
+  const std::vector<SessionScan>& to_repeat() const { return to_repeat_; }
+  // For questions to it (not for changes).
+  const SessionDatabase& database() const { return *database_; }
+  const MappingPipeline& pipeline() const { return *pipeline_; }
+  std::int64_t released() const { return released_; }
+  const std::string& folder() const { return setup_.folder; }
+
+  // Maps the scans of `scans` from next_scan() on. Once `stop` is true, those that have been read
+  // are still mapped.
+  void Process(StreamedScans* scans, const std::atomic<bool>* stop);
+  // A file that will never be a scan.
+  void SetAside(const std::string& file, const std::string& reason);
+  // To be called between scans when none are coming: goes on with what is done piece by piece.
+  // False if there is nothing left to do.
+  bool Idle();
+  void RequestCheckpoint() { checkpoint_requested_ = true; }
+  // On the housekeeping thread, after what it has to do.
+  void DoLater(std::function<void()> work) { housekeeping_->Do(std::move(work)); }
+  void WaitForHousekeeping() { housekeeping_->Wait(); }
+
+  // A last checkpoint; then the last solve, after which nothing more can be mapped. All files but
+  // those of the trajectory are left as they are: the session can be continued.
+  void Finish();
+  // All poses so far, in order; after Finish() the last ones.
+  void ForEachPose(const FinalPoses::Visit& visit) const;
+
+ private:
+  struct SnapshotJob;
+  using Sections = std::vector<std::pair<std::string, std::string>>;
+
+  void Lock();
+  void OpenDatabase();
+  void CheckFixedOptions();
+  void LoadNewestCheckpoint();
+  void BeginLocalising();
+  MappingCallbacks Callbacks();
+  void OnScan(const ScanReport& report);
+  bool FileIsGone(const ScanReport& report) const;
+  void BeginCheckpoint();
+  void ContinueCheckpoint();
+  void Write(const std::shared_ptr<Sections>& sections);
+  void FinishCheckpoint(SnapshotJob* job);
+  void BackUpDatabase();
+  void PublishTrajectory();
+  void WriteTrajectories(const SessionDatabase& database, std::int64_t scans,
+                         const std::vector<FinalPose>& open) const;
+  std::string Path(const std::string& name) const;
+
+  SessionSetup setup_;
+  SessionHooks hooks_;
+  int lock_ = -1;
+  std::unique_ptr<SessionDatabase> database_;
+  std::unique_ptr<TileStore> tiles_;
+  std::unique_ptr<MappingPipeline> pipeline_;
+  std::int64_t next_ = 0;
+  std::int64_t last_checkpoint_ = 0;  // scans in the last one that was begun
+  std::int64_t repeat_from_ = 0;
+  std::vector<SessionScan> to_repeat_;
+  std::set<std::int64_t> kept_;           // repeated, but their files are gone: rows stay
+  const StreamedScans* scans_ = nullptr;  // those being mapped
+  bool checkpoint_requested_ = false, finished_ = false;
+  std::shared_ptr<SnapshotJob> job_;
+  double trajectory_due_s_ = 0.0;
+  std::int64_t published_ = 0;   // scans in the trajectory files
+  std::vector<FinalPose> tail_;  // poses that are final by Finish() alone
+
+  // Of the housekeeping thread, for others to read: numbers of scans.
+  std::atomic<std::int64_t> newest_checkpoint_{0}, oldest_kept_{0}, released_{0};
+  std::int64_t backed_up_ = 0;
+  double backup_due_s_ = 0.0;
+
+  std::unique_ptr<SessionLog> log_;
+  std::unique_ptr<WorkerThread> housekeeping_;  // ends first
+};
+
+}  // namespace lamina

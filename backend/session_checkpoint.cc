@@ -1,0 +1,199 @@
+#include "backend/session_checkpoint.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <utility>
+
+#include "backend/scan_record.h"
+#include "backend/session.h"
+#include "core/error.h"
+#include "core/stopwatch.h"
+#include "io/trajectory_io.h"
+
+namespace lamina {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kKept = 2;
+// Of the map, copied between two scans: some milliseconds.
+constexpr std::size_t kPieceBytes = 4 << 20;
+// Pieces that may wait to be written.
+constexpr std::size_t kMostPending = 8;
+
+double SteadySeconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+}  // namespace
+
+std::string CheckpointName(std::int64_t scans) { return fmt::format("checkpoint-{}.lmap", scans); }
+
+std::vector<std::int64_t> CheckpointsIn(const std::string& folder) {
+  std::vector<std::int64_t> found;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(folder, error)) {
+    const std::string name = entry.path().filename().string();
+    long long scans = 0;
+    if (std::sscanf(name.c_str(), "checkpoint-%lld.lmap", &scans) == 1 &&
+        name == CheckpointName(scans)) {
+      found.push_back(scans);
+    }
+  }
+  std::sort(found.begin(), found.end(), std::greater<>());
+  return found;
+}
+
+void ReadCheckpoint(const std::string& path, MappingPipeline* pipeline, CheckpointPart part) {
+  CheckpointReader reader(path);
+  VoxelMap& map = pipeline->map();
+  std::string tag, bytes, pipe;
+  while (reader.Next(&tag, &bytes)) {
+    if (tag == "PIPE") {
+      pipe.swap(bytes);  // it needs the map
+    } else if (tag == "MAPC") {
+      StateArchive archive{std::string_view(bytes)};
+      map.ArchiveCounters(archive);
+    } else if (tag == "ROOT") {
+      map.Load(bytes);
+    }
+  }
+  map.FinishLoading();
+  if (part == CheckpointPart::kMap) return;
+  try {
+    StateArchive archive{std::string_view(pipe)};
+    pipeline->Archive(archive);
+    if (archive.unread() > 0) throw InputError("saved state is longer than it should be");
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("{}: {}", path, error.what()));
+  }
+}
+
+// A checkpoint on its way. The mapping thread fills it, the housekeeping thread writes it.
+struct Session::SnapshotJob {
+  std::int64_t scans = 0;
+  std::unique_ptr<CheckpointWriter> writer;  // housekeeping
+  std::atomic<bool> failed{false};
+  double longest_pause_ms = 0.0;  // mapping
+  Stopwatch since_begin;
+};
+
+void Session::BeginCheckpoint() {
+  Stopwatch pause;
+  checkpoint_requested_ = false;
+  job_ = std::make_shared<SnapshotJob>();
+  job_->scans = last_checkpoint_ = next_;
+  tiles_->Forget(oldest_kept_ - 1);
+  tiles_->Commit();
+  StateArchive head, counters, pipe;
+  head(&job_->scans);
+  pipeline_->map().ArchiveCounters(counters);
+  pipeline_->Archive(pipe);
+  pipeline_->map().BeginSnapshot();
+  const auto sections = std::make_shared<Sections>();
+  sections->emplace_back("HEAD", std::move(head.written()));
+  sections->emplace_back("MAPC", std::move(counters.written()));
+  sections->emplace_back("PIPE", std::move(pipe.written()));
+  Write(sections);
+  job_->longest_pause_ms = pause.Milliseconds();
+}
+
+void Session::Write(const std::shared_ptr<Sections>& sections) {
+  housekeeping_->Do([this, job = job_, sections] {
+    if (job->failed) return;
+    job->failed = true;  // unless all goes well
+    if (!job->writer) {
+      job->writer = std::make_unique<CheckpointWriter>(Path(CheckpointName(job->scans)));
+    }
+    for (const auto& [tag, bytes] : *sections) job->writer->Write(tag, bytes);
+    job->failed = false;
+  });
+}
+
+void Session::ContinueCheckpoint() {
+  if (housekeeping_->pending() > kMostPending) return;
+  Stopwatch pause;
+  const auto sections = std::make_shared<Sections>();
+  std::string records;
+  const bool more = pipeline_->map().ContinueSnapshot(kPieceBytes, &records);
+  sections->emplace_back("ROOT", std::move(records));
+  Write(sections);
+  job_->longest_pause_ms = std::max(job_->longest_pause_ms, pause.Milliseconds());
+  if (more) return;
+  housekeeping_->Do([this, job = job_] { FinishCheckpoint(job.get()); });
+  job_.reset();
+}
+
+// On the housekeeping thread.
+void Session::FinishCheckpoint(SnapshotJob* job) {
+  if (job->failed) return;
+  log_->WaitDurable();
+  tiles_->SyncToDisk();
+  job->writer->Commit();
+  newest_checkpoint_ = job->scans;
+  const std::vector<std::int64_t> there = CheckpointsIn(setup_.folder);
+  for (std::size_t i = kKept; i < there.size(); ++i) {
+    std::error_code ignored;
+    fs::remove(Path(CheckpointName(there[i])), ignored);
+  }
+  oldest_kept_ = there.size() < kKept ? 0 : there[kKept - 1];
+  BackUpDatabase();
+  released_ = std::min<std::int64_t>(oldest_kept_, backed_up_);
+  if (hooks_.on_checkpoint) {
+    hooks_.on_checkpoint(
+        {job->scans, job->writer->bytes(), job->longest_pause_ms, job->since_begin.Milliseconds()},
+        released_);
+  }
+}
+
+// As often as it takes a small part of the time: a session of days has a large database.
+void Session::BackUpDatabase() {
+  constexpr double kShare = 0.02;
+  SessionDatabase database(Path("session.db"), false);
+  database.Tidy();
+  const double now_s = SteadySeconds();
+  if (now_s < backup_due_s_) return;
+  const std::int64_t scans = database.scans();
+  database.BackUpTo(Path("session.db.backup"));
+  backed_up_ = scans;
+  const double end_s = SteadySeconds();
+  backup_due_s_ = end_s + (end_s - now_s) / kShare;
+}
+
+void Session::PublishTrajectory() {
+  const double now_s = SteadySeconds();
+  if (next_ == published_ || now_s < trajectory_due_s_) return;
+  published_ = next_;
+  trajectory_due_s_ = now_s + setup_.session.trajectory_period_s;
+  const auto open = std::make_shared<std::vector<FinalPose>>();
+  pipeline_->ShowOpenPoses([&](const FinalPose& pose) { open->push_back(pose); });
+  housekeeping_->Do([this, open, scans = next_] {
+    log_->WaitDurable();
+    SessionDatabase database(Path("session.db"), false);
+    WriteTrajectories(database, scans, *open);
+  });
+}
+
+void Session::WriteTrajectories(const SessionDatabase& database, std::int64_t scans,
+                                const std::vector<FinalPose>& open) const {
+  TrajectoryWriter kitti(Path("trajectory_kitti.txt"), TrajectoryWriter::Form::kKitti);
+  TrajectoryWriter tum(Path("trajectory_tum.txt"), TrajectoryWriter::Form::kTum);
+  const auto append = [&](const FinalPose& pose) {
+    kitti.Append(pose.pose);
+    if (!pose.skipped) tum.Append(pose.pose);
+  };
+  const std::int64_t final = open.empty() ? scans : static_cast<std::int64_t>(open.front().scan);
+  database.ForEach(0, final, [&](const SessionScan& scan) { append(PoseOf(scan)); });
+  for (const FinalPose& pose : open) append(pose);
+  kitti.Commit();
+  tum.Commit();
+}
+
+}  // namespace lamina

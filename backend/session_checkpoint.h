@@ -1,0 +1,25 @@
+// Checkpoints in the folder of a session: their names, and how they are read (backend/session.h has
+// the format).
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "backend/mapping_pipeline.h"
+
+namespace lamina {
+
+// `scans`: how many scans are in it.
+std::string CheckpointName(std::int64_t scans);
+
+// The checkpoints in a folder, by their number of scans, the newest first.
+std::vector<std::int64_t> CheckpointsIn(const std::string& folder);
+
+enum class CheckpointPart { kAll, kMap };
+
+// Into a new pipeline. Throws InputError, naming the file, if it is damaged, or does not fit the
+// pipeline's options; the pipeline is of no use then.
+void ReadCheckpoint(const std::string& path, MappingPipeline* pipeline, CheckpointPart part);
+
+}  // namespace lamina

@@ -1,0 +1,59 @@
+#include "core/worker_thread.h"
+
+#include <exception>
+#include <utility>
+
+namespace lamina {
+
+WorkerThread::WorkerThread(std::function<void(const std::exception&)> failed)
+    : failed_(std::move(failed)), thread_([this] { Run(); }) {}
+
+WorkerThread::~WorkerThread() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    ending_ = true;
+  }
+  changed_.notify_all();
+  thread_.join();
+}
+
+void WorkerThread::Do(std::function<void()> work) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    work_.push_back(std::move(work));
+    ++handed_over_;
+  }
+  changed_.notify_all();
+}
+
+void WorkerThread::Wait() {
+  std::unique_lock<std::mutex> lock(mutex_);
+  const std::size_t until = handed_over_;
+  changed_.wait(lock, [&] { return done_ >= until; });
+}
+
+std::size_t WorkerThread::pending() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return handed_over_ - done_;
+}
+
+void WorkerThread::Run() {
+  std::unique_lock<std::mutex> lock(mutex_);
+  while (true) {
+    changed_.wait(lock, [this] { return ending_ || !work_.empty(); });
+    if (work_.empty()) return;
+    const std::function<void()> work = std::move(work_.front());
+    work_.pop_front();
+    lock.unlock();
+    try {
+      work();
+    } catch (const std::exception& error) {
+      failed_(error);
+    }
+    lock.lock();
+    ++done_;
+    changed_.notify_all();
+  }
+}
+
+}  // namespace lamina

@@ -1,0 +1,39 @@
+// One thread that does pieces of work in the order in which they are handed to it.
+#pragma once
+
+#include <condition_variable>
+#include <cstddef>
+#include <deque>
+#include <functional>
+#include <mutex>
+#include <thread>
+
+namespace lamina {
+
+// Thread-safe. For work that waits (for disks); work that computes belongs to core/parallel.h.
+class WorkerThread {
+ public:
+  // What work throws goes to `failed`, on the thread; work that follows is done all the same.
+  explicit WorkerThread(std::function<void(const std::exception&)> failed);
+  // Does what has been handed over, then ends.
+  ~WorkerThread();
+
+  void Do(std::function<void()> work);
+  // Until all that was handed over so far is done.
+  void Wait();
+  // Pieces of work that wait or are under way.
+  std::size_t pending() const;
+
+ private:
+  void Run();
+
+  std::function<void(const std::exception&)> failed_;
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<std::function<void()>> work_;
+  std::size_t handed_over_ = 0, done_ = 0;
+  bool ending_ = false;
+  std::thread thread_;  // the last member: it uses all others
+};
+
+}  // namespace lamina
