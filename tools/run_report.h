@@ -29,6 +29,9 @@ double ProcessCpuSeconds();
 // Largest resident set of this process so far.
 std::size_t PeakRssBytes();
 
+// Resident set of this process now; 0 if the system does not tell.
+std::size_t ResidentBytes();
+
 struct RunFigures {
   double wall_s = 0.0, cpu_s = 0.0;
   std::size_t map_surfels = 0;
