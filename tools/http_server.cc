@@ -98,6 +98,8 @@ struct PageFile {
 constexpr PageFile kPageFiles[] = {
     {"/", "text/html; charset=utf-8", false, "index.html"},
     {"/style.css", "text/css; charset=utf-8", false, "style.css"},
+    {"/wire.js", "text/javascript; charset=utf-8", false, "wire.js"},
+    {"/surfels.js", "text/javascript; charset=utf-8", false, "surfels.js"},
     {"/viewer.js", "text/javascript; charset=utf-8", false, "viewer.js"},
     {"/charts.js", "text/javascript; charset=utf-8", false, "charts.js"},
     {"/live.js", "text/javascript; charset=utf-8", false, "live.js"},

@@ -1,4 +1,4 @@
-// What the live page and the report are fed with, byte by byte. tools/web/viewer.js reads it.
+// What the live page and the report are fed with, byte by byte. tools/web/wire.js reads it.
 //
 // All numbers little-endian; iN, uN, fN are integers and floats of N bits. `run` is the run_id of
 // the program: a reader that finds another one than it knows starts over.
