@@ -16,6 +16,7 @@
 #include "io/file_writer.h"
 #include "io/scan_source.h"
 #include "io/trajectory_io.h"
+#include "tools/eval_match.h"
 #include "tools/eval_plots.h"
 #include "tools/eval_report.h"
 #include "tools/map_quality.h"
@@ -77,55 +78,16 @@ std::vector<NamedTrajectory> ReadEstimates(const EvalArguments& a,
   return estimates;
 }
 
-// "Tr:" of KITTI odometry's calib.txt. Who names a calibration wants it applied: no Tr, no result.
-SE3 ReadCameraFromLidar(const std::string& path) {
-  const std::optional<SE3> T_camera_lidar = ReadKittiCalibration(path);
-  if (T_camera_lidar) return *T_camera_lidar;
-  throw InputError(path + ": has no line \"Tr:\", the pose of the LiDAR in the camera's frame");
-}
-
-Trajectory ReadTruth(const EvalArguments& a, const std::vector<StampNs>& stamps) {
-  const Trajectory truth = ReadTrajectory(a.truth, stamps);
-  return a.calib.empty() ? truth : CameraToLidar(truth, ReadCameraFromLidar(a.calib));
-}
-
-// Poses read without stamps carry their line numbers instead.
-bool HasStamps(const Trajectory& trajectory) {
-  for (size_t i = 0; i < trajectory.size(); ++i) {
-    if (trajectory[i].stamp_ns != static_cast<StampNs>(i)) return true;
-  }
-  return false;
-}
-
-ComparedTrajectory Match(const NamedTrajectory& estimate, const Trajectory& truth,
-                         const EvalArguments& a) {
-  const bool stamped = HasStamps(truth);
-  if (HasStamps(estimate.poses) != stamped) {
-    throw InputError(fmt::format(
-        "{} has stamps and {} has none, so their poses cannot be matched; give --scans to take "
-        "stamps from the recording",
-        stamped ? "the truth" : estimate.name, stamped ? estimate.name : "the truth"));
-  }
-  ComparedTrajectory compared{estimate.name, estimate.poses, truth};
-  MatchByStamp(stamped ? a.tolerance_s : 0.0, &compared.estimate, &compared.truth);
-  if (compared.truth.size() < 2) {
-    throw InputError(fmt::format(
-        "{}: {} of its {} poses match one of the truth's {} within {} s, at least 2 are needed",
-        estimate.name, compared.truth.size(), estimate.poses.size(), truth.size(), a.tolerance_s));
-  }
-  return compared;
-}
-
 std::vector<ComparedTrajectory> JudgeByTruth(const EvalArguments& a,
                                              const std::vector<StampNs>& stamps,
                                              const std::vector<NamedTrajectory>& estimates,
                                              nlohmann::json* json) {
-  const Trajectory truth = ReadTruth(a, stamps);
+  const Trajectory truth = ReadTruth(a.truth, a.calib, stamps);
   const Alignment alignment = AlignmentOf(a.align);
   std::vector<ComparedTrajectory> compared;
   nlohmann::json list = nlohmann::json::array();
   for (const NamedTrajectory& estimate : estimates) {
-    compared.push_back(Match(estimate, truth, a));
+    compared.push_back(MatchToTruth(estimate, truth, a.tolerance_s));
     const ComparedTrajectory& c = compared.back();
     const TrajectoryErrors errors = CompareTrajectories(c.estimate, c.truth, alignment);
     const std::string how =

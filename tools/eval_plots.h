@@ -5,6 +5,7 @@
 
 #include "core/scan.h"
 #include "core/trajectory_metrics.h"
+#include "tools/eval_match.h"
 #include "tools/map_quality.h"
 #include "tools/plot.h"
 
@@ -12,13 +13,6 @@ namespace lamina {
 
 // x and y of every position, equal axes.
 Plot TopViewPlot(const std::vector<NamedTrajectory>& trajectories);
-
-// An estimate with the truth that belongs to it, pose by pose.
-struct ComparedTrajectory {
-  std::string name;
-  Trajectory estimate;
-  Trajectory truth;
-};
 
 // |T estimate - truth| (metres) over the distance along the truth, T the alignment.
 Plot ErrorPlot(const std::vector<ComparedTrajectory>& compared, Alignment alignment);
