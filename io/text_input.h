@@ -1,4 +1,4 @@
-// Reading files of bytes, lines and numbers, with errors that name file and line. Private to io.
+// Reading files of bytes, lines and numbers, with errors that name file and line.
 #pragma once
 
 #include <cstddef>
