@@ -16,6 +16,7 @@
 #include "tools/export_command.h"
 #include "tools/plot_command.h"
 #include "tools/register_command.h"
+#include "tools/report_command.h"
 #include "tools/run_command.h"
 #include "tools/simulate_command.h"
 #include "tools/synth_command.h"
@@ -36,6 +37,7 @@ int main(int argc, char** argv) {
   lamina::AddEvalCommand(&app, &run);
   lamina::AddExportCommand(&app, &run);
   lamina::AddPlotCommand(&app, &run);
+  lamina::AddReportCommand(&app, &run);
   lamina::AddSynthCommand(&app, &run);
   lamina::AddSimulateCommand(&app, &run);
   try {

@@ -18,6 +18,7 @@
     mapVersion: -1,
     mapRequest: null, // a loading of the map that has further pages
     covered: [],      // places around which the map has been loaded
+    mapChanged: false, // since the legend was last brought up to date
     scan: -1,
     failures: 0,
   };
@@ -138,7 +139,10 @@
       checkRun(page.run);
       // What changes while the pages come is newer than the first one's version.
       if (request.page === 0) request.version = page.version;
-      if (page.cells > 0) viewer.addMap(page);
+      if (page.cells > 0) {
+        viewer.addMap(page);
+        state.mapChanged = true;
+      }
       const budget = Number($('budget').value);
       const full = viewer.map.keepNear(viewer.target(), budget);
       if (!page.more || full) return finishMap(request, full, sensor);
@@ -159,8 +163,11 @@
     if (request.newerThan < 0) state.covered.push(request.centre);
     const near = state.covered.some((c) => distance(c, sensor) < request.radius / 4);
     if (request.newerThan >= 0 && !near) state.covered.push(sensor);
-    $('surfels').textContent = viewer.map.count.toLocaleString('en');
-    updateLegend();
+    if (state.mapChanged || full) {
+      state.mapChanged = false;
+      $('surfels').textContent = viewer.map.count.toLocaleString('en');
+      updateLegend();
+    }
     return false;
   }
 

@@ -266,10 +266,9 @@
     heights() {
       const sample = [];
       const step = Math.max(1, Math.floor(this.count / 20000));
-      let next = 0;
       for (const block of this.blocks.values()) {
-        for (let i = 0; i < block.used; ++i) {
-          if (block.arrays.data[3 * i] <= 0 || next++ % step !== 0) continue;
+        for (let i = 0; i < block.used; i += step) {
+          if (block.arrays.data[3 * i] <= 0) continue;
           sample.push(block.arrays.position[3 * i + 2] + block.corner[2]);
         }
       }

@@ -1,0 +1,17 @@
+// `lamina report`: a run or a session as one HTML file, to be opened anywhere and mailed to anyone.
+#pragma once
+
+#include <functional>
+
+namespace CLI {
+class App;
+}
+
+namespace lamina {
+
+// Adds the subcommand to `app`. When the command line names it, *run becomes the function that does
+// the work; it returns the exit code and throws InputError, OptionError or OutputError. `run` must
+// outlive the parsing.
+void AddReportCommand(CLI::App* app, std::function<int()>* run);
+
+}  // namespace lamina
