@@ -175,7 +175,7 @@
 
   function bytes(n) {
     const [size, unit] = n >= 1e9 ? [n / 1e9, ' GB'] : [n / 1e6, ' MB'];
-    return size.toFixed(size >= 100 ? 0 : 1) + unit;
+    return size.toFixed(size >= 10 ? 0 : 1) + unit;
   }
   function duration(s) {
     if (s < 60) return s.toFixed(0) + ' s';
