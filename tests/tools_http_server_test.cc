@@ -41,9 +41,9 @@ LiveFrame FrameAt(std::int64_t index) {
 }
 
 // The numbers of a binary answer, one after the other.
-class Bytes {
+class WireReader {
  public:
-  explicit Bytes(std::string bytes) : bytes_(std::move(bytes)) {}
+  explicit WireReader(std::string bytes) : bytes_(std::move(bytes)) {}
   template <typename T>
   T Get() {
     T value{};
@@ -200,7 +200,7 @@ TEST_F(HttpServerTest, TrajectoryComesInPagesAndThenWhatHasChanged) {
     const auto answer = Client().Get(
         ("/api/trajectory?since=" + std::to_string(since) + "&from=" + std::to_string(from)));
     ASSERT_EQ(answer->status, 200);
-    class Bytes bytes(answer->body);
+    WireReader bytes(answer->body);
     EXPECT_EQ(bytes.Magic(), "LTR1");
     const auto poses = bytes.Get<std::uint32_t>();
     EXPECT_EQ(bytes.Get<std::uint64_t>(), std::stoull(view_.run_id(), nullptr, 16));
@@ -236,14 +236,14 @@ TEST_F(HttpServerTest, TrajectoryComesInPagesAndThenWhatHasChanged) {
 TEST_F(HttpServerTest, ScanIsEmptyUntilSomebodyAsksAndOneIsThere) {
   Serve();
   EXPECT_FALSE(view_.ScanWanted());
-  class Bytes none(Client().Get("/api/scan")->body);
+  WireReader none(Client().Get("/api/scan")->body);
   EXPECT_EQ(none.Magic(), "LSC1");
   EXPECT_EQ(none.Get<std::uint32_t>(), 0U);
   none.Get<std::uint64_t>();
   EXPECT_EQ(none.Get<std::int64_t>(), -1);
   EXPECT_TRUE(view_.ScanWanted());
   view_.SetScan({7, {1e6, 2.0, 3.0}, {{1.0F, 2.0F, 3.0F}, {4.0F, 5.0F, 6.0F}}});
-  class Bytes scan(Client().Get("/api/scan")->body);
+  WireReader scan(Client().Get("/api/scan")->body);
   scan.Magic();
   EXPECT_EQ(scan.Get<std::uint32_t>(), 2U);
   scan.Get<std::uint64_t>();
@@ -262,7 +262,7 @@ TEST_F(HttpServerTest, MapPagesHoldCellsOfSurfels) {
   EXPECT_EQ(last_query_.centre, Eigen::Vector3d(1.5, -2.0, 30.0));
   EXPECT_EQ(last_query_.radius_m, 100.0);
   EXPECT_EQ(last_query_.newer_than, 9);
-  class Bytes map(answer->body);
+  WireReader map(answer->body);
   EXPECT_EQ(map.Magic(), "LMP1");
   EXPECT_EQ(map.Get<std::uint32_t>(), 2U);
   map.Get<std::uint64_t>();

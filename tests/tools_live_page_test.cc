@@ -122,6 +122,20 @@ TEST_F(LivePage, RevisedPosesAndNewSurfelsArrive) {
   EXPECT_THAT(browser_->Errors(), IsEmpty());
 }
 
+TEST_F(LivePage, ASmallBudgetKeepsWhatIsNear) {
+  Open();
+  ASSERT_TRUE(WaitForSurfels(world_.size()));
+  browser_->Run(
+      "const list = document.getElementById('budget'); list.add(new Option('few', '4000')); "
+      "list.value = '4000'; list.dispatchEvent(new Event('change'));");
+  EXPECT_FALSE(browser_->WaitFor("lamina.viewer.map.count <= 4000").is_null());
+  EXPECT_GT(browser_->Run("return lamina.viewer.map.count"), 0);
+  // It still follows what is new.
+  daemon_->Step(5);
+  EXPECT_FALSE(browser_->WaitFor("lamina.state.poses.length === 26").is_null());
+  EXPECT_THAT(browser_->Errors(), IsEmpty());
+}
+
 TEST_F(LivePage, EveryColouringDrawsAPictureOfItsOwn) {
   Open();
   ASSERT_TRUE(WaitForSurfels(world_.size()));

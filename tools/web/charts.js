@@ -180,7 +180,8 @@
         c.lineTo(px(this.x[at]), height - kBottom);
         c.stroke();
       }
-      const texts = this.values.map((v) => (at >= 0 ? format(v[at]) + ' ' + this.options.unit : '–'));
+      const texts =
+          this.values.map((v) => (at >= 0 ? format(v[at]) + ' ' + this.options.unit : '–'));
       texts.forEach((text, s) => (this.cells[s].textContent = text));
       this.canvas.setAttribute('aria-label', (this.options.title || '') + ': ' +
           this.options.series.map((s, i) => s.name + ' ' + texts[i]).join(', '));

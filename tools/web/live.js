@@ -7,6 +7,7 @@
   // A client that watches for days thins its trajectory by loading it anew: the daemon keeps less.
   const kMostPoses = 100000;
   const kPagesAtOnce = 8;
+  const kMostPlaces = 1000;
 
   let viewer = null;
   const state = {
@@ -17,7 +18,7 @@
     nextTiming: 0,
     mapVersion: -1,
     mapRequest: null, // a loading of the map that has further pages
-    covered: [],      // places around which the map has been loaded
+    covered: [],      // {centre, radius} of what has been loaded of the map
     mapChanged: false, // since the legend was last brought up to date
     scan: -1,
     failures: 0,
@@ -117,20 +118,23 @@
   const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 
   // What to load next: the surroundings of a place that the eye has moved to, in full; else what
-  // has changed around the sensor.
+  // has changed around the sensor, which is all that there is to see while the eye follows it.
   function nextMapRequest(sensor) {
     const radius = Number($('radius').value);
     const target = viewer.follow ? sensor : viewer.target();
-    if (state.mapVersion < 0 || state.covered.every((c) => distance(c, target) > radius / 2)) {
-      return {centre: target, radius, newerThan: -1, page: 0};
+    const covered = viewer.follow ? state.covered.length > 0 :
+        state.covered.some((c) => distance(c.centre, target) < c.radius / 2);
+    if (state.mapVersion < 0 || !covered) {
+      return {centre: target, radius, newerThan: -1, page: 0, kept: Infinity};
     }
-    return {centre: sensor, radius, newerThan: state.mapVersion, page: 0};
+    return {centre: sensor, radius, newerThan: state.mapVersion, page: 0, kept: Infinity};
   }
 
   async function pollMap() {
     if (!viewer || state.poses.length === 0) return false;
     const sensor = state.poses[state.poses.length - 1].position;
     const request = state.mapRequest || nextMapRequest(sensor);
+    const budget = Number($('budget').value);
     for (let pages = 0; pages < kPagesAtOnce; ++pages) {
       const [x, y, z] = request.centre;
       const page = Lamina.readMap(await get(
@@ -143,27 +147,35 @@
         viewer.addMap(page);
         state.mapChanged = true;
       }
-      const budget = Number($('budget').value);
-      const full = viewer.map.keepNear(viewer.target(), budget);
-      if (!page.more || full) return finishMap(request, full, sensor);
+      // Room is made where the eye is not.
+      const kept = viewer.map.keepNear(viewer.target(), budget);
+      request.kept = Math.min(request.kept, kept);
+      // Cells come from near to far: what follows would have to go again at once.
+      const inVain = request.newerThan < 0 && page.last &&
+          distance(page.last, request.centre) > kept;
+      if (!page.more || inVain) return finishMap(request, sensor);
       ++request.page;
     }
     state.mapRequest = request;
     return true;
   }
 
-  function finishMap(request, full, sensor) {
+  function finishMap(request, sensor) {
     state.mapRequest = null;
+    const {centre, radius, kept} = request;
     if (request.newerThan >= 0 || state.mapVersion < 0) state.mapVersion = request.version;
-    if (full) {
-      // Of what was far away something is gone: it is loaded again when it is looked at again.
-      const target = viewer.target();
-      state.covered = state.covered.filter((c) => distance(c, target) < request.radius);
+    if (request.newerThan < 0) {
+      state.covered.push({centre, radius});
+    } else if (!state.covered.some((c) => distance(c.centre, sensor) < c.radius / 4)) {
+      state.covered.push({centre: sensor, radius});
     }
-    if (request.newerThan < 0) state.covered.push(request.centre);
-    const near = state.covered.some((c) => distance(c, sensor) < request.radius / 4);
-    if (request.newerThan >= 0 && !near) state.covered.push(sensor);
-    if (state.mapChanged || full) {
+    state.covered.splice(0, state.covered.length - kMostPlaces);
+    // Around the eye, everything is there up to `kept`; what was beyond had to make room.
+    const eye = viewer.target();
+    for (const c of state.covered) {
+      c.radius = Math.min(c.radius, Math.max(20, kept - distance(c.centre, eye)));
+    }
+    if (state.mapChanged || kept < Infinity) {
       state.mapChanged = false;
       $('surfels').textContent = viewer.map.count.toLocaleString('en');
       updateLegend();
@@ -216,7 +228,8 @@
       troubles: [s.lost, s.degenerate, s.skipped, s.rejected, s.late].join(', '),
       checkpoint: s.checkpoint ? duration(s.checkpoint.age_s) + ' ago' : 'none yet',
       uptime: duration(s.uptime_s),
-      position: s.last_pose ? s.last_pose.position_m.map((v) => v.toFixed(2)).join(', ') + ' m' : '–',
+      position: s.last_pose ?
+          s.last_pose.position_m.map((v) => v.toFixed(2)).join(', ') + ' m' : '–',
     };
     for (const [id, text] of Object.entries(texts)) $(id).textContent = text;
     document.title = 'Lamina: ' + s.state + ', ' + s.frames;
@@ -278,7 +291,11 @@
     viewer = new Lamina.Viewer($('view'));
     viewer.setSize(Number($('size').value));
     // Who takes hold of the camera may have been following; a turn is no wish to stop.
-    $('follow').addEventListener('change', () => viewer.setFollow($('follow').checked));
+    $('follow').addEventListener('change', () => {
+      viewer.setFollow($('follow').checked);
+      // The surroundings of the sensor may have made room for those of another place.
+      if ($('follow').checked) state.covered = [];
+    });
     $('size').addEventListener('input', () => viewer.setSize(Number($('size').value)));
     $('show-path').addEventListener('change', () => viewer.showPath($('show-path').checked));
   } catch (error) {

@@ -8,7 +8,8 @@
   Lamina.colourings = [
     {id: 'height', name: 'Height', stops: ['#35508f', '#2b8f9a', '#5fb878', '#e3c46b', '#e2703a'],
      label: (v) => v.toFixed(1) + ' m'},
-    {id: 'thickness', name: 'Thickness', stops: ['#4b8df8', '#35b6b0', '#7cc55b', '#e8a33d', '#e5484d'],
+    {id: 'thickness', name: 'Thickness',
+     stops: ['#4b8df8', '#35b6b0', '#7cc55b', '#e8a33d', '#e5484d'],
      label: (v) => (1000 * v).toFixed(0) + ' mm'},
     {id: 'age', name: 'Age', stops: ['#fff3b8', '#f4a259', '#c8553d', '#6d3b6f', '#33375c'],
      label: (v) => (v < 1 ? 'new' : v.toFixed(0) + ' keyframes')},
@@ -62,6 +63,7 @@
   class Block {
     constructor(corner, sceneOrigin, metres, material) {
       this.corner = corner;
+      this.metres = metres;
       this.cells = new Map();  // place in the block -> {start, room, count}
       this.used = 0;
       this.live = 0;
@@ -218,7 +220,8 @@
       this.blocks.delete(key);
     }
 
-    // Takes in a page of the map (Lamina.readMap); each of its cells replaces what was there.
+    // Takes in a page of the map (Lamina.readMap); each of its cells replaces what was there. Sets
+    // page.last to the place of its last cell.
     add(page, sceneOrigin) {
       const perBlock = Math.max(1, Math.round(kBlockMetres / page.cellSize));
       const metres = perBlock * page.cellSize;
@@ -228,6 +231,7 @@
       page.bytes = new Int8Array(page.buffer);
       for (let i = 0, word = 10; i < page.cells; ++i) {
         const cell = [0, 1, 2].map((k) => page.ints[word + k]);
+        page.last = cell.map((c) => (c + 0.5) * page.cellSize);
         const count = page.ints[word + 3];
         const place = cell.map((c) => Math.floor(c / perBlock));
         const within = cell.map((c, k) => c - perBlock * place[k]);
@@ -251,15 +255,19 @@
     }
 
     // Forgets the blocks that are farthest from a place until the rest is within the budget.
+    // Returns the distance up to which everything is still there.
     keepNear(place, budget) {
-      if (this.count <= budget) return false;
-      const far = (block) => Math.hypot(...block.corner.map((c, i) => c - place[i]));
+      if (this.count <= budget) return Infinity;
+      // From the middle of a block.
+      const far = (b) => Math.hypot(...b.corner.map((c, i) => c + b.metres / 2 - place[i]));
       const order = [...this.blocks.entries()].sort((a, b) => far(b[1]) - far(a[1]));
-      for (const [key] of order) {
+      let kept = Infinity;
+      for (const [key, block] of order) {
         if (this.count <= budget || this.blocks.size === 1) break;
+        kept = Math.max(0, far(block) - block.metres * Math.sqrt(3) / 2);
         this.drop(key);
       }
-      return true;
+      return kept;
     }
 
     // Heights between which all but a few outliers lie, from a sample.
