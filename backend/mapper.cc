@@ -185,6 +185,13 @@ Trajectory Mapper::OpenFrames() const {
   return trajectory;
 }
 
+std::vector<Eigen::Vector3d> Mapper::NewestKeyframe() const {
+  std::vector<Eigen::Vector3d> points;
+  if (window_.frames().empty()) return points;
+  for (const PointCluster& cluster : window_.frames().back().in_map) points.push_back(cluster.mean);
+  return points;
+}
+
 void Mapper::Archive(StateArchive& a) {
   a(&odometry_, &window_, &keyframes_, &first_id_, &keyframes_since_solve_, &solving_,
     &lost_in_a_row_, &localising_);

@@ -93,6 +93,9 @@ class Mapper {
   // Poses of the frames after those, as known now.
   Trajectory OpenFrames() const;
 
+  // Where the points of the newest keyframe are in the world: the means of its clusters.
+  std::vector<Eigen::Vector3d> NewestKeyframe() const;
+
   // All but the map.
   void Archive(StateArchive& a);
 

@@ -262,6 +262,9 @@ const MappingCounts& MappingPipeline::counts() const { return serial_->counts();
 void MappingPipeline::ShowOpenPoses(const FinalPoses::Visit& visit) const {
   serial_->ShowOpenPoses(visit);
 }
+std::vector<Eigen::Vector3d> MappingPipeline::NewestKeyframe() const {
+  return serial_->mapper().NewestKeyframe();
+}
 const VoxelMap& MappingPipeline::map() const { return serial_->mapper().map(); }
 VoxelMap& MappingPipeline::map() { return serial_->mapper().map(); }
 void MappingPipeline::Archive(StateArchive& a) { a(serial_.get()); }

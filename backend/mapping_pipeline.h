@@ -94,6 +94,7 @@ class MappingPipeline {
   const MappingCounts& counts() const;
   // Poses of the scans that are not final, as known now.
   void ShowOpenPoses(const FinalPoses::Visit& visit) const;
+  std::vector<Eigen::Vector3d> NewestKeyframe() const;
   const VoxelMap& map() const;
   VoxelMap& map();
 

@@ -103,6 +103,9 @@ class Session {
   const SessionDatabase& database() const { return *database_; }
   const MappingPipeline& pipeline() const { return *pipeline_; }
   std::int64_t released() const { return released_; }
+  // Root voxels that are on disk and not in memory.
+  std::size_t stored_roots() const { return tiles_->records(); }
+  void SetOptions(const SessionOptions& options) { setup_.session = options; }
   const std::string& folder() const { return setup_.folder; }
 
   // Maps the scans of `scans` from next_scan() on. Once `stop` is true, those that have been read

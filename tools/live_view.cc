@@ -58,12 +58,21 @@ void LiveView::SetStatus(LiveStatus status) {
 
 void LiveView::AddFrame(const LiveFrame& frame) {
   const std::lock_guard lock(mutex_);
-  if (!recent_.empty() && frame.pose.index <= recent_.back().pose.index) {
-    throw std::logic_error(fmt::format("frame {} was published after frame {}", frame.pose.index,
+  Keep(frame.pose);
+  timings_[timed_++ % kTimings] = {frame.times, Clock::now()};
+}
+
+void LiveView::AddPast(const LivePose& pose) {
+  const std::lock_guard lock(mutex_);
+  Keep(pose);
+}
+
+void LiveView::Keep(const LivePose& pose) {
+  if (!recent_.empty() && pose.index <= recent_.back().pose.index) {
+    throw std::logic_error(fmt::format("frame {} was published after frame {}", pose.index,
                                        recent_.back().pose.index));
   }
-  recent_.push_back({frame.pose, ++version_});
-  timings_[timed_++ % kTimings] = {frame.times, Clock::now()};
+  recent_.push_back({pose, ++version_});
   if (recent_.size() <= full_poses_) return;
   KeepThinned(recent_.front());
   recent_.pop_front();

@@ -119,6 +119,8 @@ class LiveView {
   void SetStatus(LiveStatus status);
   // Indices must grow; throws std::logic_error otherwise.
   void AddFrame(const LiveFrame& frame);
+  // A frame of an earlier life, which has no times. Before any AddFrame.
+  void AddPast(const LivePose& pose);
   // New poses of frames, by index. Those that are no longer kept in full are passed over.
   void RevisePoses(const std::vector<LivePose>& poses);
   void SetScan(LiveScan scan);
@@ -147,6 +149,7 @@ class LiveView {
   };
   static constexpr std::size_t kTimings = 600;
 
+  void Keep(const LivePose& pose);
   void KeepThinned(const Kept& kept);
   double Rate(Clock::time_point now) const;
 

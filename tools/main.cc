@@ -20,6 +20,7 @@
 #include "tools/run_command.h"
 #include "tools/simulate_command.h"
 #include "tools/synth_command.h"
+#include "tools/watch_command.h"
 
 int main(int argc, char** argv) {
   // Results go to standard output, everything about the way there to standard error.
@@ -33,6 +34,7 @@ int main(int argc, char** argv) {
       "`lamina COMMAND --help` explains a command.");
   std::function<int()> run;
   lamina::AddRunCommand(&app, &run);
+  lamina::AddWatchCommand(&app, &run);
   lamina::AddRegisterCommand(&app, &run);
   lamina::AddEvalCommand(&app, &run);
   lamina::AddExportCommand(&app, &run);

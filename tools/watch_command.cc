@@ -1,0 +1,143 @@
+#include "tools/watch_command.h"
+
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <csignal>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/error.h"
+#include "tools/command_common.h"
+#include "tools/watch_daemon.h"
+#include "tools/watch_log.h"
+
+namespace lamina {
+namespace {
+
+struct WatchArguments {
+  std::string inbox, session, config, map;
+  std::string mode = "map", http = "127.0.0.1:8090", done = "keep";
+  std::vector<std::string> set;
+  std::vector<double> start;
+  bool once = false;
+  int threads = 0;
+};
+
+// The daemon that signals are for.
+std::atomic<WatchDaemon*> running{nullptr};
+
+void RequestReload(int) {
+  WatchDaemon* const daemon = running;
+  if (daemon == nullptr) return;
+  daemon->RequestReload();
+  daemon->Wake();
+}
+
+// x y z, or x y z qx qy qz qw.
+SE3 ParseStart(const std::vector<double>& numbers) {
+  if (numbers.empty()) return SE3();
+  if (numbers.size() != 3 && numbers.size() != 7) {
+    throw OptionError(
+        fmt::format("--start has {} numbers: must be x y z or x y z qx qy qz qw", numbers.size()));
+  }
+  SE3 T;
+  T.t = {numbers[0], numbers[1], numbers[2]};
+  if (numbers.size() == 7) {
+    const Eigen::Quaterniond q(numbers[6], numbers[3], numbers[4], numbers[5]);
+    if (!(std::abs(q.norm() - 1.0) <= 1e-3)) {
+      throw OptionError(fmt::format("--start: the quaternion has norm {}, must be 1", q.norm()));
+    }
+    T = SE3(q, T.t);
+  }
+  return T;
+}
+
+int Watch(const WatchArguments& a) {
+  WatchSetup setup;
+  setup.inbox = a.inbox;
+  setup.session = a.session;
+  setup.config = LoadConfig(a.config, a.set);
+  setup.reload = [&a] { return LoadConfig(a.config, a.set); };
+  setup.http = ParseHttpAddress(a.http);
+  setup.done = ParseDonePolicy(a.done);
+  setup.once = a.once;
+  if (a.mode == "localise") {
+    if (a.map.empty()) throw OptionError("--mode localise needs --map SESSION");
+    setup.base_map = BaseMap{a.map, ParseStart(a.start)};
+  } else if (!a.map.empty() || !a.start.empty()) {
+    throw OptionError("--map and --start are for --mode localise");
+  }
+  MakeDirectory(a.session);
+  SetUpWatchLog(setup.config.log, a.session);
+  const auto limit = LimitThreads(a.threads);
+  const std::atomic<bool>& stop = StopOnSignals();
+  WatchDaemon daemon(std::move(setup));
+  running = &daemon;
+  std::signal(SIGHUP, RequestReload);
+  daemon.Run(stop);
+  running = nullptr;
+  fmt::print(
+      "trajectory  {0}/trajectory_tum.txt, {0}/trajectory_kitti.txt\n"
+      "map         {0}/map_surfels.ply\n"
+      "figures     {0}/summary.json, {0}/frames.csv\n",
+      a.session);
+  return 0;
+}
+
+void AddMappingOptions(CLI::App* command, WatchArguments* a) {
+  command->add_option("--config", a->config,
+                      "YAML with the options that differ from the defaults; read again on SIGHUP "
+                      "(session.*, log.level)");
+  command->add_option("--set", a->set, "One option, as key=value; may be repeated");
+  command->add_option("--threads", a->threads, "Threads at most; 0: as many as there are cores")
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
+  command
+      ->add_option("--mode", a->mode,
+                   "map: make a map; localise: find the scans in a finished map, which stays as "
+                   "it is")
+      ->check(CLI::IsMember({"map", "localise"}))
+      ->capture_default_str();
+  command->add_option("--map", a->map, "For --mode localise: the session that has the map");
+  command
+      ->add_option("--start", a->start,
+                   "For --mode localise: where the first scan is in the map, roughly: x y z, or "
+                   "x y z qx qy qz qw")
+      ->expected(3, 7);
+}
+
+}  // namespace
+
+void AddWatchCommand(CLI::App* app, std::function<int()>* run) {
+  auto arguments = std::make_shared<WatchArguments>();
+  WatchArguments& a = *arguments;
+  CLI::App* command = app->add_subcommand(
+      "watch", "Map point files as they arrive in a folder, for days, and never lose what is done");
+  command
+      ->add_option("--inbox", a.inbox,
+                   "Folder into which files come: .bin, .pcd or .ply, in it or in subfolders, one "
+                   "for each sequence, in the layouts that `run` knows")
+      ->required();
+  command
+      ->add_option("--session", a.session,
+                   "Folder of the session; made if it is not there, continued if it is")
+      ->required();
+  AddMappingOptions(command, &a);
+  command
+      ->add_option("--http", a.http,
+                   "HOST:PORT of the live page and the API, or off. The token for POST is in "
+                   "SESSION/token")
+      ->capture_default_str();
+  command
+      ->add_option("--done", a.done,
+                   "What becomes of a file once nothing can need it again: keep it in the inbox, "
+                   "move it to SESSION/done, or delete it")
+      ->check(CLI::IsMember({"keep", "move", "delete"}))
+      ->capture_default_str();
+  command->add_flag("--once", a.once, "Map what the inbox holds, then end as `run` does");
+  command->callback([arguments, run] { *run = [arguments] { return Watch(*arguments); }; });
+}
+
+}  // namespace lamina
