@@ -143,8 +143,8 @@ void Session::BeginLocalising() {
   for (const std::int64_t scans : CheckpointsIn(base.session)) {
     try {
       pipeline_ = std::make_unique<MappingPipeline>(setup_.mapping, Callbacks(), tiles_.get());
-      ReadCheckpoint((fs::path(base.session) / CheckpointName(scans)).string(), pipeline_.get(),
-                     CheckpointPart::kMap);
+      ReadCheckpoint((fs::path(base.session) / CheckpointName(scans)).string(), base.fixed_options,
+                     CheckpointPart::kMap, pipeline_.get());
       tiles_->CopyFrom((fs::path(base.session) / "map_tiles.db").string(), scans - 1);
       pipeline_->StartLocalising(base.T_world_start);
       return;
@@ -161,7 +161,8 @@ void Session::LoadNewestCheckpoint() {
     if (scans > recorded) continue;  // of scans that the database has lost
     try {
       pipeline_ = std::make_unique<MappingPipeline>(setup_.mapping, Callbacks(), tiles_.get());
-      ReadCheckpoint(Path(CheckpointName(scans)), pipeline_.get(), CheckpointPart::kAll);
+      ReadCheckpoint(Path(CheckpointName(scans)), setup_.fixed_options, CheckpointPart::kAll,
+                     pipeline_.get());
       tiles_->RollBackTo(scans - 1);
       last_checkpoint_ = newest_checkpoint_ = scans;
       return;
@@ -233,6 +234,7 @@ void Session::OnScan(const ScanReport& report) {
              next_ - last_checkpoint_ >= setup_.session.checkpoint_every_scans) {
     BeginCheckpoint();
   }
+  TidyTiles();
   PublishTrajectory();
 }
 

@@ -17,7 +17,7 @@
 //
 // A checkpoint is a checkpoint file (io/checkpoint_file.h) of these sections:
 //
-//     HEAD   u64 number of scans in it
+//     HEAD   u64 number of scans in it, string: the options that decide results
 //     MAPC   counters of the map          (VoxelMap::ArchiveCounters)
 //     PIPE   window, odometry, solve ...  (MappingPipeline::Archive)
 //     ROOT   roots of the map, any number of sections  (core/voxel_map_records.cc)
@@ -55,8 +55,9 @@ struct SessionOptions {
 
 // A finished map to localise in, instead of making one.
 struct BaseMap {
-  std::string session;  // its folder
-  SE3 T_world_start;    // where the first scan is, roughly
+  std::string session;        // its folder
+  std::string fixed_options;  // those that it must have been begun with
+  SE3 T_world_start;          // where the first scan is, roughly
 };
 
 struct SessionSetup {
@@ -143,6 +144,7 @@ class Session {
   void ContinueCheckpoint();
   void Write(const std::shared_ptr<Sections>& sections);
   void FinishCheckpoint(SnapshotJob* job);
+  void TidyTiles();
   void BackUpDatabase();
   void PublishTrajectory();
   void WriteTrajectories(const SessionDatabase& database, std::int64_t scans,
@@ -163,12 +165,15 @@ class Session {
   const StreamedScans* scans_ = nullptr;  // those being mapped
   bool checkpoint_requested_ = false, finished_ = false;
   std::shared_ptr<SnapshotJob> job_;
+  std::size_t state_bytes_ = 0;  // of the last checkpoint, without the map
   double trajectory_due_s_ = 0.0;
   std::int64_t published_ = 0;   // scans in the trajectory files
   std::vector<FinalPose> tail_;  // poses that are final by Finish() alone
 
   // Of the housekeeping thread, for others to read: numbers of scans.
   std::atomic<std::int64_t> newest_checkpoint_{0}, oldest_kept_{0}, released_{0};
+  enum class Tidy { kDone, kFirst, kUnderWay, kLast };
+  std::atomic<Tidy> tidy_{Tidy::kDone};
   std::int64_t backed_up_ = 0;
   double backup_due_s_ = 0.0;
 

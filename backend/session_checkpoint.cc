@@ -51,23 +51,23 @@ std::vector<std::int64_t> CheckpointsIn(const std::string& folder) {
   return found;
 }
 
-void ReadCheckpoint(const std::string& path, MappingPipeline* pipeline, CheckpointPart part) {
+void ReadCheckpoint(const std::string& path, const std::string& fixed_options, CheckpointPart part,
+                    MappingPipeline* pipeline) {
   CheckpointReader reader(path);
   VoxelMap& map = pipeline->map();
-  std::string tag, bytes, pipe;
-  while (reader.Next(&tag, &bytes)) {
-    if (tag == "PIPE") {
-      pipe.swap(bytes);  // it needs the map
-    } else if (tag == "MAPC") {
-      StateArchive archive{std::string_view(bytes)};
-      map.ArchiveCounters(archive);
-    } else if (tag == "ROOT") {
-      map.Load(bytes);
-    }
-  }
-  map.FinishLoading();
-  if (part == CheckpointPart::kMap) return;
+  std::string tag, bytes, options, pipe;
   try {
+    while (reader.Next(&tag, &bytes)) {
+      StateArchive archive{std::string_view(bytes)};
+      std::int64_t scans = 0;
+      if (tag == "HEAD") archive(&scans, &options);
+      if (options != fixed_options) throw InputError("was made with other options");
+      if (tag == "MAPC") map.ArchiveCounters(archive);
+      if (tag == "ROOT") map.Load(bytes);
+      if (tag == "PIPE") pipe.swap(bytes);  // it needs the map
+    }
+    map.FinishLoading();
+    if (part == CheckpointPart::kMap) return;
     StateArchive archive{std::string_view(pipe)};
     pipeline->Archive(archive);
     if (archive.unread() > 0) throw InputError("saved state is longer than it should be");
@@ -93,9 +93,11 @@ void Session::BeginCheckpoint() {
   tiles_->Forget(oldest_kept_ - 1);
   tiles_->Commit();
   StateArchive head, counters, pipe;
-  head(&job_->scans);
+  head(&job_->scans, &setup_.fixed_options);
   pipeline_->map().ArchiveCounters(counters);
+  pipe.written().reserve(state_bytes_ + state_bytes_ / 4);
   pipeline_->Archive(pipe);
+  state_bytes_ = pipe.written().size();
   pipeline_->map().BeginSnapshot();
   const auto sections = std::make_shared<Sections>();
   sections->emplace_back("HEAD", std::move(head.written()));
@@ -138,6 +140,7 @@ void Session::FinishCheckpoint(SnapshotJob* job) {
   tiles_->SyncToDisk();
   job->writer->Commit();
   newest_checkpoint_ = job->scans;
+  tidy_ = Tidy::kFirst;
   const std::vector<std::int64_t> there = CheckpointsIn(setup_.folder);
   for (std::size_t i = kKept; i < there.size(); ++i) {
     std::error_code ignored;
@@ -150,6 +153,24 @@ void Session::FinishCheckpoint(SnapshotJob* job) {
     hooks_.on_checkpoint(
         {job->scans, job->writer->bytes(), job->longest_pause_ms, job->since_begin.Milliseconds()},
         released_);
+  }
+}
+
+// The journal of the tiles begins anew only when all of it is in the file at a moment when nothing
+// is being written; but every scan writes. So once the long part is done, what has come since is
+// brought in beside the mapping, and what then is left, some scans' worth, by the mapping itself.
+void Session::TidyTiles() {
+  if (tidy_ == Tidy::kFirst) {
+    tidy_ = Tidy::kUnderWay;
+    tiles_->Commit();
+    housekeeping_->Do([this] {
+      tiles_->SyncToDisk();
+      tidy_ = Tidy::kLast;
+    });
+  } else if (tidy_ == Tidy::kLast) {
+    tidy_ = Tidy::kDone;
+    tiles_->Commit();
+    tiles_->SyncToDisk();
   }
 }
 

@@ -49,6 +49,8 @@ void DistrustThick(std::vector<Plane>* planes) {
 }
 
 constexpr double kHeldSigmaM = 0.001;
+// In the place of a path: the cluster is in no leaf.
+constexpr std::uint64_t kNoLeaf = ~std::uint64_t{0};
 
 // Collects observations by plane while frames are walked in order.
 class ProblemBuilder {
@@ -141,9 +143,10 @@ void SlidingWindow::Push(WindowFrame frame) {
   if (!AnyTimed(frame.measured)) frame.measured.clear();
   UpdateClusters(frame.T_world_lidar, &frame);
   frame.leaves.assign(frame.in_map.size(), VoxelMap::kNoNode);
+  frame.addresses.assign(frame.in_map.size(), {0, kNoLeaf});
   for (std::size_t i = 0; i < frame.in_map.size(); ++i) {
     if (!map_->CanHold(frame.in_map[i].mean)) continue;
-    frame.leaves[i] = map_->LeafAt(frame.in_map[i].mean);
+    frame.leaves[i] = map_->LeafAt(frame.in_map[i].mean, &frame.addresses[i]);
     map_->Hold(frame.leaves[i]);
     map_->AddWindow(frame.leaves[i], frame.in_map[i], frame.id);
   }
@@ -232,19 +235,18 @@ BundleProblem SlidingWindow::BuildProblem(std::vector<std::vector<ClusterUse>>* 
   return problem;
 }
 
-void SlidingWindow::ArchiveLeaves(StateArchive& a, WindowFrame* frame) const {
-  frame->leaves.resize(frame->deskewed.size(), VoxelMap::kNoNode);
-  for (VoxelMap::NodeId& leaf : frame->leaves) {
-    bool known = leaf != VoxelMap::kNoNode;
-    a(&known);
-    if (!known) continue;
-    VoxelMap::LeafAddress address;
-    if (!a.reading()) address = map_->AddressOf(leaf);
-    a(&address.root, &address.path);
-    if (!a.reading()) continue;
-    leaf = map_->LeafOf(address);
-    if (leaf == VoxelMap::kNoNode) throw InputError("saved window and saved map do not match");
-    map_->Hold(leaf);
+void SlidingWindow::FindLeaves(WindowFrame* frame) const {
+  if (frame->addresses.size() != frame->deskewed.size()) {
+    throw InputError("saved window is not whole");
+  }
+  frame->leaves.assign(frame->addresses.size(), VoxelMap::kNoNode);
+  for (std::size_t i = 0; i < frame->leaves.size(); ++i) {
+    if (frame->addresses[i].path == kNoLeaf) continue;
+    frame->leaves[i] = map_->LeafOf(frame->addresses[i]);
+    if (frame->leaves[i] == VoxelMap::kNoNode) {
+      throw InputError("saved window and saved map do not match");
+    }
+    map_->Hold(frame->leaves[i]);
   }
 }
 
@@ -259,8 +261,10 @@ void SlidingWindow::Archive(StateArchive& a) {
     } else if (a.reading()) {
       frame.deskewed = DeskewClusters(frame.measured, frame.twist);
     }
-    if (a.reading()) UpdateClusters(frame.T_world_lidar, &frame);
-    ArchiveLeaves(a, &frame);
+    a(&frame.addresses);
+    if (!a.reading()) continue;
+    UpdateClusters(frame.T_world_lidar, &frame);
+    FindLeaves(&frame);
   }
 }
 

@@ -49,6 +49,7 @@ struct WindowFrame {
   std::vector<PointCluster> deskewed;    // LiDAR frame at the stamp
   std::vector<PointCluster> in_map;      // world frame, capped weight
   std::vector<VoxelMap::NodeId> leaves;  // kNoNode: outside of what the map can hold
+  std::vector<VoxelMap::LeafAddress> addresses;
   // Directions in which the frontend saw nothing (MatchResult::degenerate_directions).
   Matrix6d held = Matrix6d::Zero();
   SE3 T_previous_this;  // motion since the frame before, as the frontend found it
@@ -98,7 +99,7 @@ class SlidingWindow {
   void Archive(StateArchive& a);
 
  private:
-  void ArchiveLeaves(StateArchive& a, WindowFrame* frame) const;
+  void FindLeaves(WindowFrame* frame) const;
   RelativePrior MotionPrior(std::size_t i) const;
   void UpdateClusters(const SE3& T, WindowFrame* frame) const;
 

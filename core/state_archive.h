@@ -31,6 +31,16 @@ namespace lamina {
 
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "archives are little-endian");
 
+// Types without padding and pointers, whose bytes in memory are their state.
+template <typename T>
+inline constexpr bool kPlainState = std::is_arithmetic_v<T>;
+template <>
+inline constexpr bool kPlainState<PointCluster> = true;
+static_assert(sizeof(PointCluster) == 10 * sizeof(double));
+template <>
+inline constexpr bool kPlainState<TimedCluster> = true;
+static_assert(sizeof(TimedCluster) == 15 * sizeof(double));
+
 class StateArchive {
  public:
   // Writes.
@@ -84,10 +94,11 @@ class StateArchive {
   }
   template <typename T>
   void Value(std::vector<T>* values) {
-    values->resize(Size(values->size(), 1));
-    if constexpr (std::is_arithmetic_v<T>) {
+    if constexpr (kPlainState<T>) {
+      values->resize(Size(values->size(), sizeof(T)));
       Bytes(values->data(), sizeof(T) * values->size());
     } else {
+      values->resize(Size(values->size(), 1));
       for (T& value : *values) Value(&value);
     }
   }
@@ -98,7 +109,11 @@ class StateArchive {
   }
   template <typename T>
   std::enable_if_t<std::is_class_v<T>> Value(T* value) {
-    Archive(*this, value);
+    if constexpr (kPlainState<T>) {
+      Bytes(value, sizeof(T));
+    } else {
+      Archive(*this, value);
+    }
   }
 
   bool reading_ = false;
@@ -110,13 +125,6 @@ inline void Archive(StateArchive& a, SE3* T) {
   Eigen::Vector4d q = T->q.coeffs();
   a(&q, &T->t);
   T->q.coeffs() = q;  // not by a constructor, which would normalise again
-}
-inline void Archive(StateArchive& a, Symmetric3* s) {
-  a(&s->xx, &s->xy, &s->xz, &s->yy, &s->yz, &s->zz);
-}
-inline void Archive(StateArchive& a, PointCluster* c) { a(&c->count, &c->mean, &c->scatter); }
-inline void Archive(StateArchive& a, TimedCluster* c) {
-  a(&c->points, &c->mean_time_s, &c->time_scatter, &c->point_time);
 }
 inline void Archive(StateArchive& a, StampedPose* p) { a(&p->stamp_ns, &p->T_world_lidar); }
 

@@ -115,7 +115,7 @@ PointCluster VoxelMap::FixedAggregate(NodeId id) const {
   return sum;
 }
 
-VoxelMap::NodeId VoxelMap::LeafAt(const Eigen::Vector3d& p) {
+VoxelMap::NodeId VoxelMap::LeafAt(const Eigen::Vector3d& p, LeafAddress* address) {
   const VoxelKey key = VoxelKeyOf(p, inverse_root_size_);
   NodeId id = index_.Find(key);
   if (id == kNoNode && store_ != nullptr && store_->Has(TileOf(key))) {
@@ -132,9 +132,11 @@ VoxelMap::NodeId VoxelMap::LeafAt(const Eigen::Vector3d& p) {
   }
   Touch(id);
   Eigen::Vector3d centre = VoxelCentre(key, options_.root_size_m);
+  std::uint64_t path = 0;
   double half = 0.25 * options_.root_size_m;
   for (int level = 0; level < options_.depth; ++level, half *= 0.5) {
     const int slot = ChildSlot(p, half, &centre);
+    path = path << 3 | static_cast<std::uint64_t>(slot);
     NodeId next = node(id).child[slot];
     if (next == kNoNode) {
       next = NewNode(id);
@@ -142,6 +144,7 @@ VoxelMap::NodeId VoxelMap::LeafAt(const Eigen::Vector3d& p) {
     }
     id = next;
   }
+  if (address != nullptr) *address = {key, path};
   return id;
 }
 

@@ -121,8 +121,14 @@ class VoxelMap {
 
   // --- Writing -------------------------------------------------------------------------------
 
-  // The leaf around p, made if it is not there; p must satisfy CanHold. Touches the root.
-  NodeId LeafAt(const Eigen::Vector3d& p);
+  // A leaf, named so that another map of the same content finds it.
+  struct LeafAddress {
+    VoxelKey root = 0;
+    std::uint64_t path = 0;  // the child of each level, three bits each, that of the root on top
+  };
+  // The leaf around p, made if it is not there; p must satisfy CanHold. Touches the root. Its
+  // address goes to *address.
+  NodeId LeafAt(const Eigen::Vector3d& p, LeafAddress* address = nullptr);
   bool CanHold(const Eigen::Vector3d& p) const { return IsVoxelKeyInRange(p, inverse_root_size_); }
 
   // The window part of a leaf. Clusters are in the world frame and belong to the frame `frame`; all
@@ -166,12 +172,6 @@ class VoxelMap {
   void Load(std::string_view records);
   void FinishLoading();
 
-  // A leaf, named so that another map of the same content finds it.
-  struct LeafAddress {
-    VoxelKey root = 0;
-    std::uint32_t path = 0;  // the child of each level, three bits each
-  };
-  LeafAddress AddressOf(NodeId leaf) const;
   NodeId LeafOf(const LeafAddress& address) const;  // kNoNode if there is none
 
  private:
@@ -262,5 +262,9 @@ class VoxelMap {
   NodeId snapshot_next_ = kNoNode;  // in the order of the list
   StateArchive snapshot_records_;
 };
+
+template <>
+inline constexpr bool kPlainState<VoxelMap::LeafAddress> = true;
+static_assert(sizeof(VoxelMap::LeafAddress) == 16);
 
 }  // namespace lamina

@@ -140,20 +140,6 @@ void VoxelMap::FinishLoading() {
   Refresh();
 }
 
-VoxelMap::LeafAddress VoxelMap::AddressOf(NodeId leaf) const {
-  LeafAddress address;
-  NodeId id = leaf;
-  for (int level = 0; level < options_.depth; ++level) {
-    const NodeId parent = node(id).parent;
-    const NodeId* const child = node(parent).child;
-    const auto slot = static_cast<std::uint32_t>(std::find(child, child + 8, id) - child);
-    address.path |= slot << (3 * level);
-    id = parent;
-  }
-  address.root = node(id).key;
-  return address;
-}
-
 VoxelMap::NodeId VoxelMap::LeafOf(const LeafAddress& address) const {
   NodeId id = index_.Find(address.root);
   for (int level = options_.depth - 1; level >= 0 && id != kNoNode; --level) {

@@ -172,14 +172,18 @@ TEST(VoxelMapRecords, LeavesAreFoundAgainByTheirAddress) {
   VoxelMap map(Options());
   Draws draws(6);
   std::map<NodeId, Eigen::Vector3d> leaves;
+  std::map<NodeId, VoxelMap::LeafAddress> addresses;
   for (int i = 0; i < 1000; ++i) {
     const Eigen::Vector3d p = draws.InCube(30.0);
-    leaves[map.LeafAt(p)] = p;
+    VoxelMap::LeafAddress address;
+    const NodeId leaf = map.LeafAt(p, &address);
+    leaves[leaf] = p;
+    addresses[leaf] = address;
   }
   VoxelMap loaded(Options());
   Load(Saved(&map), &map, &loaded);
   for (const auto& [leaf, p] : leaves) {
-    const VoxelMap::LeafAddress address = map.AddressOf(leaf);
+    const VoxelMap::LeafAddress address = addresses.at(leaf);
     EXPECT_EQ(map.LeafOf(address), leaf);
     const NodeId nodes = static_cast<NodeId>(loaded.nodes());
     EXPECT_EQ(loaded.LeafOf(address), loaded.LeafAt(p));

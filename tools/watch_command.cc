@@ -65,7 +65,7 @@ int Watch(const WatchArguments& a) {
   setup.once = a.once;
   if (a.mode == "localise") {
     if (a.map.empty()) throw OptionError("--mode localise needs --map SESSION");
-    setup.base_map = BaseMap{a.map, ParseStart(a.start)};
+    setup.base_map = BaseMap{a.map, "", ParseStart(a.start)};
   } else if (!a.map.empty() || !a.start.empty()) {
     throw OptionError("--map and --start are for --mode localise");
   }

@@ -80,6 +80,7 @@ SessionSetup WatchDaemon::MakeSessionSetup() const {
   setup.session = setup_.config.session;
   setup.base_map = setup_.base_map;
   if (setup_.base_map) {
+    setup.base_map->fixed_options = setup.fixed_options;
     const SE3& T = setup_.base_map->T_world_start;
     setup.fixed_options += fmt::format("localise:\n  map: {}\n  start: {} {} {} {} {} {} {}\n",
                                        setup_.base_map->session, T.t.x(), T.t.y(), T.t.z(), T.q.x(),
@@ -130,12 +131,13 @@ void WatchDaemon::Run(const std::atomic<bool>& stop) {
     TakeNotices();
     if (MapWaiting(stop)) continue;
     if (setup_.once) break;
-    const bool busy =
-        session_->Idle() |
+    const bool asked =
         queries_.AnswerOne(session_->pipeline().map(), setup_.config.backend.min_surfel_frames);
     ShowStatus(LiveState::kIdle);
     NotifyWatchdog();
-    inbox_->Wait(std::chrono::milliseconds(busy ? 0 : 1000));
+    // Pieces of a checkpoint follow one another as fast as they are written.
+    const int idle_ms = session_->Idle() ? 5 : 1000;
+    inbox_->Wait(std::chrono::milliseconds(asked ? 0 : idle_ms));
   }
   NotifyService("STOPPING=1");
   ShowStatus(LiveState::kStopping);
