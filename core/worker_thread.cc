@@ -42,7 +42,7 @@ void WorkerThread::Run() {
   while (true) {
     changed_.wait(lock, [this] { return ending_ || !work_.empty(); });
     if (work_.empty()) return;
-    const std::function<void()> work = std::move(work_.front());
+    std::function<void()> work = std::move(work_.front());
     work_.pop_front();
     lock.unlock();
     try {
@@ -50,6 +50,7 @@ void WorkerThread::Run() {
     } catch (const std::exception& error) {
       failed_(error);
     }
+    work = nullptr;  // what it holds may call us when it goes
     lock.lock();
     ++done_;
     changed_.notify_all();

@@ -1,0 +1,117 @@
+#include "core/worker_thread.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <future>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <vector>
+
+namespace lamina {
+namespace {
+
+void NoFailure(const std::exception& error) { ADD_FAILURE() << error.what(); }
+
+TEST(WorkerThread, DoesItsWorkInOrderOnOneOtherThread) {
+  std::vector<int> order;
+  std::vector<std::thread::id> threads;
+  WorkerThread worker(NoFailure);
+  for (int i = 0; i < 1000; ++i) {
+    worker.Do([&, i] {
+      order.push_back(i);
+      threads.push_back(std::this_thread::get_id());
+    });
+  }
+  worker.Wait();
+  ASSERT_EQ(order.size(), 1000U);
+  for (int i = 0; i < 1000; ++i) EXPECT_EQ(order[static_cast<std::size_t>(i)], i);
+  for (const std::thread::id id : threads) EXPECT_EQ(id, threads.front());
+  EXPECT_NE(threads.front(), std::this_thread::get_id());
+}
+
+TEST(WorkerThread, EndsWithItsWorkDone) {
+  int done = 0;
+  {
+    WorkerThread worker(NoFailure);
+    for (int i = 0; i < 100; ++i) worker.Do([&] { ++done; });
+  }
+  EXPECT_EQ(done, 100);
+}
+
+TEST(WorkerThread, WaitsForNothingIfThereIsNothing) {
+  WorkerThread worker(NoFailure);
+  worker.Wait();
+  EXPECT_EQ(worker.pending(), 0U);
+}
+
+TEST(WorkerThread, CountsWhatWaitsAndWhatIsUnderWay) {
+  std::promise<void> started, go;
+  WorkerThread worker(NoFailure);
+  worker.Do([&] {
+    started.set_value();
+    go.get_future().wait();
+  });
+  worker.Do([] {});
+  started.get_future().wait();
+  EXPECT_EQ(worker.pending(), 2U);
+  go.set_value();
+  worker.Wait();
+  EXPECT_EQ(worker.pending(), 0U);
+}
+
+TEST(WorkerThread, TellsWhatFailedAndGoesOn) {
+  std::vector<std::string> failures;
+  int done = 0;
+  WorkerThread worker([&](const std::exception& error) { failures.push_back(error.what()); });
+  worker.Do([&] { ++done; });
+  worker.Do([] { throw std::runtime_error("no disk"); });
+  worker.Do([&] { ++done; });
+  worker.Wait();
+  EXPECT_EQ(done, 2);
+  EXPECT_EQ(failures, std::vector<std::string>{"no disk"});
+}
+
+// Wait() waits for what was handed over before it, not for what the work hands over itself.
+TEST(WorkerThread, WorkMayHandOverWork) {
+  int done = 0;
+  WorkerThread worker(NoFailure);
+  worker.Do([&] { worker.Do([&] { ++done; }); });
+  worker.Wait();
+  worker.Wait();
+  EXPECT_EQ(done, 1);
+}
+
+// What work holds may ask its worker when it goes.
+TEST(WorkerThread, WorkIsGivenBackOutsideOfTheLock) {
+  std::size_t pending = 99;
+  WorkerThread worker(NoFailure);
+  std::shared_ptr<int> held(new int(0), [&](const int* p) {
+    pending = worker.pending();
+    delete p;
+  });
+  worker.Do([held] { ++*held; });
+  held.reset();
+  worker.Wait();
+  EXPECT_EQ(pending, 1U) << "it counts as under way until it is gone";
+}
+
+TEST(WorkerThread, TakesWorkFromManyThreads) {
+  std::atomic<int> done{0};
+  WorkerThread worker(NoFailure);
+  std::vector<std::thread> threads;
+  for (int t = 0; t < 4; ++t) {
+    threads.emplace_back([&] {
+      for (int i = 0; i < 500; ++i) worker.Do([&] { ++done; });
+      worker.Wait();
+      EXPECT_GE(done, 500);
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(done, 2000);
+}
+
+}  // namespace
+}  // namespace lamina
