@@ -65,4 +65,14 @@ FinalPose PoseOf(const SessionScan& scan) {
   return {static_cast<std::size_t>(scan.scan), {scan.stamp_ns, scan.T_world_lidar}, scan.skipped};
 }
 
+FinalPose AsRecorded(const SessionDatabase& database, const FinalPose& pose) {
+  if (!pose.skipped) return pose;
+  FinalPose recorded = pose;
+  const auto scan = static_cast<std::int64_t>(pose.scan);
+  database.ForEach(scan, scan + 1, [&](const SessionScan& row) {
+    if (!row.skipped) recorded = PoseOf(row);
+  });
+  return recorded;
+}
+
 }  // namespace lamina

@@ -10,5 +10,8 @@ namespace lamina {
 SessionScan RecordOf(const ScanReport& report);
 SessionSolve RecordOf(const SolveReport& report);
 FinalPose PoseOf(const SessionScan& scan);
+// A scan that was mapped once, and could not be read again, keeps the pose that it has in the
+// database, whatever lies between those of its neighbours.
+FinalPose AsRecorded(const SessionDatabase& database, const FinalPose& pose);
 
 }  // namespace lamina

@@ -21,6 +21,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr const char* kFixedOptions = "fixed_options";
+
 // The first lines that differ.
 std::pair<std::string, std::string> FirstDifference(const std::string& a, const std::string& b) {
   std::istringstream lines_a(a), lines_b(b);
@@ -109,7 +111,11 @@ void Session::OpenDatabase() {
   const std::string path = Path("session.db"), backup = Path("session.db.backup");
   try {
     database_ = std::make_unique<SessionDatabase>(path, true);
-    return;
+    // A file that is gone or cut to nothing makes a new database.
+    if (database_->Meta(kFixedOptions) || !fs::exists(backup)) return;
+    database_.reset();
+    spdlog::error("{}: has lost all that was in it; going back to the copy of the last checkpoint",
+                  path);
   } catch (const InputError& error) {
     if (!fs::exists(backup)) throw;
     spdlog::error("{}; going back to the copy of the last checkpoint", error.what());
@@ -125,9 +131,9 @@ void Session::OpenDatabase() {
 }
 
 void Session::CheckFixedOptions() {
-  const std::optional<std::string> before = database_->Meta("fixed_options");
+  const std::optional<std::string> before = database_->Meta(kFixedOptions);
   if (!before) {
-    database_->SetMeta("fixed_options", setup_.fixed_options);
+    database_->SetMeta(kFixedOptions, setup_.fixed_options);
     return;
   }
   if (*before == setup_.fixed_options) return;
@@ -155,10 +161,23 @@ void Session::BeginLocalising() {
   throw InputError(fmt::format("{}: holds no map that could be used", base.session));
 }
 
+// Left where it is, it would count among those kept, and might be taken for one of the scans that
+// are mapped in the place of its own.
+void Session::SetCheckpointAside(std::int64_t scans, const std::string& why) const {
+  const std::string path = Path(CheckpointName(scans));
+  spdlog::error("{}; going back to the checkpoint before it", why);
+  std::error_code ignored;
+  fs::rename(path, path + ".damaged", ignored);
+}
+
 void Session::LoadNewestCheckpoint() {
   const std::int64_t recorded = database_->scans();
   for (const std::int64_t scans : CheckpointsIn(setup_.folder)) {
-    if (scans > recorded) continue;  // of scans that the database has lost
+    if (scans > recorded) {
+      SetCheckpointAside(scans, fmt::format("{}: the database has lost some of its {} scans",
+                                            Path(CheckpointName(scans)), scans));
+      continue;
+    }
     try {
       pipeline_ = std::make_unique<MappingPipeline>(setup_.mapping, Callbacks(), tiles_.get());
       ReadCheckpoint(Path(CheckpointName(scans)), setup_.fixed_options, CheckpointPart::kAll,
@@ -167,7 +186,7 @@ void Session::LoadNewestCheckpoint() {
       last_checkpoint_ = newest_checkpoint_ = scans;
       return;
     } catch (const InputError& error) {
-      spdlog::error("{}; going back to the checkpoint before it", error.what());
+      SetCheckpointAside(scans, error.what());
     }
   }
   if (recorded > 0) spdlog::warn("no checkpoint can be used: all scans are mapped again");
@@ -185,9 +204,9 @@ MappingCallbacks Session::Callbacks() {
   callbacks.on_final_pose = [this](const FinalPose& pose) {
     if (finished_) {
       tail_.push_back(pose);
-    } else if (kept_.count(static_cast<std::int64_t>(pose.scan)) == 0) {
+    } else {
       log_->Finalise(
-          {static_cast<std::int64_t>(pose.scan), pose.pose.stamp_ns, pose.pose.T_world_lidar});
+          {static_cast<std::int64_t>(pose.scan), pose.pose.T_world_lidar, pose.skipped});
     }
   };
   callbacks.on_solve = [this](const SolveReport& report) {
@@ -221,7 +240,6 @@ void Session::OnScan(const ScanReport& report) {
         "{}: was mapped before, but cannot be read again; its pose stays, its share of "
         "the map is lost ({})",
         file.name, report.detail);
-    kept_.insert(next_);
   } else {
     log_->Put(row);
   }
@@ -287,9 +305,10 @@ void Session::Finish() {
 }
 
 void Session::ForEachPose(const FinalPoses::Visit& visit) const {
+  log_->WaitDurable();
   const std::int64_t open = tail_.empty() ? next_ : static_cast<std::int64_t>(tail_.front().scan);
   database_->ForEach(0, open, [&](const SessionScan& scan) { visit(PoseOf(scan)); });
-  for (const FinalPose& pose : tail_) visit(pose);
+  for (const FinalPose& pose : tail_) visit(AsRecorded(*database_, pose));
 }
 
 }  // namespace lamina

@@ -28,7 +28,6 @@
 #include <functional>
 #include <memory>
 #include <optional>
-#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -136,6 +135,7 @@ class Session {
   void OpenDatabase();
   void CheckFixedOptions();
   void LoadNewestCheckpoint();
+  void SetCheckpointAside(std::int64_t scans, const std::string& why) const;
   void BeginLocalising();
   MappingCallbacks Callbacks();
   void OnScan(const ScanReport& report);
@@ -161,7 +161,6 @@ class Session {
   std::int64_t last_checkpoint_ = 0;  // scans in the last one that was begun
   std::int64_t repeat_from_ = 0;
   std::vector<SessionScan> to_repeat_;
-  std::set<std::int64_t> kept_;           // repeated, but their files are gone: rows stay
   const StreamedScans* scans_ = nullptr;  // those being mapped
   bool checkpoint_requested_ = false, finished_ = false;
   std::shared_ptr<SnapshotJob> job_;

@@ -32,6 +32,18 @@ double SteadySeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
+// Throws InputError naming the file.
+template <typename Read>
+void ReadState(const std::string& path, std::string_view bytes, const Read& read) {
+  try {
+    StateArchive archive(bytes);
+    read(archive);
+    if (archive.unread() > 0) throw InputError("saved state is longer than it should be");
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("{}: {}", path, error.what()));
+  }
+}
+
 }  // namespace
 
 std::string CheckpointName(std::int64_t scans) { return fmt::format("checkpoint-{}.lmap", scans); }
@@ -56,24 +68,27 @@ void ReadCheckpoint(const std::string& path, const std::string& fixed_options, C
   CheckpointReader reader(path);
   VoxelMap& map = pipeline->map();
   std::string tag, bytes, options, pipe;
-  try {
-    while (reader.Next(&tag, &bytes)) {
-      StateArchive archive{std::string_view(bytes)};
-      std::int64_t scans = 0;
-      if (tag == "HEAD") archive(&scans, &options);
-      if (options != fixed_options) throw InputError("was made with other options");
-      if (tag == "MAPC") map.ArchiveCounters(archive);
-      if (tag == "ROOT") map.Load(bytes);
-      if (tag == "PIPE") pipe.swap(bytes);  // it needs the map
+  std::int64_t scans = -1;
+  while (reader.Next(&tag, &bytes)) {
+    if (tag == "PIPE") {
+      pipe.swap(bytes);  // it needs the map
+    } else if (tag == "HEAD") {
+      ReadState(path, bytes, [&](StateArchive& a) { a(&scans, &options); });
+    } else if (tag == "MAPC") {
+      ReadState(path, bytes, [&](StateArchive& a) { map.ArchiveCounters(a); });
+    } else if (tag == "ROOT") {
+      ReadState(path, "", [&](StateArchive&) { map.Load(bytes); });
     }
-    map.FinishLoading();
-    if (part == CheckpointPart::kMap) return;
-    StateArchive archive{std::string_view(pipe)};
-    pipeline->Archive(archive);
-    if (archive.unread() > 0) throw InputError("saved state is longer than it should be");
-  } catch (const InputError& error) {
-    throw InputError(fmt::format("{}: {}", path, error.what()));
+    if (options != fixed_options) {
+      throw InputError(fmt::format("{}: was made with other options", path));
+    }
   }
+  if (fs::path(path).filename() != CheckpointName(scans)) {
+    throw InputError(fmt::format("{}: is in truth of {} scans", path, scans));
+  }
+  map.FinishLoading();
+  if (part == CheckpointPart::kMap) return;
+  ReadState(path, pipe, [&](StateArchive& a) { pipeline->Archive(a); });
 }
 
 // A checkpoint on its way. The mapping thread fills it, the housekeeping thread writes it.
@@ -212,7 +227,7 @@ void Session::WriteTrajectories(const SessionDatabase& database, std::int64_t sc
   };
   const std::int64_t final = open.empty() ? scans : static_cast<std::int64_t>(open.front().scan);
   database.ForEach(0, final, [&](const SessionScan& scan) { append(PoseOf(scan)); });
-  for (const FinalPose& pose : open) append(pose);
+  for (const FinalPose& pose : open) append(AsRecorded(database, pose));
   kitti.Commit();
   tum.Commit();
 }

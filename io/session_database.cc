@@ -7,6 +7,7 @@
 
 #include <cmath>
 #include <filesystem>
+#include <limits>
 
 #include "core/error.h"
 #include "core/state_archive.h"
@@ -25,15 +26,15 @@ constexpr const char* kSchema =
     " detail TEXT NOT NULL, keyframe INTEGER NOT NULL, searched INTEGER NOT NULL,"
     " points INTEGER NOT NULL, clusters INTEGER NOT NULL, matched INTEGER NOT NULL,"
     " iterations INTEGER NOT NULL, unobservable_directions INTEGER NOT NULL,"
-    " inlier_share REAL NOT NULL, residual_m REAL NOT NULL, worst_sigma_m REAL NOT NULL,"
-    " covariance BLOB NOT NULL, read_ms REAL NOT NULL, prepare_ms REAL NOT NULL,"
-    " cluster_ms REAL NOT NULL, odometry_ms REAL NOT NULL, map_ms REAL NOT NULL,"
-    " solve_ms REAL NOT NULL, next_stamp_ns INTEGER);"
+    " inlier_share REAL, residual_m REAL, worst_sigma_m REAL,"
+    " covariance BLOB NOT NULL, read_ms REAL, prepare_ms REAL,"
+    " cluster_ms REAL, odometry_ms REAL, map_ms REAL,"
+    " solve_ms REAL, next_stamp_ns INTEGER);"
     "CREATE INDEX IF NOT EXISTS sequences ON scans(sequence, scan);"
     "CREATE TABLE IF NOT EXISTS solves("
     " before_scan INTEGER NOT NULL, frames INTEGER NOT NULL, planes INTEGER NOT NULL,"
     " observations INTEGER NOT NULL, iterations INTEGER NOT NULL, usable INTEGER NOT NULL,"
-    " initial_cost REAL NOT NULL, final_cost REAL NOT NULL, solve_ms REAL NOT NULL);"
+    " initial_cost REAL, final_cost REAL, solve_ms REAL);"
     "CREATE INDEX IF NOT EXISTS solve_order ON solves(before_scan);"
     "CREATE TABLE IF NOT EXISTS set_aside(file BLOB PRIMARY KEY, reason TEXT NOT NULL)"
     " WITHOUT ROWID;";
@@ -50,10 +51,21 @@ std::string Blob(Matrix6d m) {
   return a.written();
 }
 
-std::uint32_t Checksum(StampNs stamp_ns, const std::string& pose, const std::string& file) {
+std::uint32_t Checksum(SessionScan s) {
+  for (double* value : {&s.inlier_share, &s.residual_m, &s.worst_sigma_m, &s.read_ms, &s.prepare_ms,
+                        &s.cluster_ms, &s.odometry_ms, &s.map_ms, &s.solve_ms}) {
+    // As it comes back: SQLite knows one NaN and one zero.
+    *value = std::isnan(*value) ? std::numeric_limits<double>::quiet_NaN() : *value + 0.0;
+  }
+  bool has_next = s.next_stamp_ns.has_value();
+  StampNs next_stamp_ns = s.next_stamp_ns.value_or(0);
   StateArchive a;
-  a(&stamp_ns);
-  return Crc32(file, Crc32(pose, Crc32(a.written())));
+  a(&s.scan, &s.file, &s.sequence, &s.stamp_ns, &s.recorded_stamp, &has_next, &next_stamp_ns,
+    &s.skipped, &s.final, &s.T_world_lidar, &s.status, &s.detail, &s.keyframe, &s.searched,
+    &s.points, &s.clusters, &s.matched, &s.iterations, &s.unobservable_directions, &s.inlier_share,
+    &s.residual_m, &s.worst_sigma_m, &s.covariance, &s.read_ms, &s.prepare_ms, &s.cluster_ms,
+    &s.odometry_ms, &s.map_ms, &s.solve_ms);
+  return Crc32(a.written());
 }
 
 std::string BytesOf(const SQLite::Column& column) {
@@ -66,6 +78,7 @@ T FromBlob(const std::string& bytes) {
   T value;
   StateArchive a{std::string_view(bytes)};
   a(&value);
+  if (a.unread() > 0) throw InputError("a blob is longer than it should be");
   return value;
 }
 
@@ -78,8 +91,8 @@ class ColumnBinder {
   }
   void Text(const std::string& text) { statement_->bind(++i_, text); }
   void Number(std::int64_t value) { statement_->bind(++i_, value); }
-  // SQLite takes NaN for NULL.
-  void Number(double value) { statement_->bind(++i_, std::isfinite(value) ? value : -1.0); }
+  // SQLite makes NULL of NaN.
+  void Number(double value) { statement_->bind(++i_, value); }
   void Number(bool value) { statement_->bind(++i_, value ? 1 : 0); }
   void NumberOrNull(const std::optional<std::int64_t>& value) {
     if (value) {
@@ -108,7 +121,10 @@ class ColumnReader {
     const SQLite::Column column = statement_->getColumn(i_++);
     return column.isNull() ? std::nullopt : std::make_optional(column.getInt64());
   }
-  double Real() { return statement_->getColumn(i_++).getDouble(); }
+  double Real() {
+    const SQLite::Column column = statement_->getColumn(i_++);
+    return column.isNull() ? std::numeric_limits<double>::quiet_NaN() : column.getDouble();
+  }
   bool Flag() { return Whole() != 0; }
 
  private:
@@ -116,6 +132,7 @@ class ColumnReader {
   int i_ = 0;
 };
 
+// Throws InputError.
 SessionScan ReadScan(SQLite::Statement* statement) {
   ColumnReader row(statement);
   SessionScan s;
@@ -126,12 +143,8 @@ SessionScan ReadScan(SQLite::Statement* statement) {
   s.recorded_stamp = row.Flag();
   s.skipped = row.Flag();
   s.final = row.Flag();
-  const std::string pose = row.Blob();
+  s.T_world_lidar = FromBlob<SE3>(row.Blob());
   const auto crc = static_cast<std::uint32_t>(row.Whole());
-  if (crc != Checksum(s.stamp_ns, pose, s.file)) {
-    throw InputError(fmt::format("the row of scan {} is damaged: its checksum differs", s.scan));
-  }
-  s.T_world_lidar = FromBlob<SE3>(pose);
   s.status = row.Text();
   s.detail = row.Text();
   s.keyframe = row.Flag();
@@ -147,6 +160,7 @@ SessionScan ReadScan(SQLite::Statement* statement) {
     *value = row.Real();
   }
   s.next_stamp_ns = row.WholeOrNull();
+  if (crc != Checksum(s)) throw InputError("its checksum differs");
   return s;
 }
 
@@ -156,6 +170,7 @@ struct SessionDatabase::Impl {
   explicit Impl(const std::string& file)
       : path(file), database(file, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE) {
     database.setBusyTimeout(30000);
+    RefuseForeign();
     // The log is brought into the file by Tidy(), on a thread that has time.
     database.exec(
         "PRAGMA journal_mode=WAL; PRAGMA synchronous=FULL; PRAGMA wal_autocheckpoint=0;"
@@ -165,7 +180,7 @@ struct SessionDatabase::Impl {
                      "INSERT OR REPLACE INTO scans VALUES(?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,"
                      "?,?,?,?,?,?,?,?,?)");
     put_solve.emplace(database, "INSERT INTO solves VALUES(?,?,?,?,?,?,?,?,?)");
-    file_of.emplace(database, "SELECT file FROM scans WHERE scan = ?");
+    row_of.emplace(database, "SELECT * FROM scans WHERE scan = ?");
     finalise.emplace(database, "UPDATE scans SET pose = ?, crc = ?, final = 1 WHERE scan = ?");
     knows.emplace(database,
                   "SELECT 1 FROM scans WHERE file = ?1 UNION ALL SELECT 1 FROM set_aside WHERE "
@@ -189,6 +204,26 @@ struct SessionDatabase::Impl {
     if (answer != "ok") throw InputError(fmt::format("{}: is damaged: {}", path, answer));
   }
 
+  // Before anything is made in it: a database of somebody else's must stay as it is.
+  void RefuseForeign() const {
+    SQLite::Statement others(
+        database,
+        "SELECT name FROM sqlite_master WHERE type = 'table' AND name NOT GLOB 'sqlite_*' AND name "
+        "NOT IN ('meta', 'scans', 'solves', 'set_aside') LIMIT 1");
+    if (!others.executeStep()) return;
+    throw InputError(fmt::format("{}: is no session's database: it has a table '{}'", path,
+                                 others.getColumn(0).getString()));
+  }
+
+  SessionScan Row(SQLite::Statement* rows) const {
+    try {
+      return ReadScan(rows);
+    } catch (const InputError& error) {
+      throw InputError(fmt::format("{}: the row of scan {} is damaged: {}", path,
+                                   rows->getColumn(0).getInt64(), error.what()));
+    }
+  }
+
   std::int64_t Number(const char* query) const {
     SQLite::Statement statement(database, query);
     statement.executeStep();
@@ -197,7 +232,7 @@ struct SessionDatabase::Impl {
 
   std::string path;
   SQLite::Database database;
-  std::optional<SQLite::Statement> put_scan, put_solve, file_of, finalise, put_aside;
+  std::optional<SQLite::Statement> put_scan, put_solve, row_of, finalise, put_aside;
   mutable std::optional<SQLite::Statement> knows;
   std::optional<SQLite::Transaction> transaction;
 };
@@ -208,7 +243,8 @@ SessionDatabase::SessionDatabase(const std::string& path, bool check) {
     if (check) impl_->Check();
   } catch (const SQLite::Exception& error) {
     const int code = error.getErrorCode();
-    if (code == SQLITE_NOTADB || code == SQLITE_CORRUPT) {
+    // SQLITE_ERROR: a table is there, but has other columns.
+    if (code == SQLITE_NOTADB || code == SQLITE_CORRUPT || code == SQLITE_ERROR) {
       throw InputError(fmt::format("{}: is damaged: {}", path, error.what()));
     }
     throw OutputError(fmt::format("{}: cannot be opened: {}", path, error.what()));
@@ -256,7 +292,6 @@ void SessionDatabase::Commit() {
 void SessionDatabase::Put(const SessionScan& s) {
   impl_->Guarded("cannot be written", [&] {
     ColumnBinder row(&*impl_->put_scan);
-    const std::string pose = Blob(s.T_world_lidar);
     row.Number(s.scan);
     row.Blob(s.file);
     row.Blob(s.sequence);
@@ -264,8 +299,8 @@ void SessionDatabase::Put(const SessionScan& s) {
     row.Number(s.recorded_stamp);
     row.Number(s.skipped);
     row.Number(s.final);
-    row.Blob(pose);
-    row.Number(std::int64_t{Checksum(s.stamp_ns, pose, s.file)});
+    row.Blob(Blob(s.T_world_lidar));
+    row.Number(std::int64_t{Checksum(s)});
     row.Text(s.status);
     row.Text(s.detail);
     row.Number(s.keyframe);
@@ -300,16 +335,20 @@ void SessionDatabase::Put(const SessionSolve& s) {
 
 void SessionDatabase::Finalise(const SessionPose& pose) {
   impl_->Guarded("cannot be written", [&] {
-    impl_->file_of->bind(1, pose.scan);
-    const bool found = impl_->file_of->executeStep();
-    const std::string file = found ? BytesOf(impl_->file_of->getColumn(0)) : "";
-    impl_->file_of->reset();
-    if (!found) throw std::logic_error(fmt::format("pose of unknown scan {}", pose.scan));
-    const std::string bytes = Blob(pose.T_world_lidar);
+    impl_->row_of->bind(1, pose.scan);
+    if (!impl_->row_of->executeStep()) {
+      impl_->row_of->reset();
+      throw std::logic_error(fmt::format("pose of unknown scan {}", pose.scan));
+    }
+    SessionScan scan = impl_->Row(&*impl_->row_of);
+    impl_->row_of->reset();
+    if (pose.skipped && !scan.skipped) return;
+    scan.T_world_lidar = pose.T_world_lidar;
+    scan.final = true;
     ColumnBinder row(&*impl_->finalise);
-    row.Blob(bytes);
-    row.Number(std::int64_t{Checksum(pose.stamp_ns, bytes, file)});
-    row.Number(pose.scan);
+    row.Blob(Blob(scan.T_world_lidar));
+    row.Number(std::int64_t{Checksum(scan)});
+    row.Number(scan.scan);
     row.Execute();
   });
 }
@@ -350,7 +389,7 @@ void SessionDatabase::ForEach(std::int64_t from, std::int64_t to,
                            "SELECT * FROM scans WHERE scan >= ? AND scan < ? ORDER BY scan");
     rows.bind(1, from);
     rows.bind(2, to);
-    while (rows.executeStep()) visit(ReadScan(&rows));
+    while (rows.executeStep()) visit(impl_->Row(&rows));
   });
 }
 

@@ -7,7 +7,7 @@
 //     set_aside  files that never became a scan, and why
 //
 // Times are int64 ns. A pose is a blob of 7 f64, little-endian: qx qy qz qw tx ty tz; a covariance
-// 36 f64. `crc` is the CRC-32 of stamp, pose and file name of its row.
+// 36 f64. `crc` is the CRC-32 of all else in its row. A figure that is NaN is NULL.
 #pragma once
 
 #include <cstdint>
@@ -52,15 +52,16 @@ struct SessionSolve {
 // A change of a scan's pose.
 struct SessionPose {
   std::int64_t scan = 0;
-  StampNs stamp_ns = 0;
   SE3 T_world_lidar;
+  bool skipped = false;  // not of its own points: a pose that is stays
 };
 
 // One connection; one thread at a time. Any number of connections may be open in one process. All
 // members throw OutputError, naming the file, if it cannot be read or written.
 class SessionDatabase {
  public:
-  // Opens or makes it. Throws InputError if it is no such database, damaged, or of another version:
+  // Opens or makes it (an empty file is a new one). Throws InputError, naming the file and a row if
+  // that is it, if it is no such database, damaged, or of another version:
   // every page and every row is looked at if `check` is set.
   SessionDatabase(const std::string& path, bool check);
   ~SessionDatabase();

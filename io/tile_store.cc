@@ -30,6 +30,16 @@ constexpr const char* kKept =
     "PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL; PRAGMA wal_autocheckpoint=0;"
     "PRAGMA journal_size_limit=67108864;";
 
+// A database to be read without a trace. SQLite makes a log and an index of it beside each file
+// that it opens, unless told that nobody writes; which holds for a file without a log.
+std::string UntouchedUri(const std::string& path) {
+  std::string uri = "file:";
+  for (const char c : path) {
+    uri += c == '%' || c == '?' || c == '#' ? fmt::format("%{:02x}", c) : std::string(1, c);
+  }
+  return fs::exists(path + "-wal") ? uri : uri + "?immutable=1";
+}
+
 std::int64_t Signed(VoxelKey key) { return static_cast<std::int64_t>(key); }
 
 }  // namespace
@@ -207,7 +217,7 @@ void TileStore::CopyFrom(const std::string& path, std::int64_t scan) {
   Guarded("cannot be copied to", [&] {
     impl.transaction.reset();
     {
-      SQLite::Database other(path, SQLite::OPEN_READONLY);
+      SQLite::Database other(UntouchedUri(path), SQLite::OPEN_READONLY | SQLite::OPEN_URI);
       SQLite::Backup backup(impl.database, other);
       backup.executeStep(-1);
     }
@@ -225,8 +235,8 @@ void TileStore::CopyFrom(const std::string& path, std::int64_t scan) {
 
 void TileStore::RollBackTo(std::int64_t scan) {
   Impl& impl = Open();
+  Commit();
   Guarded("cannot be written", [&] {
-    impl.transaction.reset();
     SQLite::Transaction transaction(impl.database);
     SQLite::Statement drop(impl.database, "DELETE FROM voxels WHERE stored_at > ?");
     drop.bind(1, scan);
