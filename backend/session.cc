@@ -205,8 +205,7 @@ MappingCallbacks Session::Callbacks() {
     if (finished_) {
       tail_.push_back(pose);
     } else {
-      log_->Finalise(
-          {static_cast<std::int64_t>(pose.scan), pose.pose.T_world_lidar, pose.skipped});
+      log_->Finalise({static_cast<std::int64_t>(pose.scan), pose.pose.T_world_lidar, pose.skipped});
     }
   };
   callbacks.on_solve = [this](const SolveReport& report) {

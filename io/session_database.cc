@@ -279,7 +279,11 @@ void SessionDatabase::SetMeta(const std::string& key, const std::string& value) 
 }
 
 void SessionDatabase::Begin() {
-  impl_->Guarded("cannot be written", [&] { impl_->transaction.emplace(impl_->database); });
+  // Immediate: a transaction that reads first and then wants to write cannot wait for a writer that
+  // came in between (SQLite: BUSY_SNAPSHOT); one that is a writer from the start can.
+  impl_->Guarded("cannot be written", [&] {
+    impl_->transaction.emplace(impl_->database, SQLite::TransactionBehavior::IMMEDIATE);
+  });
 }
 
 void SessionDatabase::Commit() {
