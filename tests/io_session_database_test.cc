@@ -348,6 +348,7 @@ TEST_F(SessionDatabaseTest, AnOverwrittenPageIsDamageOrHasNoEffect) {
       const std::vector<SessionScan> rows = All(*database);
       ASSERT_EQ(rows.size(), 60U) << "page " << pages;
       for (const SessionScan& row : rows) {
+        EXPECT_TRUE(database->Knows(row.file));
         EXPECT_EQ(BytesOf(row), BytesOf(Full(row.scan, std::to_string(row.scan))));
       }
     } catch (const InputError& error) {
