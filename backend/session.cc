@@ -23,6 +23,13 @@ namespace fs = std::filesystem;
 
 constexpr const char* kFixedOptions = "fixed_options";
 
+void MoveAwayDamaged(const std::string& database) {
+  for (const char* ending : {"", "-wal", "-shm"}) {
+    std::error_code ignored;
+    fs::rename(database + ending, database + ".damaged" + ending, ignored);
+  }
+}
+
 // The first lines that differ.
 std::pair<std::string, std::string> FirstDifference(const std::string& a, const std::string& b) {
   std::istringstream lines_a(a), lines_b(b);
@@ -48,7 +55,7 @@ Session::Session(SessionSetup setup, SessionHooks hooks)
   try {
     OpenDatabase();
     CheckFixedOptions();
-    tiles_ = std::make_unique<TileStore>(Path("map_tiles.db"), TileStore::Lifetime::kKept);
+    OpenTiles();
     LoadNewestCheckpoint();
   } catch (...) {
     close(lock_);
@@ -66,9 +73,12 @@ Session::Session(SessionSetup setup, SessionHooks hooks)
         next_ - 1, to_repeat_.size());
   }
   log_ = std::make_unique<SessionLog>(Path("session.db"), hooks_.on_durable);
-  housekeeping_ = std::make_unique<WorkerThread>([](const std::exception& error) {
-    spdlog::error("{} (the stream goes on; this will be tried again)", error.what());
-  });
+  constexpr std::size_t kMostWaiting = 256;
+  housekeeping_ = std::make_unique<WorkerThread>(
+      [](const std::exception& error) {
+        spdlog::error("{} (the stream goes on; this will be tried again)", error.what());
+      },
+      kMostWaiting);
 }
 
 Session::~Session() {
@@ -120,14 +130,23 @@ void Session::OpenDatabase() {
     if (!fs::exists(backup)) throw;
     spdlog::error("{}; going back to the copy of the last checkpoint", error.what());
   }
-  for (const char* ending : {"", "-wal", "-shm"}) {
-    std::error_code ignored;
-    fs::rename(path + ending, path + ".damaged" + ending, ignored);
-  }
+  MoveAwayDamaged(path);
   std::error_code error;
   fs::copy_file(backup, path, error);
   if (error) throw OutputError(fmt::format("{}: cannot be copied: {}", backup, error.message()));
   database_ = std::make_unique<SessionDatabase>(path, true);
+}
+
+void Session::OpenTiles() {
+  const std::string path = Path("map_tiles.db");
+  try {
+    tiles_ = std::make_unique<TileStore>(path, TileStore::Lifetime::kKept);
+  } catch (const InputError& error) {
+    spdlog::error("{}; the places it held are mapped anew when the sensor comes back to them",
+                  error.what());
+    MoveAwayDamaged(path);
+    tiles_ = std::make_unique<TileStore>(path, TileStore::Lifetime::kKept);
+  }
 }
 
 void Session::CheckFixedOptions() {
@@ -240,6 +259,7 @@ void Session::OnScan(const ScanReport& report) {
         "the map is lost ({})",
         file.name, report.detail);
   } else {
+    if (hooks_.on_mapped) hooks_.on_mapped(report, row);
     log_->Put(row);
   }
   ++next_;

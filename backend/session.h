@@ -2,7 +2,9 @@
 //
 //     session.db              every scan with its pose, every window solved (io/session_database.h)
 //     session.db.backup       the same as of a checkpoint, in case the first is damaged
-//     checkpoint-N.lmap       all of the pipeline after scan N - 1; the newest two are kept
+//     checkpoint-N.lmap       all of the pipeline after scan N - 1; the newest two are kept, and
+//     the
+//                             newest that session.db.backup knows all scans of
 //     map_tiles.db            what the map's budget does not hold in memory (io/tile_store.h)
 //     trajectory_kitti.txt, trajectory_tum.txt     kept current
 //     lock                    held while a process works on the session
@@ -78,6 +80,8 @@ struct SessionCheckpoint {
 // Any may be empty. on_durable is called on the log's thread, on_checkpoint on the housekeeping
 // thread, the others on the mapping thread.
 struct SessionHooks {
+  // Before on_durable can be called for that scan; exactly for those for which it will be.
+  std::function<void(const ScanReport&, const SessionScan&)> on_mapped;
   std::function<void(const ScanReport&, const SessionScan&)> on_scan;
   std::function<void(const SolveReport&)> on_solve;
   std::function<void(const SessionScan&)> on_durable;
@@ -133,6 +137,7 @@ class Session {
 
   void Lock();
   void OpenDatabase();
+  void OpenTiles();
   void CheckFixedOptions();
   void LoadNewestCheckpoint();
   void SetCheckpointAside(std::int64_t scans, const std::string& why) const;
@@ -145,6 +150,7 @@ class Session {
   void Write(const std::shared_ptr<Sections>& sections);
   void FinishCheckpoint(SnapshotJob* job);
   void TidyTiles();
+  std::int64_t RemoveOldCheckpoints() const;
   void BackUpDatabase();
   void PublishTrajectory();
   void WriteTrajectories(const SessionDatabase& database, std::int64_t scans,

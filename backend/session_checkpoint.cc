@@ -156,14 +156,9 @@ void Session::FinishCheckpoint(SnapshotJob* job) {
   job->writer->Commit();
   newest_checkpoint_ = job->scans;
   tidy_ = Tidy::kFirst;
-  const std::vector<std::int64_t> there = CheckpointsIn(setup_.folder);
-  for (std::size_t i = kKept; i < there.size(); ++i) {
-    std::error_code ignored;
-    fs::remove(Path(CheckpointName(there[i])), ignored);
-  }
-  oldest_kept_ = there.size() < kKept ? 0 : there[kKept - 1];
   BackUpDatabase();
-  released_ = std::min<std::int64_t>(oldest_kept_, backed_up_);
+  oldest_kept_ = RemoveOldCheckpoints();
+  released_ = oldest_kept_.load();
   if (hooks_.on_checkpoint) {
     hooks_.on_checkpoint(
         {job->scans, job->writer->bytes(), job->longest_pause_ms, job->since_begin.Milliseconds()},
@@ -187,6 +182,24 @@ void Session::TidyTiles() {
     tiles_->Commit();
     tiles_->SyncToDisk();
   }
+}
+
+// Keeps the newest checkpoints, and the newest of those that the copy of the database can continue
+// from. Returns the scans of the oldest one kept; 0 while there is none to fall back on.
+std::int64_t Session::RemoveOldCheckpoints() const {
+  const std::vector<std::int64_t> there = CheckpointsIn(setup_.folder);
+  std::int64_t oldest = 0;
+  bool backed_up = false;
+  for (std::size_t i = 0; i < there.size(); ++i) {
+    if (i < kKept || !backed_up) {
+      oldest = i + 1 < kKept ? 0 : there[i];
+    } else {
+      std::error_code ignored;
+      fs::remove(Path(CheckpointName(there[i])), ignored);
+    }
+    backed_up = backed_up || there[i] <= backed_up_;
+  }
+  return backed_up ? oldest : 0;
 }
 
 // As often as it takes a small part of the time: a session of days has a large database.

@@ -5,8 +5,9 @@
 
 namespace lamina {
 
-WorkerThread::WorkerThread(std::function<void(const std::exception&)> failed)
-    : failed_(std::move(failed)), thread_([this] { Run(); }) {}
+WorkerThread::WorkerThread(std::function<void(const std::exception&)> failed,
+                           std::size_t most_waiting)
+    : failed_(std::move(failed)), most_waiting_(most_waiting), thread_([this] { Run(); }) {}
 
 WorkerThread::~WorkerThread() {
   {
@@ -19,7 +20,8 @@ WorkerThread::~WorkerThread() {
 
 void WorkerThread::Do(std::function<void()> work) {
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    std::unique_lock<std::mutex> lock(mutex_);
+    changed_.wait(lock, [this] { return work_.size() < most_waiting_; });
     work_.push_back(std::move(work));
     ++handed_over_;
   }
@@ -45,6 +47,7 @@ void WorkerThread::Run() {
     std::function<void()> work = std::move(work_.front());
     work_.pop_front();
     lock.unlock();
+    changed_.notify_all();
     try {
       work();
     } catch (const std::exception& error) {

@@ -14,10 +14,12 @@ namespace lamina {
 class WorkerThread {
  public:
   // What work throws goes to `failed`, on the thread; work that follows is done all the same.
-  explicit WorkerThread(std::function<void(const std::exception&)> failed);
+  // At most `most_waiting` pieces of work wait.
+  WorkerThread(std::function<void(const std::exception&)> failed, std::size_t most_waiting);
   // Does what has been handed over, then ends.
   ~WorkerThread();
 
+  // Waits until there is room. Not to be called by work itself.
   void Do(std::function<void()> work);
   // Until all that was handed over so far is done.
   void Wait();
@@ -28,6 +30,7 @@ class WorkerThread {
   void Run();
 
   std::function<void(const std::exception&)> failed_;
+  const std::size_t most_waiting_;
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   std::deque<std::function<void()>> work_;

@@ -3,6 +3,7 @@
 #include <SQLiteCpp/Backup.h>
 #include <SQLiteCpp/SQLiteCpp.h>
 #include <fmt/format.h>
+#include <sqlite3.h>
 
 #include <filesystem>
 #include <optional>
@@ -132,8 +133,15 @@ auto TileStore::Guarded(const char* doing, const Work& work) const {
 }
 
 TileStore::Impl& TileStore::Open() const {
-  if (!impl_) {
-    Guarded("cannot be opened", [&] { impl_ = std::make_unique<Impl>(path_, lifetime_); });
+  if (impl_) return *impl_;
+  try {
+    impl_ = std::make_unique<Impl>(path_, lifetime_);
+  } catch (const SQLite::Exception& error) {
+    const int code = error.getErrorCode();
+    if (code == SQLITE_NOTADB || code == SQLITE_CORRUPT) {
+      throw InputError(fmt::format("{}: is damaged: {}", path_, error.what()));
+    }
+    throw OutputError(fmt::format("{}: cannot be opened: {}", path_, error.what()));
   }
   return *impl_;
 }

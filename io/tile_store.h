@@ -25,6 +25,7 @@ class TileStore final : public VoxelStore {
     kScratch,  // emptied at the start, deleted at the end; made when the first record comes
     kKept,
   };
+  // Throws InputError if a kept one is damaged.
   TileStore(std::string path, Lifetime lifetime);
   ~TileStore() override;
 

@@ -3,7 +3,9 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <csignal>
+#include <filesystem>
 #include <memory>
 #include <string>
 #include <vector>
@@ -54,6 +56,20 @@ SE3 ParseStart(const std::vector<double>& numbers) {
   return T;
 }
 
+// Files that a session moves or rejects must not come back through its inbox.
+void CheckFolders(const std::string& inbox, const std::string& session) {
+  namespace fs = std::filesystem;
+  if (!fs::is_directory(inbox)) {
+    throw InputError(fmt::format("{}: the inbox must be a folder", inbox));
+  }
+  const fs::path outer = fs::canonical(inbox), inner = fs::weakly_canonical(session);
+  const auto [end, rest] = std::mismatch(outer.begin(), outer.end(), inner.begin(), inner.end());
+  if (end == outer.end()) {
+    throw OptionError(
+        fmt::format("--session {}: must be outside of the inbox, {}", session, inbox));
+  }
+}
+
 int Watch(const WatchArguments& a) {
   WatchSetup setup;
   setup.inbox = a.inbox;
@@ -69,6 +85,7 @@ int Watch(const WatchArguments& a) {
   } else if (!a.map.empty() || !a.start.empty()) {
     throw OptionError("--map and --start are for --mode localise");
   }
+  CheckFolders(a.inbox, a.session);
   MakeDirectory(a.session);
   SetUpWatchLog(setup.config.log, a.session);
   const auto limit = LimitThreads(a.threads);

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <csignal>
 #include <filesystem>
@@ -44,9 +45,6 @@ WatchDaemon::WatchDaemon(WatchSetup setup)
     : setup_(std::move(setup)),
       files_(setup_.inbox, setup_.session, setup_.done),
       queries_([this] { Wake(); }) {
-  if (!fs::is_directory(setup_.inbox)) {
-    throw InputError(fmt::format("{}: the inbox must be a folder", setup_.inbox));
-  }
   session_ = std::make_unique<Session>(MakeSessionSetup(), Hooks());
   WriteTextFile((fs::path(setup_.session) / "config.yaml").string(), ToYaml(setup_.config));
   ContinueInbox();
@@ -62,7 +60,8 @@ WatchDaemon::WatchDaemon(WatchSetup setup)
     Wake();
   };
   parts.stop = [this] {
-    std::raise(SIGTERM);
+    // To the process: the threads of the server let no signal through.
+    kill(getpid(), SIGTERM);
     Wake();
   };
   parts.session = setup_.session;
@@ -91,6 +90,7 @@ SessionSetup WatchDaemon::MakeSessionSetup() const {
 
 SessionHooks WatchDaemon::Hooks() {
   SessionHooks hooks;
+  hooks.on_mapped = [this](const ScanReport& report, const SessionScan&) { OnMapped(report); };
   hooks.on_scan = [this](const ScanReport& report, const SessionScan& row) { OnScan(report, row); };
   hooks.on_durable = [this](const SessionScan& row) { OnDurable(row); };
   hooks.on_checkpoint = [this](const SessionCheckpoint& checkpoint, std::int64_t released) {
@@ -185,11 +185,13 @@ bool WatchDaemon::MapWaiting(const std::atomic<bool>& stop) {
   return taken > 0;
 }
 
+void WatchDaemon::OnMapped(const ScanReport& report) {
+  const auto complete = LastChange(scans_->Name(report.index));
+  const std::lock_guard<std::mutex> lock(mutex_);
+  under_way_.push_back({SteadyClock::now(), complete});
+}
+
 void WatchDaemon::OnScan(const ScanReport& report, const SessionScan& row) {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    under_way_.push_back({row.scan, SteadyClock::now(), LastChange(scans_->Name(report.index))});
-  }
   if (report.skipped) {
     ++rejected_;
     spdlog::warn("skipped scan {}: {}", row.scan, row.detail);

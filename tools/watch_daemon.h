@@ -51,9 +51,8 @@ class WatchDaemon {
   void RequestReload() noexcept { reload_ = true; }
 
  private:
-  // A scan that is mapped and not durable yet.
+  // A scan that is mapped and not durable yet; they become so in order.
   struct UnderWay {
-    std::int64_t scan = 0;
     std::chrono::steady_clock::time_point mapped;
     std::chrono::system_clock::time_point complete;
   };
@@ -64,6 +63,7 @@ class WatchDaemon {
   void Repeat(const std::atomic<bool>& stop);
   void TakeNotices();
   bool MapWaiting(const std::atomic<bool>& stop);
+  void OnMapped(const ScanReport& report);
   void OnScan(const ScanReport& report, const SessionScan& row);
   void OnDurable(const SessionScan& row);
   void OnCheckpoint(const SessionCheckpoint& checkpoint, std::int64_t released);

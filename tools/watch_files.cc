@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <filesystem>
+#include <fstream>
 
 #include "core/error.h"
 #include "tools/command_common.h"
@@ -50,7 +51,10 @@ void WatchFiles::NoteReason(const std::string& name, const std::string& reason) 
   try {
     const fs::path to = fs::path(session_) / "rejected" / name;
     MakeDirectory(to.parent_path().string());
-    WriteTextFile(to.string() + ".reason.txt", reason + "\n");
+    // Not waited for to reach the disk: thousands may come at once, and the database knows it, too.
+    std::ofstream file(to.string() + ".reason.txt", std::ios::binary);
+    file << reason << "\n";
+    if (!file.flush()) throw OutputError("the reason cannot be written");
   } catch (const std::exception& error) {
     spdlog::warn("{}: cannot be noted as rejected: {}", name, error.what());
   }
