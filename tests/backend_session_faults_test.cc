@@ -220,7 +220,7 @@ TEST_F(SessionFaultsTest, LocalisingFindsScansAndLeavesTheMapAsItIs) {
   SessionSetup setup = Setup("visited");
   // Where it starts is known roughly.
   const SE3 start = recording_.truth[0].Inverse() * visit.truth[0];
-  setup.base_map = BaseMap{Path("whole"), start * Draws(3).Offset(0.02, 0.1)};
+  setup.base_map = BaseMap{Path("whole"), setup.fixed_options, start * Draws(3).Offset(0.02, 0.1)};
   const std::string map = BytesOf(Session(setup, {}).pipeline().map());
   EXPECT_GT(map.size(), 10000U);
   MapUntil(setup, visit, 7, Leave::kAtOnce);
@@ -251,7 +251,7 @@ TEST_F(SessionFaultsTest, LocalisingFindsScansAndLeavesTheMapAsItIs) {
 
 TEST_F(SessionFaultsTest, LocalisingNeedsAMap) {
   SessionSetup setup = Setup("visited");
-  setup.base_map = BaseMap{Path("none"), SE3()};
+  setup.base_map = BaseMap{Path("none"), setup.fixed_options, SE3()};
   EXPECT_THAT(MessageOf<InputError>([&] { Session(setup, {}); }), HasSubstr(Path("none")));
 }
 

@@ -13,12 +13,14 @@
 namespace lamina {
 namespace {
 
+constexpr std::size_t kMany = 100000;
+
 void NoFailure(const std::exception& error) { ADD_FAILURE() << error.what(); }
 
 TEST(WorkerThread, DoesItsWorkInOrderOnOneOtherThread) {
   std::vector<int> order;
   std::vector<std::thread::id> threads;
-  WorkerThread worker(NoFailure);
+  WorkerThread worker(NoFailure, kMany);
   for (int i = 0; i < 1000; ++i) {
     worker.Do([&, i] {
       order.push_back(i);
@@ -35,21 +37,21 @@ TEST(WorkerThread, DoesItsWorkInOrderOnOneOtherThread) {
 TEST(WorkerThread, EndsWithItsWorkDone) {
   int done = 0;
   {
-    WorkerThread worker(NoFailure);
+    WorkerThread worker(NoFailure, kMany);
     for (int i = 0; i < 100; ++i) worker.Do([&] { ++done; });
   }
   EXPECT_EQ(done, 100);
 }
 
 TEST(WorkerThread, WaitsForNothingIfThereIsNothing) {
-  WorkerThread worker(NoFailure);
+  WorkerThread worker(NoFailure, kMany);
   worker.Wait();
   EXPECT_EQ(worker.pending(), 0U);
 }
 
 TEST(WorkerThread, CountsWhatWaitsAndWhatIsUnderWay) {
   std::promise<void> started, go;
-  WorkerThread worker(NoFailure);
+  WorkerThread worker(NoFailure, kMany);
   worker.Do([&] {
     started.set_value();
     go.get_future().wait();
@@ -65,7 +67,8 @@ TEST(WorkerThread, CountsWhatWaitsAndWhatIsUnderWay) {
 TEST(WorkerThread, TellsWhatFailedAndGoesOn) {
   std::vector<std::string> failures;
   int done = 0;
-  WorkerThread worker([&](const std::exception& error) { failures.push_back(error.what()); });
+  WorkerThread worker([&](const std::exception& error) { failures.push_back(error.what()); },
+                      kMany);
   worker.Do([&] { ++done; });
   worker.Do([] { throw std::runtime_error("no disk"); });
   worker.Do([&] { ++done; });
@@ -77,7 +80,7 @@ TEST(WorkerThread, TellsWhatFailedAndGoesOn) {
 // Wait() waits for what was handed over before it, not for what the work hands over itself.
 TEST(WorkerThread, WorkMayHandOverWork) {
   int done = 0;
-  WorkerThread worker(NoFailure);
+  WorkerThread worker(NoFailure, kMany);
   worker.Do([&] { worker.Do([&] { ++done; }); });
   worker.Wait();
   worker.Wait();
@@ -87,7 +90,7 @@ TEST(WorkerThread, WorkMayHandOverWork) {
 // What work holds may ask its worker when it goes.
 TEST(WorkerThread, WorkIsGivenBackOutsideOfTheLock) {
   std::size_t pending = 99;
-  WorkerThread worker(NoFailure);
+  WorkerThread worker(NoFailure, kMany);
   std::shared_ptr<int> held(new int(0), [&](const int* p) {
     pending = worker.pending();
     delete p;
@@ -100,7 +103,7 @@ TEST(WorkerThread, WorkIsGivenBackOutsideOfTheLock) {
 
 TEST(WorkerThread, TakesWorkFromManyThreads) {
   std::atomic<int> done{0};
-  WorkerThread worker(NoFailure);
+  WorkerThread worker(NoFailure, kMany);
   std::vector<std::thread> threads;
   for (int t = 0; t < 4; ++t) {
     threads.emplace_back([&] {

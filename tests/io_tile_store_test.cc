@@ -304,7 +304,7 @@ TEST_F(TileStoreTest, CopyingFromNowhereIsAnError) {
 
 TEST_F(TileStoreTest, AFileOfAnotherKindIsAnErrorThatNamesIt) {
   Write("tiles.db", std::string(10000, 'x'));
-  EXPECT_THAT(MessageOf<OutputError>([&] { TileStore(Tiles(), Lifetime::kKept); }),
+  EXPECT_THAT(MessageOf<InputError>([&] { TileStore(Tiles(), Lifetime::kKept); }),
               testing::HasSubstr(Tiles()));
 }
 
