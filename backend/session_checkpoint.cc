@@ -191,7 +191,8 @@ std::int64_t Session::RemoveOldCheckpoints() const {
   std::int64_t oldest = 0;
   bool backed_up = false;
   for (std::size_t i = 0; i < there.size(); ++i) {
-    if (i < kKept || !backed_up) {
+    const bool first_backed_up = !backed_up && there[i] <= backed_up_;
+    if (i < kKept || first_backed_up) {
       oldest = i + 1 < kKept ? 0 : there[i];
     } else {
       std::error_code ignored;
