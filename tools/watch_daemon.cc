@@ -186,7 +186,8 @@ bool WatchDaemon::MapWaiting(const std::atomic<bool>& stop) {
 }
 
 void WatchDaemon::OnMapped(const ScanReport& report) {
-  const auto complete = LastChange(scans_->Name(report.index));
+  // What lay there before is late for reasons of its own.
+  const auto complete = std::max(start_on_clock_, LastChange(scans_->Name(report.index)));
   const std::lock_guard<std::mutex> lock(mutex_);
   under_way_.push_back({SteadyClock::now(), complete});
 }

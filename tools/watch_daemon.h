@@ -89,6 +89,7 @@ class WatchDaemon {
   int degenerate_directions_ = 0;
   std::size_t map_peak_bytes_ = 0;
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  std::chrono::system_clock::time_point start_on_clock_ = std::chrono::system_clock::now();
   std::unique_ptr<HttpServer> server_;  // ends first
 };
 
