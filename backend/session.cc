@@ -15,6 +15,7 @@
 #include "backend/scan_record.h"
 #include "backend/session_checkpoint.h"
 #include "core/error.h"
+#include "io/file_writer.h"
 
 namespace lamina {
 namespace {
@@ -95,11 +96,7 @@ std::string Session::Path(const std::string& name) const {
 
 // The lock goes with the process, however it ends.
 void Session::Lock() {
-  std::error_code error;
-  fs::create_directories(setup_.folder, error);
-  if (error) {
-    throw OutputError(fmt::format("cannot make the folder {}: {}", setup_.folder, error.message()));
-  }
+  MakeDirectory(setup_.folder);
   const std::string path = Path("lock");
   lock_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
   if (lock_ < 0) throw OutputError(fmt::format("{}: {}", path, std::strerror(errno)));
@@ -229,7 +226,6 @@ MappingCallbacks Session::Callbacks() {
   };
   callbacks.on_solve = [this](const SolveReport& report) {
     if (!finished_) log_->Put(RecordOf(report));
-    if (hooks_.on_solve) hooks_.on_solve(report);
   };
   return callbacks;
 }
@@ -296,18 +292,19 @@ bool Session::Idle() {
   return job_ != nullptr;
 }
 
+void Session::CompleteCheckpoint() {
+  while (job_) {
+    housekeeping_->Wait();
+    ContinueCheckpoint();
+  }
+  housekeeping_->Wait();
+}
+
 void Session::Finish() {
   if (next_ > newest_checkpoint_ || checkpoint_requested_) {
-    while (job_) {
-      housekeeping_->Wait();
-      ContinueCheckpoint();
-    }
-    housekeeping_->Wait();
+    CompleteCheckpoint();
     if (next_ > newest_checkpoint_ || checkpoint_requested_) BeginCheckpoint();
-    while (job_) {
-      housekeeping_->Wait();
-      ContinueCheckpoint();
-    }
+    CompleteCheckpoint();
   }
   log_->WaitDurable();
   housekeeping_->Wait();

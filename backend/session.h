@@ -83,7 +83,6 @@ struct SessionHooks {
   // Before on_durable can be called for that scan; exactly for those for which it will be.
   std::function<void(const ScanReport&, const SessionScan&)> on_mapped;
   std::function<void(const ScanReport&, const SessionScan&)> on_scan;
-  std::function<void(const SolveReport&)> on_solve;
   std::function<void(const SessionScan&)> on_durable;
   // The files of scans before `released` will not be needed again, whatever happens.
   std::function<void(const SessionCheckpoint&, std::int64_t released)> on_checkpoint;
@@ -106,7 +105,6 @@ class Session {
   // For questions to it (not for changes).
   const SessionDatabase& database() const { return *database_; }
   const MappingPipeline& pipeline() const { return *pipeline_; }
-  std::int64_t released() const { return released_; }
   // Root voxels that are on disk and not in memory.
   std::size_t stored_roots() const { return tiles_->records(); }
   void SetOptions(const SessionOptions& options) { setup_.session = options; }
@@ -147,6 +145,7 @@ class Session {
   bool FileIsGone(const ScanReport& report) const;
   void BeginCheckpoint();
   void ContinueCheckpoint();
+  void CompleteCheckpoint();
   void Write(const std::shared_ptr<Sections>& sections);
   void FinishCheckpoint(SnapshotJob* job);
   void TidyTiles();
@@ -176,7 +175,7 @@ class Session {
   std::vector<FinalPose> tail_;  // poses that are final by Finish() alone
 
   // Of the housekeeping thread, for others to read: numbers of scans.
-  std::atomic<std::int64_t> newest_checkpoint_{0}, oldest_kept_{0}, released_{0};
+  std::atomic<std::int64_t> newest_checkpoint_{0}, oldest_kept_{0};
   enum class Tidy { kDone, kFirst, kUnderWay, kLast };
   std::atomic<Tidy> tidy_{Tidy::kDone};
   std::int64_t backed_up_ = 0;

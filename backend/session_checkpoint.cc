@@ -158,11 +158,10 @@ void Session::FinishCheckpoint(SnapshotJob* job) {
   tidy_ = Tidy::kFirst;
   BackUpDatabase();
   oldest_kept_ = RemoveOldCheckpoints();
-  released_ = oldest_kept_.load();
   if (hooks_.on_checkpoint) {
     hooks_.on_checkpoint(
         {job->scans, job->writer->bytes(), job->longest_pause_ms, job->since_begin.Milliseconds()},
-        released_);
+        oldest_kept_);
   }
 }
 

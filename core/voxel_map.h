@@ -164,7 +164,6 @@ class VoxelMap {
   // Saves roots until `bytes` have come together, and moves them to *records, which Load() reads.
   // False when the snapshot is complete.
   bool ContinueSnapshot(std::size_t bytes, std::string* records);
-  bool snapshot_under_way() const { return snapshot_under_way_; }
   // All that is saved beside the roots; to be read before them.
   void ArchiveCounters(StateArchive& a);
 

@@ -12,6 +12,12 @@
 
 namespace lamina {
 
+void MakeDirectory(const std::string& path) {
+  std::error_code error;
+  std::filesystem::create_directories(path, error);
+  if (error) throw OutputError(fmt::format("cannot make the folder {}: {}", path, error.message()));
+}
+
 FileWriter::FileWriter(std::string path)
     : path_(std::move(path)), temporary_path_(path_ + ".partial") {
   std::error_code ignored;

@@ -10,6 +10,9 @@
 
 namespace lamina {
 
+// Makes a folder, and those above it. Throws OutputError.
+void MakeDirectory(const std::string& path);
+
 // Not thread-safe, and two writers must not have the same path at the same time (the temporary name
 // is `path + ".partial"`). A writer destroyed without Commit() removes its temporary file.
 class FileWriter {

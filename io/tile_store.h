@@ -58,7 +58,6 @@ class TileStore final : public VoxelStore {
 
   // Damaged records met so far.
   std::size_t damaged() const;
-  const std::string& path() const { return path_; }
 
  private:
   struct Impl;

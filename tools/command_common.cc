@@ -45,12 +45,6 @@ FrameRange ParseFrameRange(const std::string& text, std::size_t size) {
   throw OptionError(fmt::format("--frames {}: names none of the {} scans", text, size));
 }
 
-void MakeDirectory(const std::string& path) {
-  std::error_code error;
-  std::filesystem::create_directories(path, error);
-  if (error) throw OutputError(fmt::format("cannot make the folder {}: {}", path, error.message()));
-}
-
 void WriteTextFile(const std::string& path, const std::string& text) {
   FileWriter writer(path);
   writer.Write(text);

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "core/trajectory_metrics.h"
+#include "io/file_writer.h"
 #include "io/scan_source.h"
 #include "tools/run_progress.h"
 
@@ -20,9 +21,6 @@ struct FrameRange {
 
 // "A:B" is [A, B) of `size` scans, either may be left out; empty text is all. Throws OptionError.
 FrameRange ParseFrameRange(const std::string& text, std::size_t size);
-
-// Makes a folder, and those above it. Throws OutputError.
-void MakeDirectory(const std::string& path);
 
 // Throws OutputError.
 void WriteTextFile(const std::string& path, const std::string& text);

@@ -70,11 +70,7 @@ void PrintSummary(const std::string& out, const MappingCounts& counts, const nlo
     fmt::print("against the truth: APE {:.4f} m, RPE {:.4f} m (RMSE, SE(3)-aligned)\n",
                json["ape_rmse_m"].get<double>(), json["rpe_rmse_m"].get<double>());
   }
-  fmt::print(
-      "trajectory  {0}/trajectory_tum.txt, {0}/trajectory_kitti.txt\n"
-      "map         {0}/map_surfels.ply\n"
-      "figures     {0}/summary.json, {0}/frames.csv\n",
-      out);
+  PrintOutputs(out);
 }
 
 // Everything that a run leaves in its folder.

@@ -57,6 +57,14 @@ std::size_t ResidentBytes() {
   return resident_pages * static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
 }
 
+void PrintOutputs(const std::string& folder) {
+  fmt::print(
+      "trajectory  {0}/trajectory_tum.txt, {0}/trajectory_kitti.txt\n"
+      "map         {0}/map_surfels.ply\n"
+      "figures     {0}/summary.json, {0}/frames.csv\n",
+      folder);
+}
+
 std::size_t WriteMap(const std::string& path, const VoxelMap& map, int min_frames) {
   SurfelWriter writer(path);
   map.ForEachSurface(min_frames, [&](const Surfel& surfel) { writer.Append(surfel); });

@@ -40,6 +40,9 @@ struct RunFigures {
   bool interrupted = false;
 };
 
+// Tells where the files of a run or a session lie.
+void PrintOutputs(const std::string& folder);
+
 // Writes the surfaces that at least min_frames frames have seen; returns their number.
 std::size_t WriteMap(const std::string& path, const VoxelMap& map, int min_frames);
 

@@ -12,6 +12,7 @@
 
 #include "core/error.h"
 #include "tools/command_common.h"
+#include "tools/run_report.h"
 #include "tools/watch_daemon.h"
 #include "tools/watch_log.h"
 
@@ -95,11 +96,7 @@ int Watch(const WatchArguments& a) {
   std::signal(SIGHUP, RequestReload);
   daemon.Run(stop);
   running = nullptr;
-  fmt::print(
-      "trajectory  {0}/trajectory_tum.txt, {0}/trajectory_kitti.txt\n"
-      "map         {0}/map_surfels.ply\n"
-      "figures     {0}/summary.json, {0}/frames.csv\n",
-      a.session);
+  PrintOutputs(a.session);
   return 0;
 }
 

@@ -23,6 +23,9 @@ namespace fs = std::filesystem;
 using SystemClock = std::chrono::system_clock;
 using SteadyClock = std::chrono::steady_clock;
 
+// Scans handed to the session at once: between two batches the inbox is looked at.
+constexpr std::size_t kBatch = 64;
+
 double Milliseconds(std::chrono::nanoseconds d) { return 1e-6 * static_cast<double>(d.count()); }
 
 // When a file was last written or renamed.
@@ -48,10 +51,10 @@ WatchDaemon::WatchDaemon(WatchSetup setup)
   session_ = std::make_unique<Session>(MakeSessionSetup(), Hooks());
   WriteTextFile((fs::path(setup_.session) / "config.yaml").string(), ToYaml(setup_.config));
   ContinueInbox();
+  if (!setup_.http) return;
   session_->database().ForEach(0, session_->next_scan(), [this](const SessionScan& row) {
     if (!row.skipped) view_.AddPast({row.scan, row.stamp_ns, row.T_world_lidar});
   });
-  if (!setup_.http) return;
   HttpParts parts;
   parts.view = &view_;
   parts.map = [this](const MapQuery& query) { return queries_.Ask(query); };
@@ -147,7 +150,6 @@ void WatchDaemon::Run(const std::atomic<bool>& stop) {
 
 // Scans that were recorded after the checkpoint that was loaded, from their files as they are now.
 void WatchDaemon::Repeat(const std::atomic<bool>& stop) {
-  constexpr std::size_t kBatch = 64;
   const std::vector<SessionScan>& rows = session_->to_repeat();
   for (std::size_t i = 0; i < rows.size() && !stop;) {
     for (const std::size_t end = std::min(rows.size(), i + kBatch); i < end; ++i) {
@@ -173,7 +175,6 @@ void WatchDaemon::TakeNotices() {
 
 // Maps what is ready. The inbox holds the rest back: it is the queue.
 bool WatchDaemon::MapWaiting(const std::atomic<bool>& stop) {
-  constexpr std::size_t kBatch = 64;
   std::size_t taken = 0;
   while (taken < kBatch) {
     std::optional<InboxFile> file = inbox_->Next();

@@ -23,9 +23,6 @@ void Move(const fs::path& from, const fs::path& to) {
   fs::remove(from);
 }
 
-// What was rejected at the reader's hands, and not for its place in the stream alone.
-bool Rejected(const SessionScan& scan) { return scan.skipped; }
-
 }  // namespace
 
 DonePolicy ParseDonePolicy(const std::string& name) {
@@ -81,7 +78,7 @@ void WatchFiles::ReleaseOne(const SessionScan& scan) const {
   const fs::path from = fs::path(inbox_) / scan.file;
   try {
     if (!fs::exists(fs::symlink_status(from))) return;
-    if (policy_ == DonePolicy::kDelete || Rejected(scan)) {
+    if (policy_ == DonePolicy::kDelete || scan.skipped) {
       fs::remove(from);
       return;
     }
