@@ -4,6 +4,7 @@
 #include <filesystem>
 
 #include "core/error.h"
+#include "io/ethz_csv.h"
 #include "io/pcl_scan_reader.h"
 #include "io/scan_source.h"
 #include "io/text_input.h"
@@ -50,8 +51,9 @@ Scan ReadScanFile(const std::string& path, const ScanSourceOptions& options) {
   const std::string ending = std::filesystem::path(path).extension().string();
   if (ending == ".pcd") return ReadPcd(path, options);
   if (ending == ".ply") return ReadPly(path, options);
+  if (ending == ".csv") return ReadHokuyoCsv(path);
   if (ending != ".bin" && ending != ".txt") {
-    throw InputError(fmt::format("{}: a point file ends in .bin, .txt, .pcd or .ply", path));
+    throw InputError(fmt::format("{}: a point file ends in .bin, .txt, .pcd, .ply or .csv", path));
   }
   Scan scan = ending == ".bin" ? ReadKittiBin(path) : ReadKittiText(path);
   if (scan.points.empty()) throw InputError(fmt::format("{}: is empty: holds no points", path));

@@ -119,12 +119,13 @@ ScanName KindOfName(std::string_view name) {
   return ending == ".txt" ? ScanName::kText : ScanName::kNone;
 }
 
-std::vector<fs::path> ListScans(const fs::path& folder, ScanName kind) {
+std::vector<fs::path> ListFiles(const fs::path& folder, const FileFilter& wanted) {
   std::vector<fs::path> files;
   try {
     for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
-      const bool wanted = KindOfName(entry.path().filename().string()) == kind;
-      if (wanted && entry.is_regular_file()) files.push_back(entry.path());
+      if (wanted(entry.path().filename().string()) && entry.is_regular_file()) {
+        files.push_back(entry.path());
+      }
     }
   } catch (const fs::filesystem_error& error) {
     throw InputError(
@@ -134,6 +135,10 @@ std::vector<fs::path> ListScans(const fs::path& folder, ScanName kind) {
     return NaturalLess(a.filename().string(), b.filename().string());
   });
   return files;
+}
+
+std::vector<fs::path> ListScans(const fs::path& folder, ScanName kind) {
+  return ListFiles(folder, [kind](const std::string& name) { return KindOfName(name) == kind; });
 }
 
 NameStamp StampFromName(const std::string& stem) {

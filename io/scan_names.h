@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -20,8 +21,13 @@ bool NaturalLess(std::string_view a, std::string_view b);
 enum class ScanName { kNone, kPoints /* .bin .pcd .ply */, kText /* .txt */ };
 ScanName KindOfName(std::string_view name);
 
-// The regular files in `folder` whose name is of this kind, in natural order. Throws InputError if
-// the folder is missing or cannot be read.
+// The regular files in `folder` whose names are wanted, in natural order. Throws InputError if the
+// folder is missing or cannot be read.
+using FileFilter = std::function<bool(const std::string& name)>;
+std::vector<std::filesystem::path> ListFiles(const std::filesystem::path& folder,
+                                             const FileFilter& wanted);
+
+// Those whose name is of this kind.
 std::vector<std::filesystem::path> ListScans(const std::filesystem::path& folder, ScanName kind);
 
 // The stamp that a name (without ending) is. `form` tells forms apart; 0: the name is no stamp.

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/error.h"
+#include "io/ethz_csv.h"
 #include "io/scan_layout.h"
 #include "io/scan_names.h"
 #include "io/text_input.h"
@@ -25,10 +26,12 @@ constexpr double kSameClockNs = 10e9;
 class FileScanSource final : public ScanSource {
  public:
   FileScanSource(const ScanLayout& layout, const ScanSourceOptions& options) : options_(options) {
+    // Before all others: a cloud of reference may lie beside such scans.
+    if (OpenEthz(layout.scans)) return;
     files_ = ListScans(layout.scans, ScanName::kPoints);
     if (files_.empty() && layout.text_scans) files_ = ListScans(layout.scans, ScanName::kText);
     if (files_.empty()) {
-      throw InputError(fmt::format("{}: holds no scans (*.bin, *.pcd, *.ply{})",
+      throw InputError(fmt::format("{}: holds no scans (*.bin, *.pcd, *.ply, Hokuyo_*.csv{})",
                                    layout.scans.string(), layout.text_scans ? ", *.txt" : ""));
     }
     FindStamps(layout);
@@ -54,6 +57,26 @@ class FileScanSource final : public ScanSource {
       stamps_ = StampsFromNames(files_);
       SortByStamp();
     }
+    MakeUpMissingStamps();
+  }
+
+  // False if there are no such files.
+  bool OpenEthz(const fs::path& folder) {
+    files_ = ListHokuyoFiles(folder);
+    const fs::path poses_file = folder / "pose_scanner_leica.csv";
+    if (!files_.empty() && MayExist(poses_file)) {
+      bool has_stamps = false;
+      const Trajectory poses = ReadLeicaPoses(poses_file.string(), &has_stamps);
+      if (has_stamps && poses.size() == files_.size()) {
+        for (const StampedPose& pose : poses) stamps_.push_back(pose.stamp_ns);
+      }
+    }
+    if (files_.empty()) return false;
+    MakeUpMissingStamps();
+    return true;
+  }
+
+  void MakeUpMissingStamps() {
     recorded_stamps_ = !stamps_.empty();
     for (std::size_t i = stamps_.size(); i < files_.size(); ++i) {
       stamps_.push_back(MadeUpStamp(i, options_));

@@ -6,6 +6,8 @@
 //                   (seconds), `calib.txt`; both text files may be missing
 //   KITTI raw       PATH = a drive, or its velodyne_points folder: `velodyne_points/data/*.bin`
 //                   (or *.txt), `velodyne_points/timestamps.txt` (date and time)
+//   ETHZ            PATH holds Hokuyo_0.csv, Hokuyo_1.csv, ... (a header with x, y, z; commas or
+//                   semicolons) and perhaps pose_scanner_leica.csv, whose timestamps count
 //   plain folder    PATH holds files *.bin, *.pcd or *.ply, in the natural order of their names
 //                   (scan2 before scan10), and perhaps a `times.txt` or `timestamps.txt`
 //
@@ -71,7 +73,7 @@ class ScanSource {
 // calibration are unusable.
 std::unique_ptr<ScanSource> OpenScans(const std::string& path, const ScanSourceOptions& options);
 
-// Reads one point file by its ending: .bin, .pcd or .ply (KITTI raw's .txt too). stamp_ns of the
+// Reads one point file by its ending: .bin, .pcd, .ply or .csv (KITTI raw's .txt too). stamp_ns of the
 // result is 0 unless the file itself carries per-point readings of a clock (times more than 60 s
 // from zero): then it is the earliest of them. Throws InputError.
 Scan ReadScanFile(const std::string& path, const ScanSourceOptions& options);

@@ -3,8 +3,10 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <filesystem>
 
 #include "core/error.h"
+#include "io/ethz_csv.h"
 #include "io/text_input.h"
 
 namespace lamina {
@@ -45,9 +47,22 @@ StampedPose ReadKittiLine(const LineReader& lines, const std::vector<double>& nu
   return pose;
 }
 
+Trajectory ReadEthz(const std::string& path, const std::vector<StampNs>& stamps_ns) {
+  bool has_stamps = false;
+  Trajectory trajectory = ReadLeicaPoses(path, &has_stamps);
+  if (stamps_ns.empty()) return trajectory;
+  if (stamps_ns.size() < trajectory.size()) {
+    throw InputError(fmt::format("{}: holds {} poses, more than the {} stamps known", path,
+                                 trajectory.size(), stamps_ns.size()));
+  }
+  for (std::size_t i = 0; i < trajectory.size(); ++i) trajectory[i].stamp_ns = stamps_ns[i];
+  return trajectory;
+}
+
 }  // namespace
 
 Trajectory ReadTrajectory(const std::string& path, const std::vector<StampNs>& stamps_ns) {
+  if (std::filesystem::path(path).extension() == ".csv") return ReadEthz(path, stamps_ns);
   const std::string text = ReadFile(path);
   LineReader lines(path, text);
   Trajectory trajectory;

@@ -6,6 +6,9 @@
 // Both are written with T_world_lidar, with the digits that read back the very same numbers (a
 // pose to better than 1e-9; TUM stamps have 9 decimals and are exact to the ns). In both, a line
 // that starts with # is a comment, and blank lines and CRLF are tolerated.
+//
+// Read as well: pose_scanner_leica.csv of the ETHZ data set (any file that ends in .csv), a header
+// and then T00 ... T33 and perhaps a timestamp a line.
 #pragma once
 
 #include <string>
