@@ -21,7 +21,10 @@ namespace {
 struct SynthArguments {
   std::string directory;
   std::string sensor = "hdl64", scene = "street", route = "winding";
+  std::string layout = "kitti";
   SynthOptions options;
+  bool frames_given = false, noise_given = false, sensor_given = false;
+  int lines = StationOptions().lines;
   int threads = 0;
 };
 
@@ -42,22 +45,56 @@ std::string OneOf(const std::string& text, const std::vector<std::string>& names
   return fmt::format("{}: {}", text, fmt::join(names, ", "));
 }
 
-int RunSynth(SynthArguments arguments) {
+constexpr const char* kStationSensor = "utm30lx";
+
+bool IsStationScene(const std::string& name) {
+  const auto& names = StationSceneNames();
+  return std::find(names.begin(), names.end(), name) != names.end();
+}
+
+WrittenSequence WriteStationScene(const SynthArguments& arguments, const SynthProgress& progress) {
+  StationOptions options;
+  options.scene = ByName<StationScene>("--scene", arguments.scene, StationSceneNames());
+  options.scans = arguments.frames_given ? arguments.options.frames : 0;
+  options.seed = arguments.options.seed;
+  options.lines = arguments.lines;
+  if (arguments.noise_given) options.noise_m = arguments.options.noise_m;
+  const auto layout = ByName<StationLayout>("--layout", arguments.layout, {"kitti", "ethz"});
+  return WriteStations(options, layout, arguments.directory, progress);
+}
+
+// Scenes of a sensor that is carried on all the while.
+WrittenSequence WriteMovingScene(SynthArguments arguments, const SynthProgress& progress) {
   SynthOptions& options = arguments.options;
   options.sensor = ByName<synth::SensorKind>("--sensor", arguments.sensor, synth::SensorNames());
   options.scene = ByName<synth::SceneKind>("--scene", arguments.scene, synth::SceneNames());
   options.route = ByName<synth::RouteKind>("--route", arguments.route, synth::RouteNames());
+  return WriteSequence(options, arguments.directory, progress);
+}
+
+int RunSynth(const SynthArguments& arguments) {
   if (arguments.threads < 0 || arguments.threads > kMaxThreads) {
     throw OptionError(
         fmt::format("--threads = {}: must be in [0, {}]", arguments.threads, kMaxThreads));
   }
   const auto limit = LimitThreads(arguments.threads);
   const auto start = std::chrono::steady_clock::now();
+  // Progress goes to the error stream, so that the result line stands alone.
+  const SynthProgress progress = [](std::size_t done, std::size_t all) {
+    if (done / 500 != (done - 1) / 500) fmt::print(stderr, "{} of {} scans\n", done, all);
+  };
+  const bool stations = IsStationScene(arguments.scene);
+  if (stations != (arguments.sensor == kStationSensor) && arguments.sensor_given) {
+    throw OptionError(fmt::format("--sensor {} --scene {}: {} goes with {}, and with nothing else",
+                                  arguments.sensor, arguments.scene, kStationSensor,
+                                  fmt::join(StationSceneNames(), ", ")));
+  }
+  if (!stations && arguments.layout != "kitti") {
+    throw OptionError("--layout ethz: is for a scanner that stands still, --scene " +
+                      fmt::format("{}", fmt::join(StationSceneNames(), ", ")));
+  }
   const WrittenSequence written =
-      WriteSequence(options, arguments.directory, [](std::size_t done, std::size_t all) {
-        // Progress goes to the error stream, so that the result line stands alone.
-        if (done / 500 != (done - 1) / 500) fmt::print(stderr, "{} of {} scans\n", done, all);
-      });
+      stations ? WriteStationScene(arguments, progress) : WriteMovingScene(arguments, progress);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   fmt::print("{} frames, {} points ({} a frame) in {:.1f} s, {:.1f} frames/s; truth: {}\n",
              written.frames, written.points, written.points / written.frames, elapsed.count(),
@@ -69,10 +106,27 @@ void AddOptions(CLI::App* command, SynthArguments* a) {
   SynthOptions& o = a->options;
   command->add_option("--out", a->directory, "directory to write into; created if need be")
       ->required();
-  command->add_option("--frames", o.frames, "number of scans, 10 a second")->capture_default_str();
-  command->add_option("--sensor", a->sensor, OneOf("model of the sensor", synth::SensorNames()))
+  command
+      ->add_option(
+          "--frames", o.frames,
+          "number of scans, 10 a second; stations: at most 60, as many as the scene has if "
+          "left out")
       ->capture_default_str();
-  command->add_option("--scene", a->scene, OneOf("surroundings", synth::SceneNames()))
+  command
+      ->add_option("--sensor", a->sensor,
+                   OneOf("model of the sensor", synth::SensorNames()) +
+                       "; utm30lx, a tilted 2D scanner, goes with the scenes of stations")
+      ->capture_default_str();
+  command
+      ->add_option("--scene", a->scene,
+                   OneOf("surroundings", synth::SceneNames()) +
+                       OneOf("; stations of a scanner that stands still", StationSceneNames()))
+      ->capture_default_str();
+  command->add_option("--lines", a->lines, "stations: planes of rays a scan")
+      ->capture_default_str();
+  command
+      ->add_option("--layout", a->layout,
+                   "stations: kitti, or ethz, the layout of that data set (Hokuyo_N.csv)")
       ->capture_default_str();
   command->add_option("--seed", o.seed, "another seed, another place, motion and noise")
       ->capture_default_str();
@@ -104,7 +158,12 @@ void AddSynthCommand(CLI::App* app, std::function<int()>* run) {
       "synth", "Write a synthetic recording (layout of KITTI odometry) with exact ground truth");
   const auto arguments = std::make_shared<SynthArguments>();
   AddOptions(command, arguments.get());
-  command->callback([arguments, run] { *run = [arguments] { return RunSynth(*arguments); }; });
+  command->callback([arguments, run, command] {
+    arguments->frames_given = command->count("--frames") > 0;
+    arguments->noise_given = command->count("--noise") > 0;
+    arguments->sensor_given = command->count("--sensor") > 0;
+    *run = [arguments] { return RunSynth(*arguments); };
+  });
 }
 
 }  // namespace lamina

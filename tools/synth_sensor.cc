@@ -1,5 +1,6 @@
 #include "tools/synth_sensor.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace lamina::synth {
@@ -31,6 +32,22 @@ Eigen::Vector3d RosetteDirection(double t_s, std::size_t beam) {
 }
 
 }  // namespace
+
+bool IsReturned(Material material, double range_m, double cosine, double max_range_m,
+                double chance) {
+  const double far = range_m / max_range_m;
+  double probability = std::min(1.0, cosine / 0.06);
+  // The power that comes back falls with the square of the range; dark surfaces vanish first.
+  const double power = Reflectivity(material) * (0.15 + 0.85 * cosine);
+  probability *= std::min(1.0, power / (0.15 * far * far + 1e-9));
+  if (material == Material::kGlass) probability *= 0.35;
+  return chance < probability;
+}
+
+float IntensityOf(Material material, double cosine) {
+  const double light = Reflectivity(material) * (0.3 + 0.7 * cosine);
+  return static_cast<float>(std::round(100.0 * light) / 100.0);
+}
 
 const std::vector<std::string>& SensorNames() {
   static const std::vector<std::string> names = {"hdl64", "avia", "os1", "vlp16"};

@@ -22,7 +22,16 @@
 #include <string>
 #include <vector>
 
+#include "tools/synth_primitive.h"
+
 namespace lamina::synth {
+
+// Does a ray that meets a surface come back to the detector? Grazing and far returns fade, and
+// glass lets most light through. `cosine` is that of the angle of incidence, `chance` in [0, 1).
+bool IsReturned(Material material, double range_m, double cosine, double max_range_m,
+                double chance);
+// As KITTI has it: in steps of 0.01.
+float IntensityOf(Material material, double cosine);
 
 enum class SensorKind { kHdl64, kAvia, kOs1, kVlp16 };
 // In the order of SensorKind.

@@ -47,18 +47,6 @@ double Liveliness(SceneKind scene, synth::SensorKind sensor) {
   }
 }
 
-// Does a ray that meets a surface come back to the detector? Grazing and far returns fade, and
-// glass lets most light through.
-bool IsReturned(const SceneHit& hit, double cosine, double max_range_m, double chance) {
-  const double far = hit.range_m / max_range_m;
-  double probability = std::min(1.0, cosine / 0.06);
-  // The power that comes back falls with the square of the range; dark surfaces vanish first.
-  const double power = synth::Reflectivity(hit.material) * (0.15 + 0.85 * cosine);
-  probability *= std::min(1.0, power / (0.15 * far * far + 1e-9));
-  if (hit.material == synth::Material::kGlass) probability *= 0.35;
-  return chance < probability;
-}
-
 }  // namespace
 
 void SynthOptions::Visit(OptionVisitor& v) {
@@ -177,16 +165,13 @@ void SynthSequence::CastGroup(const FrameContext& frame, std::size_t group,
     const auto number = static_cast<std::int64_t>(group * directions->size() + ray);
     const std::uint64_t key = synth::HashOf({options_.seed, frame.index, number});
     const double cosine = std::abs(hit->normal.cast<double>().dot(direction));
-    if (!IsReturned(*hit, cosine, sensor_.max_range_m(),
-                    synth::UniformFrom(synth::ScrambleBits(key)))) {
+    if (!synth::IsReturned(hit->material, hit->range_m, cosine, sensor_.max_range_m(),
+                           synth::UniformFrom(synth::ScrambleBits(key)))) {
       continue;
     }
     const double range = hit->range_m + options_.noise_m * synth::GaussianFrom(key);
     const Eigen::Vector3f p = (range * (*directions)[ray]).cast<float>();
-    // Intensity as KITTI has it: in steps of 0.01.
-    const double light = synth::Reflectivity(hit->material) * (0.3 + 0.7 * cosine);
-    out->points.push_back(
-        {p.x(), p.y(), p.z(), static_cast<float>(std::round(100.0 * light) / 100.0)});
+    out->points.push_back({p.x(), p.y(), p.z(), synth::IntensityOf(hit->material, cosine)});
     if (options_.sweep) out->time_s.push_back(static_cast<float>(since_stamp));
   }
 }

@@ -13,8 +13,11 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "core/voxel_key.h"
 #include "io/file_writer.h"
+#include "io/map_io.h"
 #include "io/trajectory_io.h"
+#include "tools/command_common.h"
 
 namespace lamina {
 namespace {
@@ -48,7 +51,7 @@ void WriteScan(const fs::path& path, const std::vector<ScanPoint>& points) {
   }
 }
 
-void MakeDirectory(const fs::path& velodyne, std::size_t scans) {
+void MakeScanDirectory(const fs::path& velodyne, std::size_t scans) {
   std::error_code error;
   fs::create_directories(velodyne, error);
   if (error) {
@@ -62,16 +65,12 @@ void MakeDirectory(const fs::path& velodyne, std::size_t scans) {
   }
 }
 
-void WriteTexts(const SynthSequence& sequence, const fs::path& directory,
-                const std::string& truth_path) {
-  constexpr StampNs kSecond = 1000000000;
+constexpr StampNs kSecond = 1000000000;
+
+void WriteTexts(const Trajectory& truth, const fs::path& directory, const std::string& truth_path) {
   std::string times;
-  Trajectory truth;
-  truth.reserve(sequence.size());
-  for (std::size_t i = 0; i < sequence.size(); ++i) {
-    const StampNs stamp = sequence.Stamp(i);
-    times += fmt::format("{}.{:09d}\n", stamp / kSecond, stamp % kSecond);
-    truth.push_back({stamp, sequence.TruePose(i)});
+  for (const StampedPose& pose : truth) {
+    times += fmt::format("{}.{:09d}\n", pose.stamp_ns / kSecond, pose.stamp_ns % kSecond);
   }
   std::string calibration;
   for (const char* name : {"P0", "P1", "P2", "P3", "Tr"}) {
@@ -82,29 +81,132 @@ void WriteTexts(const SynthSequence& sequence, const fs::path& directory,
   WriteKittiTrajectory(truth_path, truth);
 }
 
+// Scan after scan, several at once; `write` takes scan i.
+void WriteAll(std::size_t scans, const std::function<Scan(std::size_t)>& make,
+              const std::function<void(std::size_t, const Scan&)>& write,
+              const SynthProgress& progress, WrittenSequence* written) {
+  while (written->frames < scans) {
+    const std::size_t count = std::min(kBatch, scans - written->frames);
+    std::vector<std::size_t> points(count);
+    ParallelChunks(count, 1, [&](std::size_t begin, std::size_t) {
+      const std::size_t i = written->frames + begin;
+      const Scan scan = make(i);
+      write(i, scan);
+      points[begin] = scan.points.size();
+    });
+    for (const std::size_t n : points) written->points += n;
+    written->frames += count;
+    if (progress) progress(written->frames, scans);
+  }
+}
+
+void WriteHokuyoCsv(const fs::path& path, const Scan& scan) {
+  std::string text = "timestamp,x,y,z,intensities\n";
+  const std::string stamp =
+      fmt::format("{}.{:09d}", scan.stamp_ns / kSecond, scan.stamp_ns % kSecond);
+  for (const ScanPoint& p : scan.points) {
+    text += fmt::format("{},{},{},{},{}\n", stamp, p.x, p.y, p.z, p.intensity);
+  }
+  WriteWhole(path, text);
+}
+
+void WriteLeicaPoses(const std::string& path, const Trajectory& truth) {
+  std::string text = "poseId,timestamp";
+  for (int i = 0; i < 16; ++i) text += fmt::format(",T{}{}", i / 4, i % 4);
+  text += "\n";
+  for (std::size_t i = 0; i < truth.size(); ++i) {
+    const StampNs stamp = truth[i].stamp_ns;
+    text += fmt::format("{},{}.{:09d}", i, stamp / kSecond, stamp % kSecond);
+    const Eigen::Matrix3d R = truth[i].T_world_lidar.R();
+    for (int row = 0; row < 3; ++row) {
+      for (int column = 0; column < 3; ++column) text += fmt::format(",{}", R(row, column));
+      text += fmt::format(",{}", truth[i].T_world_lidar.t(row));
+    }
+    text += ",0,0,0,1\n";
+  }
+  WriteWhole(path, text);
+}
+
+// The first point in each voxel.
+class Thinning {
+ public:
+  static constexpr double kVoxelM = 0.03;
+  void Add(const std::vector<Eigen::Vector3f>& points, std::vector<ScanPoint>* kept) {
+    for (const Eigen::Vector3f& p : points) {
+      const VoxelKey key = VoxelKeyOf(p.cast<double>(), 1.0 / kVoxelM);
+      const auto next = static_cast<std::int32_t>(seen_.size());
+      if (seen_.FindOrInsert(key, next) == next) kept->push_back({p.x(), p.y(), p.z(), 0.0F});
+    }
+  }
+
+ private:
+  VoxelIndex seen_;
+};
+
 }  // namespace
+
+WrittenSequence WriteScans(const Trajectory& truth, const std::function<Scan(std::size_t)>& make,
+                           const std::string& directory, const SynthProgress& progress) {
+  const fs::path velodyne = fs::path(directory) / "velodyne";
+  WrittenSequence written;
+  written.truth_path = (fs::path(directory) / "poses.txt").string();
+  MakeScanDirectory(velodyne, truth.size());
+  WriteTexts(truth, directory, written.truth_path);
+  WriteAll(
+      truth.size(), make,
+      [&](std::size_t i, const Scan& scan) { WriteScan(ScanPath(velodyne, i), scan.points); },
+      progress, &written);
+  return written;
+}
 
 WrittenSequence WriteSequence(const SynthOptions& options, const std::string& directory,
                               const SynthProgress& progress) {
   const SynthSequence sequence(options);
-  const fs::path velodyne = fs::path(directory) / "velodyne";
-  WrittenSequence written;
-  written.truth_path = (fs::path(directory) / "poses.txt").string();
-  MakeDirectory(velodyne, sequence.size());
-  WriteTexts(sequence, directory, written.truth_path);
-  while (written.frames < sequence.size()) {
-    const std::size_t count = std::min(kBatch, sequence.size() - written.frames);
-    std::vector<std::size_t> points(count);
-    ParallelChunks(count, 1, [&](std::size_t begin, std::size_t) {
-      const std::size_t i = written.frames + begin;
-      const Scan scan = sequence.Generate(i);
-      WriteScan(ScanPath(velodyne, i), scan.points);
-      points[begin] = scan.points.size();
-    });
-    for (const std::size_t n : points) written.points += n;
-    written.frames += count;
-    if (progress) progress(written.frames, sequence.size());
+  Trajectory truth;
+  truth.reserve(sequence.size());
+  for (std::size_t i = 0; i < sequence.size(); ++i) {
+    truth.push_back({sequence.Stamp(i), sequence.TruePose(i)});
   }
+  return WriteScans(
+      truth, [&](std::size_t i) { return sequence.Generate(i); }, directory, progress);
+}
+
+WrittenSequence WriteStations(const StationOptions& options, StationLayout layout,
+                              const std::string& directory, const SynthProgress& progress) {
+  const StationSequence sequence(options);
+  const Trajectory truth = sequence.Truth();
+  std::vector<std::vector<ScanPoint>> surfaces(truth.size());
+  const auto make = [&](std::size_t i) {
+    std::vector<Eigen::Vector3f> surface;
+    Scan scan = sequence.Generate(i, &surface);
+    Thinning().Add(surface, &surfaces[i]);
+    return scan;
+  };
+  const fs::path folder(directory);
+  WrittenSequence written;
+  if (layout == StationLayout::kKitti) {
+    written = WriteScans(truth, make, directory, progress);
+  } else {
+    written.truth_path = (folder / "pose_scanner_leica.csv").string();
+    MakeDirectory(directory);
+    WriteLeicaPoses(written.truth_path, truth);
+    WriteAll(
+        truth.size(), make,
+        [&](std::size_t i, const Scan& scan) {
+          WriteHokuyoCsv(folder / fmt::format("Hokuyo_{}.csv", i), scan);
+        },
+        progress, &written);
+  }
+  Thinning thinning;
+  CloudWriter reference((folder / "reference.ply").string());
+  for (const std::vector<ScanPoint>& surface : surfaces) {
+    std::vector<Eigen::Vector3f> points;
+    for (const ScanPoint& p : surface) points.emplace_back(p.x, p.y, p.z);
+    std::vector<ScanPoint> kept;
+    thinning.Add(points, &kept);
+    reference.Append(kept);
+  }
+  reference.Commit();
   return written;
 }
 

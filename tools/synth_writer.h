@@ -5,7 +5,9 @@
 #include <functional>
 #include <string>
 
+#include "core/scan.h"
 #include "tools/synth_sequence.h"
+#include "tools/synth_stations.h"
 
 namespace lamina {
 
@@ -31,6 +33,20 @@ using SynthProgress = std::function<void(std::size_t done, std::size_t all)>;
 // to be written, which would become part of the sequence. Bounded memory; the same bytes at any
 // number of threads.
 WrittenSequence WriteSequence(const SynthOptions& options, const std::string& directory,
+                              const SynthProgress& progress = nullptr);
+
+// The same for any scans: `truth` says how many, when and where. Scans are made by several threads
+// at once.
+WrittenSequence WriteScans(const Trajectory& truth, const std::function<Scan(std::size_t)>& make,
+                           const std::string& directory, const SynthProgress& progress);
+
+enum class StationLayout { kKitti, kEthz };
+
+// Stations (synth_stations.h): as above, or in the layout of the ETHZ data set (Hokuyo_N.csv and
+// pose_scanner_leica.csv); and reference.ply, the places on the surfaces that rays met, one for
+// each voxel of 3 cm.
+WrittenSequence WriteStations(const StationOptions& options, StationLayout layout,
+                              const std::string& directory,
                               const SynthProgress& progress = nullptr);
 
 }  // namespace lamina
