@@ -206,6 +206,8 @@ void LaminaConfig::Visit(OptionVisitor& v) {
   v.Group("session", &session);
   v.Group("log", &log);
   v.Group("registration", &registration);
+  v.Group("pairwise", &pairwise);
+  v.Group("synchronisation", &synchronisation);
 }
 
 MappingOptions LaminaConfig::Mapping() const {

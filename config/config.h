@@ -10,9 +10,11 @@
 #include <vector>
 
 #include "backend/batch_registration.h"
+#include "backend/global_synchronisation.h"
 #include "backend/mapping_pipeline.h"
 #include "backend/session.h"
 #include "core/options.h"
+#include "frontend/pairwise_registration.h"
 #include "io/inbox.h"
 
 namespace lamina {
@@ -41,6 +43,8 @@ struct LaminaConfig {
   SessionOptions session;
   LogOptions log;
   RegistrationOptions registration;
+  PairwiseOptions pairwise;
+  SynchronisationOptions synchronisation;
 
   void Visit(OptionVisitor& v);
   void VisitResultOptions(OptionVisitor& v);

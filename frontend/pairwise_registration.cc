@@ -82,22 +82,25 @@ double OverlapShare(const std::vector<Eigen::Vector3f>& source,
                     double voxel_m) {
   if (source.empty()) return 0.0;
   const double inverse = 1.0 / voxel_m;
-  VoxelIndex occupied(target.size());
-  for (const Eigen::Vector3f& p : target) {
-    for (int i = 0; i < 27; ++i) {
-      const Eigen::Vector3d q =
-          p.cast<double>() + voxel_m * Eigen::Vector3d(i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1);
-      if (IsVoxelKeyInRange(q, inverse)) occupied.FindOrInsert(VoxelKeyOf(q, inverse), 0);
-    }
+  VoxelIndex occupied(target.size() / 4);
+  for (const Eigen::Vector3f& point : target) {
+    const Eigen::Vector3d p = point.cast<double>();
+    if (IsVoxelKeyInRange(p, inverse)) occupied.FindOrInsert(VoxelKeyOf(p, inverse), 0);
   }
+  // The eight voxels that a cube of one voxel's size about the point reaches into.
+  const auto meets = [&](const Eigen::Vector3d& p) {
+    for (int i = 0; i < 8; ++i) {
+      const Eigen::Vector3d corner((i & 1) - 0.5, (i >> 1 & 1) - 0.5, (i >> 2 & 1) - 0.5);
+      const Eigen::Vector3d q = p + voxel_m * corner;
+      if (IsVoxelKeyInRange(q, inverse) &&
+          occupied.Find(VoxelKeyOf(q, inverse)) != VoxelIndex::kNone) {
+        return true;
+      }
+    }
+    return false;
+  };
   std::size_t met = 0;
-  for (const Eigen::Vector3f& p : source) {
-    const Eigen::Vector3d q = T_target_source * p.cast<double>();
-    if (IsVoxelKeyInRange(q, inverse) &&
-        occupied.Find(VoxelKeyOf(q, inverse)) != VoxelIndex::kNone) {
-      ++met;
-    }
-  }
+  for (const Eigen::Vector3f& p : source) met += meets(T_target_source * p.cast<double>()) ? 1 : 0;
   return static_cast<double>(met) / static_cast<double>(source.size());
 }
 

@@ -102,7 +102,8 @@ std::unique_ptr<PairwiseMethod> MakePairwiseMethod(PairwiseKind kind,
 // The mean of the points in each voxel, in the order in which the voxels were first met.
 std::vector<Eigen::Vector3f> Downsample(const std::vector<Eigen::Vector3f>& points, double voxel_m);
 
-// Share of the points that have a point of the target in their voxel or one beside it, at the pose.
+// Share of the points that have, at the pose, a point of the target in a voxel that the cube of one
+// voxel's size about them reaches into: one within half a voxel for sure, none beyond 2.6.
 double OverlapShare(const std::vector<Eigen::Vector3f>& source,
                     const std::vector<Eigen::Vector3f>& target, const SE3& T_target_source,
                     double voxel_m);
