@@ -12,6 +12,7 @@
 #include <new>
 
 #include "core/error.h"
+#include "tools/compare_command.h"
 #include "tools/eval_command.h"
 #include "tools/export_command.h"
 #include "tools/plot_command.h"
@@ -42,6 +43,7 @@ int main(int argc, char** argv) {
   lamina::AddReportCommand(&app, &run);
   lamina::AddSynthCommand(&app, &run);
   lamina::AddSimulateCommand(&app, &run);
+  lamina::AddCompareCommand(&app, &run);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
