@@ -1,22 +1,33 @@
 #include "backend/global_synchronisation.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 namespace lamina {
 namespace {
+
+// Of the points of either, the smaller share.
+double Overlap(const std::vector<Eigen::Vector3f>& source,
+               const std::vector<Eigen::Vector3f>& target, const SE3& T_target_source) {
+  constexpr double kVoxelM = 0.3;
+  return std::min(OverlapShare(source, target, T_target_source, kVoxelM),
+                  OverlapShare(target, source, T_target_source.Inverse(), kVoxelM));
+}
 
 class Registrations {
  public:
   Registrations(const PairwiseMethod& method, const std::vector<PairwiseCloud>& clouds)
       : method_(method), clouds_(clouds) {}
 
-  // T_a_b; adds an edge if it is good.
+  // T_a_b; adds an edge if it is good. Matches that agree may still be of one pillar with the next:
+  // then less of the scans overlaps, and the edge weighs little.
   PairwiseResult Register(std::size_t a, std::size_t b) {
     ++tried_;
     const PairwiseResult result = method_.Register(clouds_[b], clouds_[a], SE3());
     if (result.good) {
-      edges_.push_back({a, b, result.T_target_source, static_cast<double>(result.inliers)});
+      const double overlap = Overlap(clouds_[b].points, clouds_[a].points, result.T_target_source);
+      edges_.push_back({a, b, result.T_target_source, result.inliers * std::pow(overlap, 4)});
     }
     return result;
   }
@@ -53,16 +64,14 @@ PairwiseSequenceResult ChainNeighbours(std::size_t scans, Registrations* registr
 std::vector<std::pair<std::size_t, std::size_t>> FarPairs(const std::vector<PairwiseCloud>& clouds,
                                                           const std::vector<SE3>& poses,
                                                           const SynchronisationOptions& options) {
-  constexpr double kVoxelM = 0.5;
+  constexpr double kCoarseM = 0.3;
   std::vector<std::vector<Eigen::Vector3f>> coarse;
-  for (const PairwiseCloud& cloud : clouds) coarse.push_back(Downsample(cloud.points, kVoxelM));
+  for (const PairwiseCloud& cloud : clouds) coarse.push_back(Downsample(cloud.points, kCoarseM));
   std::vector<std::pair<std::size_t, std::size_t>> pairs;
   for (std::size_t b = 0; b < clouds.size(); ++b) {
     std::vector<std::pair<double, std::size_t>> overlapping;
     for (std::size_t a = 0; a + static_cast<std::size_t>(options.near) < b; ++a) {
-      const SE3 T = poses[a].Inverse() * poses[b];
-      const double overlap = std::min(OverlapShare(coarse[b], coarse[a], T, kVoxelM),
-                                      OverlapShare(coarse[a], coarse[b], T.Inverse(), kVoxelM));
+      const double overlap = Overlap(coarse[b], coarse[a], poses[a].Inverse() * poses[b]);
       if (overlap > options.min_overlap) overlapping.emplace_back(-overlap, a);
     }
     std::sort(overlapping.begin(), overlapping.end());
@@ -99,6 +108,13 @@ SynchronisationResult RegisterGlobally(
     }
   }
   PoseGraphResult graph = SpanningTreePoses(clouds.size(), registrations.edges());
+  // Scans that nothing joins to the others yet may be joined from farther off.
+  const auto farthest = static_cast<std::size_t>(3 * options.near);
+  for (auto apart = static_cast<std::size_t>(options.near) + 1; !graph.good && apart <= farthest;
+       ++apart) {
+    for (std::size_t b = apart; b < clouds.size(); ++b) registrations.Register(b - apart, b);
+    graph = SpanningTreePoses(clouds.size(), registrations.edges());
+  }
   if (graph.good) {
     for (const auto& [a, b] : FarPairs(clouds, graph.poses, options)) registrations.Register(a, b);
     graph = SolvePoseGraph(clouds.size(), registrations.edges(), options.graph);

@@ -1,5 +1,7 @@
 #include "frontend/pairwise_registration.h"
 
+#include <algorithm>
+
 #include "core/voxel_key.h"
 #include "frontend/fast_global_registration.h"
 #include "frontend/pcl_registration.h"
@@ -29,7 +31,8 @@ void PairwiseOptions::Visit(OptionVisitor& v) {
   v.Number("ndt_voxel_m", &ndt_voxel_m, 0.05, 100.0);
   v.Number("vgicp_voxel_m", &vgicp_voxel_m, 0.05, 100.0);
   v.Number("min_overlap", &min_overlap, 0.0, 1.0);
-  v.Number("feature_voxel_m", &feature_voxel_m, 0.01, 10.0);
+  v.Number("feature_voxel_m", &feature_voxel_m, 0.0, 10.0);
+  v.Integer("max_features", &max_features, 10, 1000000);
   v.Number("normal_radius_voxels", &normal_radius_voxels, 1.0, 20.0);
   v.Number("feature_radius_voxels", &feature_radius_voxels, 1.0, 50.0);
   v.Number("feature_noise_voxels", &feature_noise_voxels, 0.01, 10.0);
@@ -37,9 +40,23 @@ void PairwiseOptions::Visit(OptionVisitor& v) {
   v.Integer("min_consistent", &min_consistent, 3, 5000);
 }
 
+double FeatureVoxel(const std::vector<std::vector<Eigen::Vector3f>>& scans) {
+  std::vector<float> ranges;
+  constexpr std::size_t kStride = 17;  // a sample is enough
+  for (const auto& scan : scans) {
+    for (std::size_t i = 0; i < scan.size(); i += kStride) ranges.push_back(scan[i].norm());
+  }
+  if (ranges.empty()) return 0.25;
+  const auto middle = ranges.begin() + static_cast<std::ptrdiff_t>(ranges.size() / 2);
+  std::nth_element(ranges.begin(), middle, ranges.end());
+  return std::clamp(0.04 * static_cast<double>(*middle), 0.1, 0.3);
+}
+
 std::unique_ptr<PairwiseMethod> MakePairwiseMethod(PairwiseKind kind,
-                                                   const PairwiseOptions& options) {
+                                                   const PairwiseOptions& given) {
+  PairwiseOptions options = given;
   CheckOptions(options, "pairwise");
+  if (options.feature_voxel_m == 0.0) options.feature_voxel_m = 0.25;
   switch (kind) {
     case PairwiseKind::kVgicp:
       return MakeVoxelizedGicp(options);

@@ -49,8 +49,11 @@ struct PairwiseOptions {
   double vgicp_voxel_m = 0.5;
   // A match in which fewer points meet the other scan's (within max_distance_m) is refused.
   double min_overlap = 0.1;
-  // Global methods: one feature for each voxel of this edge; everything else is in such voxels.
-  double feature_voxel_m = 0.25;
+  // Global methods: one feature for each voxel of this edge; everything else is in such voxels. 0:
+  // as FeatureVoxel finds it.
+  double feature_voxel_m = 0.0;
+  // Features of a scan at most: those least like the scan's mean feature.
+  int max_features = 2500;
   double normal_radius_voxels = 2.5;
   double feature_radius_voxels = 5.0;
   // Noise bound of a matched point.
@@ -95,7 +98,11 @@ class PairwiseMethod {
                                   const SE3& initial) const = 0;
 };
 
-// Throws OptionError.
+// 4 % of the median range of the points, between 0.1 and 0.3 m: rooms want finer features than open
+// country.
+double FeatureVoxel(const std::vector<std::vector<Eigen::Vector3f>>& scans);
+
+// Throws OptionError. A feature voxel of 0 is taken for 0.25 m.
 std::unique_ptr<PairwiseMethod> MakePairwiseMethod(PairwiseKind kind,
                                                    const PairwiseOptions& options);
 

@@ -4,6 +4,9 @@
 #include <pcl/point_types.h>
 #include <pcl/search/kdtree.h>
 
+#include <algorithm>
+#include <utility>
+
 #include "core/parallel.h"
 #include "frontend/pcl_registration.h"
 
@@ -25,6 +28,30 @@ PointCluster ClusterOf(const std::vector<Eigen::Vector3f>& points, const pcl::In
     cluster.AddPoint(points[static_cast<std::size_t>(i)].cast<double>());
   }
   return cluster;
+}
+
+using Histogram = Eigen::Matrix<float, 33, 1>;
+
+Histogram HistogramOf(const pcl::FPFHSignature33& signature) {
+  return Eigen::Map<const Histogram>(signature.histogram);
+}
+
+// Indices, ascending, of the signatures farthest from the mean: what is everywhere (walls, lawn)
+// tells places apart least (Rusu et al. 2009).
+std::vector<std::size_t> MostDistinct(const pcl::PointCloud<pcl::FPFHSignature33>& signatures,
+                                      std::size_t most) {
+  Histogram mean = Histogram::Zero();
+  for (const auto& s : signatures) mean += HistogramOf(s) / static_cast<float>(signatures.size());
+  std::vector<std::pair<float, std::size_t>> order;
+  for (std::size_t i = 0; i < signatures.size(); ++i) {
+    order.emplace_back(-(HistogramOf(signatures[i]) - mean).squaredNorm(), i);
+  }
+  std::sort(order.begin(), order.end());
+  if (order.size() > most) order.resize(most);
+  std::vector<std::size_t> indices;
+  for (const auto& [distance, i] : order) indices.push_back(i);
+  std::sort(indices.begin(), indices.end());
+  return indices;
 }
 
 }  // namespace
@@ -85,11 +112,12 @@ double AddFeatures(const PairwiseOptions& options, PairwiseCloud* cloud) {
   estimation.setRadiusSearch(options.feature_radius_voxels * voxel);
   pcl::PointCloud<pcl::FPFHSignature33> signatures;
   estimation.compute(signatures);
-  cloud->features.resize(33, static_cast<Eigen::Index>(kept->size()));
-  for (std::size_t k = 0; k < kept->size(); ++k) {
-    cloud->feature_points.push_back(all[static_cast<std::size_t>((*kept)[k])]);
-    cloud->features.col(static_cast<Eigen::Index>(k)) =
-        Eigen::Map<const Eigen::Matrix<float, 33, 1>>(signatures[k].histogram);
+  const std::vector<std::size_t> distinct =
+      MostDistinct(signatures, static_cast<std::size_t>(options.max_features));
+  cloud->features.resize(33, static_cast<Eigen::Index>(distinct.size()));
+  for (std::size_t k = 0; k < distinct.size(); ++k) {
+    cloud->feature_points.push_back(all[static_cast<std::size_t>((*kept)[distinct[k]])]);
+    cloud->features.col(static_cast<Eigen::Index>(k)) = HistogramOf(signatures[distinct[k]]);
   }
   return EigenDecompose(facing * (1.0 / static_cast<double>(kept->size()))).l(2);
 }

@@ -22,7 +22,7 @@ namespace {
 
 struct CompareArguments {
   std::string scans, truth, reference, suite, data, out, config, worker;
-  std::string methods = "all", initial = "teaser", progress = "auto";
+  std::string methods = "all", initial, progress = "auto";
   std::string heat_maps = "f2m_gicp,huang,condensed";
   std::vector<std::string> set;
   bool quick = false, keep_data = false, resolution_study = false;
@@ -39,7 +39,7 @@ const std::vector<std::string>& DefaultSettings() {
                                                     "map.root_size_m=1",
                                                     "map.depth=2",
                                                     "registration.coarse_root_size_m=3",
-                                                    "registration.rounds=20"};
+                                                    "registration.rounds=12"};
   return settings;
 }
 
@@ -64,13 +64,16 @@ CompareSettings Settings(const CompareArguments& arguments) {
   if (arguments.heat_maps != "none") settings.heat_maps = ParseMethods(arguments.heat_maps);
   settings.progress = ProgressMode(arguments.progress);
   using Initial = CompareSettings::Initial;
-  if (arguments.initial == "teaser") {
+  const std::string initial = !arguments.initial.empty() ? arguments.initial
+                              : arguments.suite.empty()  ? "teaser"
+                                                         : "truth+noise";
+  if (initial == "teaser") {
     settings.initial_kind = Initial::kTeaser;
-  } else if (arguments.initial == "truth+noise") {
+  } else if (initial == "truth+noise") {
     settings.initial_kind = Initial::kNoisyTruth;
   } else {
     settings.initial_kind = Initial::kFile;
-    for (const StampedPose& pose : ReadTrajectory(arguments.initial)) {
+    for (const StampedPose& pose : ReadTrajectory(initial)) {
       settings.initial.push_back(pose.T_world_lidar);
     }
   }
@@ -172,11 +175,9 @@ void AddOptions(CLI::App* command, CompareArguments* a) {
                    "all, or names parted by commas; a name of a local method without f2f_ or f2m_ "
                    "is both")
       ->capture_default_str();
-  command
-      ->add_option("--initial", a->initial,
-                   "Initial poses of methods that need some: a file, teaser (its synchronised "
-                   "poses), or truth+noise")
-      ->capture_default_str();
+  command->add_option("--initial", a->initial,
+                      "Initial poses of methods that need some: a file, teaser (its synchronised "
+                      "poses), or truth+noise; left out, truth+noise with --suite, else teaser");
   command->add_option("--noise-deg", a->noise_deg, "truth+noise: standard deviation of turns")
       ->check(CLI::Range(0.0, 180.0))
       ->capture_default_str();
@@ -187,8 +188,10 @@ void AddOptions(CLI::App* command, CompareArguments* a) {
       ->check(CLI::Range(0, 2147483647))
       ->capture_default_str();
   command
-      ->add_option("--time-limit", a->time_limit_s,
-                   "Seconds that a job may take: a method, with what it builds on")
+      ->add_option(
+          "--time-limit", a->time_limit_s,
+          "Seconds of processor time that a job may take: a method, with what it builds on; four "
+          "times as much on the wall")
       ->check(CLI::Range(0.01, 1e6))
       ->capture_default_str();
   command

@@ -4,11 +4,13 @@
 #include <fmt/format.h>
 #include <poll.h>
 #include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <array>
 #include <cerrno>
+#include <cmath>
 #include <csignal>
 #include <cstring>
 #include <filesystem>
@@ -28,6 +30,10 @@ namespace {
   throw OutputError(fmt::format("cannot {}: {}", what, std::strerror(errno)));
 }
 
+// The limit is one of processor time, so that a busy machine fails nothing; a job that hangs, or
+// has to share its core with too many, ends when this many times as much has gone by on the wall.
+constexpr double kWallPerCpu = 4.0;
+
 // A job while it runs. Ends its process when it is destroyed.
 class Process {
  public:
@@ -45,7 +51,7 @@ class Process {
                                              task_path_.c_str(), nullptr};
     const pid_t parent = getpid();
     child_ = fork();
-    if (child_ == 0) Become(argv.data(), ends[1], log.c_str(), parent);
+    if (child_ == 0) Become(argv.data(), ends[1], log.c_str(), parent, task_.time_limit_s);
     const int error = errno;
     close(ends[1]);
     errno = error;
@@ -66,7 +72,9 @@ class Process {
 
   const CompareTask& task() const { return task_; }
   int pipe() const { return pipe_; }
-  double SecondsLeft() const { return task_.time_limit_s - 1e-3 * watch_.Milliseconds(); }
+  double SecondsLeft() const {
+    return kWallPerCpu * task_.time_limit_s - 1e-3 * watch_.Milliseconds();
+  }
 
   // Steps that have come in; *ended if the process has closed its end.
   std::size_t ReadSteps(bool* ended) const {
@@ -79,9 +87,11 @@ class Process {
   // Waits for its end and says how it ended.
   std::string Wait() {
     int status = 0;
+    overran_ = false;
     while (waitpid(child_, &status, 0) < 0 && errno == EINTR) {
     }
     child_ = 0;
+    overran_ = WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU;
     const std::string how = WIFSIGNALED(status)
                                 ? fmt::format("was ended by signal {}", WTERMSIG(status))
                                 : fmt::format("ended with code {}", WEXITSTATUS(status));
@@ -93,6 +103,9 @@ class Process {
     return said.empty() ? how : how + ": " + said;
   }
 
+  // It used up its processor time; known after Wait.
+  bool overran() const { return overran_; }
+
   void End() {
     if (child_ <= 0) return;
     kill(child_, SIGKILL);
@@ -102,11 +115,13 @@ class Process {
  private:
   // In the child: nothing here may allocate, the parent has other threads.
   [[noreturn]] static void Become(const char* const* argv, int pipe_end, const char* log,
-                                  pid_t parent) {
+                                  pid_t parent, double time_limit_s) {
     // Ctrl-C is for the parent, which then ends its jobs; and they end with it.
     setpgid(0, 0);
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (getppid() != parent) _exit(127);
+    const rlimit cpu = {static_cast<rlim_t>(std::ceil(time_limit_s)), RLIM_INFINITY};
+    setrlimit(RLIMIT_CPU, &cpu);
     const int out = open(log, O_WRONLY | O_CREAT | O_TRUNC, 0644);
     if (out < 0 || dup2(out, STDOUT_FILENO) < 0 || dup2(out, STDERR_FILENO) < 0) _exit(127);
     // dup2 to itself would leave it to be closed.
@@ -123,6 +138,7 @@ class Process {
   std::string task_path_, log_path_;
   int pipe_ = -1;
   pid_t child_ = 0;
+  bool overran_ = false;
   Stopwatch watch_;
 };
 
@@ -197,17 +213,18 @@ bool RunCompareTasks(const std::vector<CompareTask>& tasks, std::size_t scans, s
       const std::size_t all = StepsOf(task, scans);
       bool ended = false;
       std::size_t steps = polled[i].revents == 0 ? 0 : r.process->ReadSteps(&ended);
-      const bool late = !ended && r.process->SecondsLeft() <= 0.0;
+      bool late = !ended && r.process->SecondsLeft() <= 0.0;
       if (ended || late) steps = all;
       for (; steps > 0 && r.steps < all; --steps, ++r.steps) reports.on_step();
       if (!ended && !late) continue;
       std::string reason;
       if (late) {
         r.process->End();
-        reason = fmt::format("the time limit of {:g} s was reached", task.time_limit_s);
       } else {
         reason = r.process->Wait();
+        late = r.process->overran();
       }
+      if (late) reason = fmt::format("the time limit of {:g} s was reached", task.time_limit_s);
       CloseBooks(task, reason, late ? task.time_limit_s : 0.0, reports);
       running.erase(running.begin() + static_cast<std::ptrdiff_t>(i));
     }

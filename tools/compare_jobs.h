@@ -23,7 +23,7 @@ struct CompareTask {
   double resolution_m = 0.0;
   int max_iterations = 0;  // of bundle adjustment's solver; 0: as CompareInput says
   std::string row_folder;
-  double time_limit_s = 0.0;
+  double time_limit_s = 0.0;  // of processor time; four times this of wall time
 };
 
 // Where the row of a method is kept.

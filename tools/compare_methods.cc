@@ -46,6 +46,14 @@ struct Charge {
   Stopwatch watch;
   double cpu_start_s = ProcessCpuSeconds();
 
+  // Calls f outside of the charge.
+  template <typename F>
+  void Outside(const F& f) {
+    const double before = ProcessCpuSeconds();
+    watch.Outside(f);
+    cpu_start_s += ProcessCpuSeconds() - before;
+  }
+
   CompareRow Row(const std::string& method) const {
     CompareRow row;
     row.method = method;
@@ -78,14 +86,15 @@ void RunPairwiseJob(const CompareJob& job, const CompareInput& input,
   const auto& names = PairwiseNames();
   const auto kind =
       static_cast<PairwiseKind>(std::find(names.begin(), names.end(), base) - names.begin());
-  const auto method = MakePairwiseMethod(kind, input.config.pairwise);
   std::vector<Points> scans;
   for (std::size_t i = 0; i < input.scans->size(); ++i) {
     scans.push_back(UsablePoints(*input.scans, input.config.preparation, i));
   }
   const Charge charge;
   std::string fault;
-  const PairwiseOptions& options = input.config.pairwise;
+  PairwiseOptions options = input.config.pairwise;
+  if (options.feature_voxel_m == 0.0) options.feature_voxel_m = FeatureVoxel(scans);
+  const auto method = MakePairwiseMethod(kind, options);
   const std::vector<PairwiseCloud> clouds = PrepareClouds(*method, options, scans, &fault);
   const auto offer = [&](const std::string& name, const PairwiseSequenceResult& result) {
     if (Contains(job, name)) on_row(charge.Row(name, result));
@@ -116,7 +125,7 @@ std::vector<BatchFrame> ReadFrames(const CompareInput& input, const std::functio
   std::vector<BatchFrame> frames;
   for (std::size_t i = 0; i < input.scans->size(); ++i) {
     std::vector<TimedPoint> points;
-    charge->watch.Outside([&] {
+    charge->Outside([&] {
       Points usable = UsablePoints(*input.scans, input.config.preparation, i);
       if (input.resolution_m > 0.0) usable = Downsample(usable, input.resolution_m);
       for (const Eigen::Vector3f& p : usable) points.push_back({p.x(), p.y(), p.z(), 0.0F});

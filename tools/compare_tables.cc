@@ -144,7 +144,7 @@ std::string CostTable(const CompareTable& table) {
     rows.Add(name, Marked(MeansOf(table, value), decimals));
   };
   add("RPE, deg", 3, [](const CompareCell& c) { return c.errors.rpe_rmse_deg; });
-  add("time, s", 2, [](const CompareCell& c) { return c.row.wall_s; });
+  add("time, s", 2, [](const CompareCell& c) { return c.row.cpu_s; });
   add("memory, MB", 0,
       [](const CompareCell& c) { return 1e-6 * static_cast<double>(c.row.peak_rss_bytes); });
   if (HasStructure(table)) {
@@ -194,8 +194,9 @@ TrajectoryErrors CompareAll(const std::vector<SE3>& poses, const std::vector<SE3
 std::string MarkdownTable(const CompareTable& table) {
   return "# " + table.title + "\n\n" + ErrorTable(table) + "\n" + CostTable(table) +
          Failures(table) +
-         "\nErrors are root mean squares, APE after SE(3) alignment. Times are of one thread, "
-         "without reading files; a method that builds on another's work is charged with it.\n";
+         "\nErrors are root mean squares, APE after SE(3) alignment. Times are processor "
+         "time of one thread, without reading files; a method that builds on another's work is "
+         "charged with it.\n";
 }
 
 std::string CsvTable(const CompareTable& table) {
@@ -247,7 +248,7 @@ nlohmann::json JsonTable(const CompareTable& table) {
   }
   nlohmann::json means = nlohmann::json::object();
   const std::vector<double> rpe = MeansOf(table, RpeCm), ape = MeansOf(table, ApeCm);
-  const std::vector<double> time = MeansOf(table, [](const auto& c) { return c.row.wall_s; });
+  const std::vector<double> time = MeansOf(table, [](const auto& c) { return c.row.cpu_s; });
   for (std::size_t i = 0; i < table.methods.size(); ++i) {
     if (std::isnan(ape[i])) continue;
     means[table.methods[i]] = {{"rpe_cm", rpe[i]}, {"ape_cm", ape[i]}, {"time_s", time[i]}};
