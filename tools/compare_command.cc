@@ -31,14 +31,16 @@ struct CompareArguments {
 };
 
 // Without --config: a scanner that stands still, indoors and out, with initial poses that may be
-// off by some decimetres.
+// off by some decimetres. Small leaves for furniture and steps; thin planes, or the two faces of an
+// inner wall are taken for one in coarse voxels.
 const std::vector<std::string>& DefaultSettings() {
   static const std::vector<std::string> settings = {"preparation.min_range_m=0.3",
                                                     "preparation.max_range_m=30",
                                                     "preparation.deskew=off",
                                                     "map.root_size_m=1",
-                                                    "map.depth=2",
-                                                    "registration.coarse_root_size_m=3",
+                                                    "map.depth=3",
+                                                    "map.max_thickness_m=0.025",
+                                                    "registration.coarse_root_size_m=2",
                                                     "registration.rounds=12"};
   return settings;
 }
