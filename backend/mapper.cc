@@ -60,7 +60,7 @@ void Mapper::RecallAround(const SE3& T_world_lidar, const std::vector<TimedClust
 }
 
 OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) {
-  OdometryFrame frame = odometry_.Register(stamp_ns, clusters, map_);
+  OdometryFrame frame = odometry_.Register(stamp_ns, clusters, map_, localising_);
   const auto refine = [&] {
     return frame.status == OdometryFrame::Status::kTracked &&
            RefineLastTwist(stamp_ns, frame.T_world_lidar);

@@ -6,6 +6,12 @@
 #include "core/parallel.h"
 
 namespace lamina {
+namespace {
+
+// Steps of a grid to either side of its middle.
+int StepsIn(double range, double step) { return static_cast<int>(std::floor(range / step + 1e-9)); }
+
+}  // namespace
 
 void OdometryOptions::Visit(OptionVisitor& v) {
   v.Integer("deskew_passes", &deskew_passes, 0, 10);
@@ -15,13 +21,15 @@ void OdometryOptions::Visit(OptionVisitor& v) {
   v.Group("search", &search);
 }
 
-void RotationSearchOptions::Visit(OptionVisitor& v) {
+void PoseSearchOptions::Visit(OptionVisitor& v) {
   v.Flag("enabled", &enabled);
   v.Number("trigger_rotation_deg", &trigger_rotation_deg, 0.0, 180.0);
   v.Number("trigger_translation_m", &trigger_translation_m, 0.0, 1e3);
   v.Number("trigger_inlier_ratio", &trigger_inlier_ratio, 0.0, 10.0);
   v.Number("range_deg", &range_deg, 0.0, 60.0);
   v.Number("step_deg", &step_deg, 0.5, 60.0);
+  v.Number("range_m", &range_m, 0.0, 20.0);
+  v.Number("step_m", &step_m, 0.05, 20.0);
   v.Integer("clusters", &clusters, 10, 100000);
   v.Number("score_scale_m", &score_scale_m, 0.001, 10.0);
   v.Integer("refined", &refined, 1, 1000);
@@ -43,7 +51,7 @@ SE3 Odometry::Predict(StampNs stamp_ns) const {
 }
 
 OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
-                                 const VoxelMap& map) const {
+                                 const VoxelMap& map, bool map_is_older) const {
   OdometryFrame frame;
   frame.stamp_ns = stamp_ns;
   if (!started_) return frame;
@@ -52,9 +60,15 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
   frame.T_world_predicted = Predict(stamp_ns);
   const std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.twist);
   frame.match = matcher_.Match(deskewed, frame.T_world_predicted, map);
+  // The first match has no speed, and the second none yet.
+  if (map_is_older && recent_inliers_.size() < 2) {
+    frame.searched = true;
+    frame.match = Search(deskewed, OffsetsAbout(frame.T_world_predicted), frame.match, map);
+  }
   if (NeedsSearch(frame)) {
     frame.searched = true;
-    frame.match = Search(deskewed, {frame.T_world_predicted, T_world_last_}, frame.match, map);
+    frame.match =
+        Search(deskewed, TurnsAbout({frame.T_world_predicted, T_world_last_}), frame.match, map);
   }
   const bool timed = AnyTimed(clusters);
   for (int pass = 0; timed && dt && pass < options_.deskew_passes; ++pass) {
@@ -73,7 +87,7 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
 }
 
 bool Odometry::NeedsSearch(const OdometryFrame& frame) const {
-  const RotationSearchOptions& o = options_.search;
+  const PoseSearchOptions& o = options_.search;
   if (!o.enabled) return false;
   if (frame.match.status == MatchResult::Status::kTooFewMatches) return true;
   const SE3& a = frame.T_world_predicted;
@@ -90,11 +104,9 @@ double Odometry::RecentInliers() const {
   return sorted[sorted.size() / 2];
 }
 
-MatchResult Odometry::Search(const std::vector<PointCluster>& clusters,
-                             const std::vector<SE3>& centres, const MatchResult& given,
-                             const VoxelMap& map) const {
-  const RotationSearchOptions& o = options_.search;
-  const int steps = static_cast<int>(std::floor(o.range_deg / o.step_deg + 1e-9));
+std::vector<SE3> Odometry::TurnsAbout(const std::vector<SE3>& centres) const {
+  const PoseSearchOptions& o = options_.search;
+  const int steps = StepsIn(o.range_deg, o.step_deg);
   std::vector<SE3> hypotheses;
   for (const SE3& centre : centres) {
     for (int x = -steps; x <= steps; ++x) {
@@ -106,6 +118,25 @@ MatchResult Odometry::Search(const std::vector<PointCluster>& clusters,
       }
     }
   }
+  return hypotheses;
+}
+
+std::vector<SE3> Odometry::OffsetsAbout(const SE3& centre) const {
+  const PoseSearchOptions& o = options_.search;
+  const int steps = StepsIn(o.range_m, o.step_m);
+  std::vector<SE3> hypotheses;
+  for (int x = -steps; x <= steps; ++x) {
+    for (int y = -steps; y <= steps; ++y) {
+      hypotheses.emplace_back(centre.q, centre * Eigen::Vector3d(o.step_m * x, o.step_m * y, 0.0));
+    }
+  }
+  return hypotheses;
+}
+
+MatchResult Odometry::Search(const std::vector<PointCluster>& clusters,
+                             const std::vector<SE3>& hypotheses, const MatchResult& given,
+                             const VoxelMap& map) const {
+  const PoseSearchOptions& o = options_.search;
   const std::size_t stride =
       std::max<std::size_t>(1, clusters.size() / static_cast<std::size_t>(o.clusters));
   std::vector<std::pair<double, std::size_t>> scores(hypotheses.size());

@@ -16,8 +16,9 @@ namespace lamina {
 
 // Search over rotations about the prediction, for sensors that turn faster than matching alone can
 // follow (hand-held, narrow view): hypotheses on a grid of rotation vectors are scored on the map's
-// planes, a hash look-up for each cluster, and the best are refined by matching.
-struct RotationSearchOptions {
+// planes, a hash look-up for each cluster, and the best are refined by matching. A sensor that is
+// put into a finished map is searched for over positions in the same way.
+struct PoseSearchOptions {
   bool enabled = true;
   // Started when match and prediction differ by more than this, or ...
   double trigger_rotation_deg = 2.0;
@@ -32,6 +33,10 @@ struct RotationSearchOptions {
   double score_scale_m = 0.2;
   // Hypotheses refined by matching.
   int refined = 6;
+  // In a map that is there already, while no speed is known: offsets along x and y of the sensor,
+  // too, -range, ..., range, as the turns above.
+  double range_m = 3.0;
+  double step_m = 0.5;
 
   void Visit(OptionVisitor& v);
 };
@@ -44,7 +49,7 @@ struct OdometryOptions {
   // Lost when, after a search too, the share of inliers is below this part of its recent median.
   double lost_inlier_ratio = 0.35;
   ScanMatcherOptions matcher;
-  RotationSearchOptions search;
+  PoseSearchOptions search;
 
   void Visit(OptionVisitor& v);
 };
@@ -61,7 +66,7 @@ struct OdometryFrame {
   SE3 T_world_predicted;
   Vector6d twist = Vector6d::Zero();  // body, per second, during the scan
   MatchResult match;
-  bool searched = false;  // the rotation search ran
+  bool searched = false;  // a search ran
 };
 
 // Not thread-safe; deterministic.
@@ -71,9 +76,11 @@ class Odometry {
 
   // Where a scan is expected, from the state alone.
   SE3 Predict(StampNs stamp_ns) const;
-  // Pose of a scan from the state and the map. The state stays as it is until Accept.
+  // Pose of a scan from the state and the map. The state stays as it is until Accept. In a map that
+  // is older than the drive, one that knows no speed yet is searched for about the prediction: a
+  // street looks much the same a metre on, and a match settles where it begins.
   OdometryFrame Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
-                         const VoxelMap& map) const;
+                         const VoxelMap& map, bool map_is_older = false) const;
 
   // Makes a frame the last one: the next prediction starts from it. Not for lost frames, unless
   // mapping is to start anew from there.
@@ -96,8 +103,10 @@ class Odometry {
   std::optional<double> KnownGap(StampNs stamp_ns) const;
   double RecentInliers() const;
   bool NeedsSearch(const OdometryFrame& frame) const;
-  // The best of the matches from hypotheses about the centres and the given one.
-  MatchResult Search(const std::vector<PointCluster>& clusters, const std::vector<SE3>& centres,
+  std::vector<SE3> TurnsAbout(const std::vector<SE3>& centres) const;
+  std::vector<SE3> OffsetsAbout(const SE3& centre) const;
+  // The best of the matches from the hypotheses and the given one.
+  MatchResult Search(const std::vector<PointCluster>& clusters, const std::vector<SE3>& hypotheses,
                      const MatchResult& given, const VoxelMap& map) const;
 
   OdometryOptions options_;

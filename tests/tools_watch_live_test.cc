@@ -153,6 +153,49 @@ TEST_F(WatchLiveTest, LocalisesInAFinishedMapAndLeavesItAsItIs) {
   EXPECT_THAT(Once(localise, 1, "lost").err, HasSubstr("holds no map"));
 }
 
+TEST_F(WatchLiveTest, LocalisesFromAStartInMotion) {
+  constexpr std::size_t kFirst = 25, kScans = 56;
+  const Recording street = SyntheticRecording(synth::SceneKind::kStreet, kScans, 1);
+  Run(WriteRecording("all", street));
+  const Trajectory truth = AllScans();
+  // Every other scan makes the map, those between, 2 m apart, are to be found in it.
+  Recording even, odd;
+  Trajectory odd_truth;
+  for (std::size_t i = 0; i + 1 < kScans; i += 2) {
+    even.push_back(street[i]);
+    if (i + 1 < kFirst) continue;
+    odd.push_back(street[i + 1]);
+    odd_truth.push_back(truth[i + 1]);
+  }
+  DropScans(even, 0, even.size());
+  Once();
+  const SE3& T = odd_truth[0].T_world_lidar;
+  const Outcome outcome = Lamina({"watch",
+                                  "--inbox",
+                                  WriteRecording("visit", odd),
+                                  "--session",
+                                  Path("localised"),
+                                  "--http",
+                                  "off",
+                                  "--once",
+                                  "--mode",
+                                  "localise",
+                                  "--map",
+                                  Path("session"),
+                                  "--start",
+                                  fmt::format("{}", T.t.x() + 0.3),
+                                  fmt::format("{}", T.t.y() - 0.2),
+                                  fmt::format("{}", T.t.z()),
+                                  fmt::format("{}", T.q.x()),
+                                  fmt::format("{}", T.q.y()),
+                                  fmt::format("{}", T.q.z()),
+                                  fmt::format("{}", T.q.w())});
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  const Trajectory found = AllScans("localised");
+  ASSERT_EQ(found.size(), odd_truth.size());
+  EXPECT_LT(LargestDistance(found, odd_truth), 0.1);
+}
+
 TEST_F(WatchLiveTest, ThePageShowsARunningSessionAndSurvivesItsRestart) {
   if (!Browser::IsInstalled()) GTEST_SKIP() << "chromium and chromium-driver are not installed";
   DropScans(Street(40), 0, 10);
