@@ -73,9 +73,9 @@ class ScanSource {
 // calibration are unusable.
 std::unique_ptr<ScanSource> OpenScans(const std::string& path, const ScanSourceOptions& options);
 
-// Reads one point file by its ending: .bin, .pcd, .ply or .csv (KITTI raw's .txt too). stamp_ns of the
-// result is 0 unless the file itself carries per-point readings of a clock (times more than 60 s
-// from zero): then it is the earliest of them. Throws InputError.
+// Reads one point file by its ending: .bin, .pcd, .ply or .csv (KITTI raw's .txt too). stamp_ns of
+// the result is 0 unless the file itself carries per-point readings of a clock (times more than 60
+// s from zero): then it is the earliest of them. Throws InputError.
 Scan ReadScanFile(const std::string& path, const ScanSourceOptions& options);
 
 // Reads one point file of a recording that gives it this stamp, as ScanSource::Read does.
