@@ -209,8 +209,8 @@ std::string CsvTable(const CompareTable& table) {
       if (found == column.cells.end()) continue;
       const CompareCell& c = found->second;
       text += fmt::format("{},{},{},{},{},", column.sequence, method,
-                          ToString(FindMethod(method).group), c.row.good ? "good" : "failed",
-                          CsvField(c.row.reason));
+                          CsvField(ToString(FindMethod(method).group)),
+                          c.row.good ? "good" : "failed", CsvField(c.row.reason));
       if (!c.row.good) {
         text += ",,,,,,,,,,,,\n";
         continue;
