@@ -5,7 +5,9 @@
 
 #include "backend/pose_covariance.h"
 #include "core/central_twist.h"
+#include "core/parallel.h"
 #include "core/stopwatch.h"
+#include "frontend/scan_clusters.h"
 
 namespace lamina {
 namespace {
@@ -38,7 +40,8 @@ class CastFrames {
 
   BundleProblem Problem(bool with_points) const {
     std::vector<std::vector<SlidingWindow::ClusterUse>> uses;
-    BundleProblem problem = window_.BuildProblem(with_points ? &uses : nullptr);
+    BundleProblem problem =
+        window_.BuildProblem(SlidingWindow::Sides::kTwo, with_points ? &uses : nullptr);
     problem.priors.clear();  // no odometry stands behind these poses
     if (with_points) problem.points.resize(problem.observations.size());
     for (std::size_t f = 0; f < uses.size(); ++f) AddPoints(f, uses[f], &problem);
@@ -65,6 +68,26 @@ class CastFrames {
   VoxelMap map_;
   SlidingWindow window_;
 };
+
+// The frames with their clusters merged to voxels of this size; poses are left out.
+std::vector<BatchFrame> Merged(const std::vector<BatchFrame>& frames, double leaf_size_m) {
+  std::vector<BatchFrame> merged(frames.size());
+  ParallelChunks(frames.size(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t k = begin; k < end; ++k) {
+      std::vector<std::size_t> group_of;
+      merged[k].stamp_ns = frames[k].stamp_ns;
+      merged[k].clusters = MergeClusters(frames[k].clusters, leaf_size_m, &group_of);
+      if (frames[k].points.empty()) continue;
+      merged[k].points.resize(merged[k].clusters.size());
+      for (std::size_t i = 0; i < group_of.size(); ++i) {
+        const std::vector<TimedPoint>& from = frames[k].points[i];
+        std::vector<TimedPoint>& to = merged[k].points[group_of[i]];
+        to.insert(to.end(), from.begin(), from.end());
+      }
+    }
+  });
+  return merged;
+}
 
 // Reason to refuse the problem; empty if there is something to solve.
 std::string Refusal(const BundleProblem& problem, const Observability& observability,
@@ -153,6 +176,10 @@ double BatchRegistration::RootSize(int round) const {
   return map_.root_size_m * std::pow(options_.coarse_root_size_m / map_.root_size_m, left);
 }
 
+int BatchRegistration::MergeFactor(int round) const {
+  return 1 << std::lround(std::log2(RootSize(round) / map_.root_size_m));
+}
+
 BundleProblem BatchRegistration::CastRound(const std::vector<BatchFrame>& frames,
                                            const std::vector<SE3>& poses,
                                            double root_size_m) const {
@@ -198,12 +225,19 @@ RegistrationResult BatchRegistration::Run(const std::vector<BatchFrame>& frames,
   for (const BatchFrame& frame : frames) result.poses.push_back(frame.T_world_lidar);
   result.status = Status::kRoundLimit;
   BundleProblem problem;
+  std::vector<BatchFrame> merged;
+  int merge_factor = 1;
   for (int round = 0; round < options_.rounds && result.status == Status::kRoundLimit; ++round) {
     Stopwatch watch;
     RoundReport report;
     report.round = round;
     report.root_size_m = RootSize(round);
-    problem = CastRound(frames, result.poses, report.root_size_m);
+    if (MergeFactor(round) != merge_factor) {
+      merge_factor = MergeFactor(round);
+      merged.clear();
+      if (merge_factor > 1) merged = Merged(frames, merge_factor * map_.LeafSize());
+    }
+    problem = CastRound(merge_factor > 1 ? merged : frames, result.poses, report.root_size_m);
     const Observability observability = FindObservability(problem, options_.observability);
     result.faults = observability.faults;
     result.reason = Refusal(problem, observability, options_.solver);

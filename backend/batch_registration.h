@@ -7,7 +7,9 @@
 //
 //     root size of round i = map.root_size_m * (coarse / map.root_size_m)^(1 - i / (rounds - 1))
 //
-// and end early when a round at the final size hardly moves the poses any more.
+// and end early when a round at the final size hardly moves the poses any more. A coarse round
+// needs no finer clusters than its own leaves: they are merged, by the power of two nearest to its
+// size.
 //
 // What cannot be determined (observability.h) stays at the initial poses and is reported; the rest
 // is solved. Nothing at all to solve is a refusal.
@@ -103,6 +105,8 @@ class BatchRegistration {
 
   // Root size of round i.
   double RootSize(int round) const;
+  // Edge of the voxels to which clusters are merged for round i, in leaves of the final size.
+  int MergeFactor(int round) const;
 
  private:
   BundleProblem CastRound(const std::vector<BatchFrame>& frames, const std::vector<SE3>& poses,

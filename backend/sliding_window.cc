@@ -48,6 +48,8 @@ void DistrustThick(std::vector<Plane>* planes) {
   }
 }
 
+// Leaves are fetched so many clusters ahead.
+constexpr std::size_t kAhead = 8;
 constexpr double kHeldSigmaM = 0.001;
 // In the place of a path: the cluster is in no leaf.
 constexpr std::uint64_t kNoLeaf = ~std::uint64_t{0};
@@ -58,9 +60,10 @@ class ProblemBuilder {
   ProblemBuilder() : plane_of_node_(16384) {}
 
   // Returns a number by which MoveTo tells where the observation has gone.
-  std::int32_t Add(VoxelMap::NodeId node, int frame, const PointCluster& cluster) {
+  std::int32_t Add(VoxelMap::NodeId node, bool other_side, int frame, const PointCluster& cluster) {
     const auto fresh = static_cast<std::int32_t>(nodes_.size());
-    const std::int32_t plane = plane_of_node_.FindOrInsert(static_cast<VoxelKey>(node), fresh);
+    const VoxelKey key = 2 * static_cast<VoxelKey>(node) + (other_side ? 1 : 0);
+    const std::int32_t plane = plane_of_node_.FindOrInsert(key, fresh);
     if (plane == fresh) {
       nodes_.push_back(node);
       last_.push_back(-1);
@@ -98,6 +101,7 @@ class ProblemBuilder {
     return slots;
   }
 
+  // Of each plane.
   const std::vector<VoxelMap::NodeId>& nodes() const { return nodes_; }
 
  private:
@@ -144,11 +148,15 @@ void SlidingWindow::Push(WindowFrame frame) {
   UpdateClusters(frame.T_world_lidar, &frame);
   frame.leaves.assign(frame.in_map.size(), VoxelMap::kNoNode);
   frame.addresses.assign(frame.in_map.size(), {0, kNoLeaf});
-  for (std::size_t i = 0; i < frame.in_map.size(); ++i) {
-    if (!map_->CanHold(frame.in_map[i].mean)) continue;
-    frame.leaves[i] = map_->LeafAt(frame.in_map[i].mean, &frame.addresses[i]);
-    map_->Hold(frame.leaves[i]);
-    map_->AddWindow(frame.leaves[i], frame.in_map[i], frame.id);
+  const std::size_t n = frame.in_map.size();
+  for (std::size_t i = 0; i < n + kAhead; ++i) {
+    if (i < n && map_->CanHold(frame.in_map[i].mean)) {
+      frame.leaves[i] = map_->LeafAt(frame.in_map[i].mean, &frame.addresses[i]);
+      map_->Prefetch(frame.leaves[i]);
+    }
+    if (i < kAhead || frame.leaves[i - kAhead] == VoxelMap::kNoNode) continue;
+    map_->Hold(frame.leaves[i - kAhead]);
+    map_->AddWindow(frame.leaves[i - kAhead], frame.in_map[i - kAhead], frame.id);
   }
   frames_.push_back(std::move(frame));
 }
@@ -189,9 +197,8 @@ Vector6d SlidingWindow::CentralTwist(std::size_t i) const {
   return twist;
 }
 
-BundleProblem SlidingWindow::BuildProblem() const { return BuildProblem(nullptr); }
-
-BundleProblem SlidingWindow::BuildProblem(std::vector<std::vector<ClusterUse>>* uses) const {
+BundleProblem SlidingWindow::BuildProblem(Sides sides,
+                                          std::vector<std::vector<ClusterUse>>* uses) const {
   BundleProblem problem;
   if (uses != nullptr) uses->assign(frames_.size(), {});
   ProblemBuilder builder;
@@ -203,17 +210,20 @@ BundleProblem SlidingWindow::BuildProblem(std::vector<std::vector<ClusterUse>>* 
     if (f > 0) problem.priors.push_back(MotionPrior(f));
     if (uses != nullptr) (*uses)[f].resize(frame.leaves.size());
     for (std::size_t i = 0; i < frame.leaves.size(); ++i) {
+      if (i + kAhead < frame.leaves.size()) map_->Prefetch(frame.leaves[i + kAhead]);
       if (frame.leaves[i] == VoxelMap::kNoNode) continue;
       const VoxelMap::NodeId node = map_->PlaneAbove(frame.leaves[i]);
       if (node == VoxelMap::kNoNode) continue;
       const Surface& surface = map_->surface(node);
-      const double distance =
-          surface.normal.cast<double>().dot(frame.in_map[i].mean - surface.mean);
+      const Eigen::Vector3d normal = surface.normal.cast<double>();
+      const double distance = normal.dot(frame.in_map[i].mean - surface.mean);
+      const bool from_behind =
+          sides == Sides::kTwo && normal.dot(frame.T_world_lidar.t - frame.in_map[i].mean) < 0.0;
       const double e2 =
           distance * distance / (kernel2 * (floor2 + static_cast<double>(surface.variance)));
       const PointCluster weighted =
           Capped(frame.deskewed[i], options_.max_cluster_weight).Scaled(GemanMcClureWeight(e2));
-      const std::int32_t number = builder.Add(node, static_cast<int>(f), weighted);
+      const std::int32_t number = builder.Add(node, from_behind, static_cast<int>(f), weighted);
       if (uses != nullptr) (*uses)[f][i] = {number, weighted.count / frame.deskewed[i].count};
     }
   }

@@ -82,6 +82,17 @@ struct TimedCluster {
   double time_scatter = 0.0;                             // sum (tau - mean)^2
   Eigen::Vector3d point_time = Eigen::Vector3d::Zero();  // sum (p - mu)(tau - mean)
 
+  TimedCluster& operator+=(const TimedCluster& o) {
+    if (o.points.count == 0.0) return *this;
+    const double share = o.points.count / (points.count + o.points.count);
+    const double dt = o.mean_time_s - mean_time_s;
+    time_scatter += o.time_scatter + points.count * share * dt * dt;
+    point_time += o.point_time + points.count * share * dt * (o.points.mean - points.mean);
+    mean_time_s += share * dt;
+    points += o.points;
+    return *this;
+  }
+
   // The cluster in the LiDAR frame at tau = 0, for a sensor that moves with the constant body twist
   // xi = [w; v] (rad/s, m/s) during the scan. With s = tau - mean and c = w x mu + v,
   //

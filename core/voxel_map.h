@@ -173,6 +173,14 @@ class VoxelMap {
 
   NodeId LeafOf(const LeafAddress& address) const;  // kNoNode if there is none
 
+  // Has the processor fetch a node that is soon to be read or written. Whoever walks many leaves in
+  // an order of its own waits for memory more than for anything else.
+  void Prefetch(NodeId id) const {
+    if (id == kNoNode) return;
+    const char* bytes = reinterpret_cast<const char*>(&node(id));
+    for (std::size_t i = 0; i < sizeof(Node); i += kCacheLine) __builtin_prefetch(bytes + i);
+  }
+
  private:
   struct Node {
     PointCluster fixed, window;  // leaves alone
@@ -195,6 +203,7 @@ class VoxelMap {
   // megabyte is some dozen of them.
   static constexpr int kBlockBits = 8;
   static constexpr NodeId kBlockMask = (1 << kBlockBits) - 1;
+  static constexpr std::size_t kCacheLine = 64;
 
   Node& node(NodeId id) {
     return blocks_[static_cast<std::size_t>(id >> kBlockBits)][id & kBlockMask];

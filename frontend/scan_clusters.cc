@@ -111,6 +111,21 @@ std::vector<TimedCluster> BuildScanClusters(const std::vector<TimedPoint>& point
   return clusters;
 }
 
+std::vector<TimedCluster> MergeClusters(const std::vector<TimedCluster>& clusters,
+                                        double leaf_size_m, std::vector<std::size_t>* group_of) {
+  VoxelIndex index(clusters.size() / 2 + 64);
+  std::vector<TimedCluster> merged;
+  for (const TimedCluster& cluster : clusters) {
+    const auto group = static_cast<std::size_t>(
+        index.FindOrInsert(VoxelKeyOf(cluster.points.mean, 1.0 / leaf_size_m),
+                           static_cast<std::int32_t>(merged.size())));
+    if (group == merged.size()) merged.emplace_back();
+    merged[group] += cluster;
+    if (group_of != nullptr) group_of->push_back(group);
+  }
+  return merged;
+}
+
 std::vector<std::vector<TimedPoint>> GroupByCluster(const std::vector<TimedPoint>& points,
                                                     double leaf_size_m) {
   VoxelIndex index(points.size() / 8 + 64);

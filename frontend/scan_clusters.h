@@ -22,6 +22,13 @@ struct ScanClusters {
 std::vector<TimedCluster> BuildScanClusters(const std::vector<TimedPoint>& points,
                                             double leaf_size_m);
 
+// Clusters gathered into larger voxels, by their means: those of the points themselves but for
+// clusters that straddle a face. (*group_of)[i], if asked for, says which of them clusters[i] is
+// in.
+std::vector<TimedCluster> MergeClusters(const std::vector<TimedCluster>& clusters,
+                                        double leaf_size_m,
+                                        std::vector<std::size_t>* group_of = nullptr);
+
 // The points of each of these clusters, for the few who ask for points after all.
 std::vector<std::vector<TimedPoint>> GroupByCluster(const std::vector<TimedPoint>& points,
                                                     double leaf_size_m);

@@ -101,6 +101,8 @@ TEST(BatchRegistration, CoarseVoxelsCatchPoorStarts) {
     const BatchRegistration coarse = Registration(options);
     EXPECT_NEAR(coarse.RootSize(0), kCoarse, 1e-12);
     EXPECT_GT(coarse.RootSize(1), coarse.RootSize(2));
+    EXPECT_EQ(coarse.MergeFactor(0), 4);
+    EXPECT_EQ(coarse.MergeFactor(options.rounds - 1), 1);
     EXPECT_EQ(coarse.RootSize(options.rounds - 1), Voxels().root_size_m);
     result = coarse.Run(batch.frames, {});
     coarse_errors += LargestError(result.poses, batch.truth) > 0.02 ? 1 : 0;
@@ -211,6 +213,40 @@ TEST(BatchRegistration, ParallelPlanesHoldOpenDirectionsAndSolveTheRest) {
   // Known where the floor faces it, unknown along it.
   EXPECT_LT(result.covariances[1](5, 5), 1.0);
   EXPECT_GT(result.covariances[1](3, 3), 1e3);
+}
+
+// Two rooms with a wall between them that is thinner than what passes for a plane. Through a door
+// both see the end of the one, which is all that says how far the rooms are apart.
+Batch RoomsOnBothSidesOfAWall(double off_rad, double off_m, Draws* draws) {
+  constexpr double kThickness = 0.07;
+  World shared{{{{0, 0, -1.4}, {5, 0, 0}, {0, 4, 0}},
+                {{0, 4.3, 0}, {5, 0, 0}, {0, 0, 1.5}},
+                {{0, -3.7, 0}, {5, 0, 0}, {0, 0, 1.5}},
+                {{5.1, 3.0, 0}, {0, 0.6, 0}, {0, 0, 1.5}}}};
+  Batch batch;
+  for (std::size_t k = 0; k < 6; ++k) {
+    const double side = k % 2 == 0 ? -1.0 : 1.0;
+    World room = shared;
+    room.facets.push_back({{0.12 + side * 0.5 * kThickness, -0.5, 0}, {0, 3, 0}, {0, 0, 1.5}});
+    room.facets.push_back({{side * 5.1, 0, 0}, {0, 2, 0}, {0, 0, 1.5}});
+    SE3 truth = draws->Offset(0.3, 0.4);
+    truth.t.x() += 2.5 * side;
+    const SE3 off = k == 0 ? SE3() : draws->Offset(off_rad, off_m);
+    batch.truth.push_back(truth);
+    batch.frames.push_back(
+        FrameAt(truth, SE3(truth.q * off.q, truth.t + off.t), room.Sample(3000, 0.005, draws), k));
+  }
+  return batch;
+}
+
+TEST(BatchRegistration, AThinWallDoesNotDrawItsSidesTogether) {
+  for (unsigned seed = 0; seed < 4; ++seed) {
+    Draws draws(seed);
+    const Batch batch = RoomsOnBothSidesOfAWall(0.01, 0.05, &draws);
+    const RegistrationResult result = Registration().Run(batch.frames, {});
+    EXPECT_TRUE(result.faults.empty());
+    EXPECT_LT(LargestError(result.poses, batch.truth), 0.005) << "seed " << seed;
+  }
 }
 
 TEST(BatchRegistration, HasTheSameBitsAtAnyNumberOfThreads) {

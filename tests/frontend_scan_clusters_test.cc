@@ -84,7 +84,36 @@ TEST(ScanClusters, DeskewingThemAllMeetsDeskewingEach) {
   EXPECT_EQ(MeanGap(DeskewClusters(still, twist)[7], still[7].points), 0.0);
 }
 
+TEST(ScanClusters, MergedOnesAreThoseOfTheLargerVoxels) {
+  Draws draws(3);
+  constexpr double kLeaf = 0.5;
+  const std::vector<TimedPoint> points = RandomPoints(4000, &draws);
+  const std::vector<TimedCluster> small = BuildScanClusters(points, kLeaf);
+  for (const double factor : {2.0, 4.0}) {
+    std::vector<std::size_t> group_of;
+    const std::vector<TimedCluster> merged = MergeClusters(small, factor * kLeaf, &group_of);
+    const std::vector<TimedCluster> expected = BuildScanClusters(points, factor * kLeaf);
+    ASSERT_LT(merged.size(), small.size());
+    ASSERT_EQ(merged.size(), expected.size());
+    for (std::size_t i = 0; i < merged.size(); ++i) {
+      EXPECT_EQ(merged[i].points.count, expected[i].points.count);
+      EXPECT_LT(MeanGap(merged[i].points, expected[i].points), 1e-10);
+      EXPECT_LT(ScatterGap(merged[i].points, expected[i].points), 1e-9);
+      EXPECT_NEAR(merged[i].mean_time_s, expected[i].mean_time_s, 1e-12);
+      EXPECT_NEAR(merged[i].time_scatter, expected[i].time_scatter, 1e-12);
+      EXPECT_LT((merged[i].point_time - expected[i].point_time).norm(), 1e-10);
+    }
+    ASSERT_EQ(group_of.size(), small.size());
+    std::vector<double> counts(merged.size());
+    for (std::size_t i = 0; i < small.size(); ++i) counts[group_of[i]] += small[i].points.count;
+    for (std::size_t i = 0; i < merged.size(); ++i) {
+      EXPECT_EQ(counts[i], merged[i].points.count);
+    }
+  }
+}
+
 TEST(ScanClusters, OfNothingAreNone) {
+  EXPECT_TRUE(MergeClusters({}, 1.0).empty());
   EXPECT_TRUE(BuildScanClusters({}, 1.0).empty());
   EXPECT_FALSE(AnyTimed({}));
 }

@@ -40,8 +40,8 @@ const std::vector<std::string>& DefaultSettings() {
                                                     "map.root_size_m=1",
                                                     "map.depth=3",
                                                     "map.max_thickness_m=0.025",
-                                                    "registration.coarse_root_size_m=2",
-                                                    "registration.rounds=12"};
+                                                    "registration.coarse_root_size_m=3",
+                                                    "registration.rounds=6"};
   return settings;
 }
 
