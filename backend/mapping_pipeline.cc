@@ -30,11 +30,20 @@ class SolveInFlight {
   SolveInFlight(Mapper* mapper, const BackendOptions& options)
       : mapper_(mapper), options_(options) {}
 
-  // Call before frame number `frame`. Whether a solve was taken in, whose report *report is then.
-  bool TakeInIfDue(std::int64_t frame, SolveReport* report) {
-    if (!pending_ || frame < due_) return false;
-    *report = TakeIn();
-    return true;
+  // Whether a solve takes effect before frame number `frame`.
+  bool Due(std::int64_t frame) const { return pending_ && frame >= due_; }
+  // Whether it would have to be waited for.
+  bool Solved() const { return solved_; }
+  SolveReport TakeIn() {
+    background_.Wait();
+    pending_ = false;
+    mapper_->ApplySolve(result_);
+    SolveReport report;
+    report.frames = problem_.poses.size();
+    report.planes = problem_.planes.size();
+    report.observations = problem_.observations.size();
+    report.result = std::move(result_);
+    return report;
   }
 
   // Call after frame number `frame`.
@@ -66,19 +75,11 @@ class SolveInFlight {
  private:
   void Start() {
     pending_ = true;
-    background_.Start([this] { result_ = AdjustBundle(problem_, options_.solver); });
-  }
-
-  SolveReport TakeIn() {
-    background_.Wait();
-    pending_ = false;
-    mapper_->ApplySolve(result_);
-    SolveReport report;
-    report.frames = problem_.poses.size();
-    report.planes = problem_.planes.size();
-    report.observations = problem_.observations.size();
-    report.result = std::move(result_);
-    return report;
+    solved_ = false;
+    background_.Start([this] {
+      result_ = AdjustBundle(problem_, options_.solver);
+      solved_ = true;
+    });
   }
 
   Mapper* mapper_;
@@ -87,6 +88,7 @@ class SolveInFlight {
   std::int64_t due_ = 0;
   BundleProblem problem_;
   BundleResult result_;
+  std::atomic<bool> solved_{false};
   Background background_;  // the last member: it waits before what it works on goes
 };
 
@@ -121,6 +123,16 @@ class MappingPipeline::SerialStage {
     }
     if (callbacks_.on_scan) callbacks_.on_scan(report);
     HandOnFinalPoses();
+    // Somebody may be waiting for the pose of this scan, and nobody yet for the next.
+    HandOver(!report.skipped);
+    if (callbacks_.on_settled) callbacks_.on_settled();
+  }
+
+  void TakeInDueSolve() {
+    if (!solve_.Due(NextFrame())) return;
+    const Stopwatch watch;
+    taken_in_.push_back(solve_.TakeIn());
+    hand_over_ms_ += watch.Milliseconds();
   }
 
   void Interrupt() {
@@ -129,7 +141,8 @@ class MappingPipeline::SerialStage {
   }
 
   void Finish() {
-    for (SolveReport& report : solve_.Finish()) Count(&report, counts_.scans);
+    CountSolve(counts_.scans);
+    for (const SolveReport& report : solve_.Finish()) Count(report, counts_.scans);
     poses_.ShowOpen(mapper_.OpenFrames(), Visitor());
   }
 
@@ -137,24 +150,37 @@ class MappingPipeline::SerialStage {
     poses_.ShowOpen(mapper_.OpenFrames(), visit);
   }
 
-  void Archive(StateArchive& a) { a(&mapper_, &solve_, &counts_, &poses_, &any_, &last_stamp_ns_); }
+  void Archive(StateArchive& a) {
+    a(&mapper_, &solve_, &counts_, &poses_, &any_, &last_stamp_ns_, &taken_in_);
+  }
 
  private:
+  std::int64_t NextFrame() const { return static_cast<std::int64_t>(counts_.frames); }
+
+  void HandOver(bool after_frame) {
+    const Stopwatch watch;
+    if (after_frame) solve_.StartIfDue(NextFrame() - 1);
+    hand_over_ms_ += watch.Milliseconds();
+    if (solve_.Solved()) TakeInDueSolve();
+  }
+
+  // The solve that was taken in, early or not, counts from the scan on that sees its effect first.
+  void CountSolve(std::size_t before_scan) {
+    for (const SolveReport& report : taken_in_) Count(report, before_scan);
+    taken_in_.clear();
+  }
+
   void Map(PipelineScan* decoded) {
     ScanReport& report = decoded->report;
-    const auto number = static_cast<std::int64_t>(counts_.frames);
     last_stamp_ns_ = report.stamp_ns;
     any_ = true;
-    SolveReport solved;
-    if (solve_.TakeInIfDue(number, &solved)) {
-      report.solve_ms = solved.result.solve_ms;
-      Count(&solved, report.index);
-    }
-    Stopwatch watch;
+    TakeInDueSolve();
+    for (const SolveReport& solve : taken_in_) report.solve_ms = solve.result.solve_ms;
+    CountSolve(report.index);
+    report.map_ms = std::exchange(hand_over_ms_, 0.0);
+    const Stopwatch watch;
     const MappedFrame frame = mapper_.Process(report.stamp_ns, std::move(decoded->clusters));
-    report.odometry_ms = watch.LapMilliseconds();
-    solve_.StartIfDue(number);
-    report.map_ms = watch.LapMilliseconds();
+    report.odometry_ms = watch.Milliseconds();
     report.odometry = frame.odometry;
     report.keyframe = frame.keyframe;
     ++counts_.frames;
@@ -165,11 +191,11 @@ class MappingPipeline::SerialStage {
     counts_.searched += frame.odometry.searched ? 1 : 0;
   }
 
-  void Count(SolveReport* report, std::size_t before_scan) {
-    report->before_scan = before_scan;
+  void Count(SolveReport report, std::size_t before_scan) {
+    report.before_scan = before_scan;
     ++counts_.solves;
-    if (!report->result.usable()) ++counts_.failed_solves;
-    if (callbacks_.on_solve) callbacks_.on_solve(*report);
+    if (!report.result.usable()) ++counts_.failed_solves;
+    if (callbacks_.on_solve) callbacks_.on_solve(report);
   }
 
   FinalPoses::Visit Visitor() const {
@@ -187,6 +213,8 @@ class MappingPipeline::SerialStage {
   FinalPoses poses_;
   bool any_ = false;
   StampNs last_stamp_ns_ = 0;
+  std::vector<SolveReport> taken_in_;  // not counted yet; one at most
+  double hand_over_ms_ = 0.0;          // since the last frame
 };
 
 // The way of a scan: read ahead, then mapped in order.
@@ -226,6 +254,11 @@ class MappingPipeline::ScanStages final : public PipelineStages {
   std::size_t processed_ = 0;
 };
 
+void SolveReport::Archive(StateArchive& a) {
+  a(&before_scan, &frames, &planes, &observations, &result.status, &result.poses,
+    &result.initial_cost, &result.final_cost, &result.iterations, &result.solve_ms);
+}
+
 void MappingCounts::Archive(StateArchive& a) {
   a(&scans, &frames, &keyframes, &lost, &restarts, &degenerate, &searched, &solves, &failed_solves);
   std::vector<SkipReason> reasons;
@@ -256,6 +289,7 @@ std::size_t MappingPipeline::Process(const ScanSource& source, const ScanRange& 
 }
 
 void MappingPipeline::Interrupt() { serial_->Interrupt(); }
+void MappingPipeline::Settle() { serial_->TakeInDueSolve(); }
 void MappingPipeline::Finish() { serial_->Finish(); }
 void MappingPipeline::StartLocalising(const SE3& T) { serial_->mapper().StartLocalising(T); }
 const MappingCounts& MappingPipeline::counts() const { return serial_->counts(); }

@@ -3,7 +3,7 @@
 //     read + prepare + cluster    parallel over the next scans
 //       -> odometry, window, map  serial, in the order of the scans (Mapper)
 //            -> bundle adjustment one window in flight, beside the next scans' odometry
-//       -> callbacks              for each scan, in order
+//       -> callbacks              for each scan, in order, as soon as its pose is known
 //
 // Bounded: at most `lookahead_scans` are between the first stage and the last, so back-pressure
 // reaches the reader. A window's correction takes effect a fixed number of frames after it was
@@ -38,7 +38,8 @@ struct MappingOptions {
 struct ScanReport : ScanDecodeReport {
   OdometryFrame odometry;
   bool keyframe = false;
-  // Milliseconds of wall time, of the solve: the one that was taken in before this scan.
+  // Milliseconds of wall time. Of the solve: the one that was taken in before this scan. Of the
+  // map: to take that in and to build the next problem, since the scan before.
   double odometry_ms = 0, map_ms = 0, solve_ms = 0;
 };
 
@@ -47,6 +48,8 @@ struct SolveReport {
   std::size_t before_scan = 0;  // took effect before this scan
   std::size_t frames = 0, planes = 0, observations = 0;
   BundleResult result;
+
+  void Archive(StateArchive& a);
 };
 
 struct MappingCounts {
@@ -58,10 +61,12 @@ struct MappingCounts {
   void Archive(StateArchive& a);
 };
 
-// All are called from one thread at a time, between two scans: the pipeline may be looked at, and
-// Checkpoint() called. May be empty.
+// All are called from one thread at a time, between two scans, when the pipeline may be looked at.
+// May be empty.
 struct MappingCallbacks {
-  std::function<void(const ScanReport&)> on_scan;       // each scan, in order
+  std::function<void(const ScanReport&)> on_scan;  // each scan, in order
+  // All that could be done before the next scan has been done, and the state may be saved.
+  std::function<void()> on_settled;
   std::function<void(const FinalPose&)> on_final_pose;  // each scan, in order, somewhat later
   std::function<void(const SolveReport&)> on_solve;
 };
@@ -98,8 +103,11 @@ class MappingPipeline {
   const VoxelMap& map() const;
   VoxelMap& map();
 
-  // All of the state but the map. Reading starts the solve again that was under way, and needs the
-  // map as it was.
+  // Waits for the solve that takes effect before the next scan. Without that it may or may not
+  // have: what is saved would depend on the speed of the threads, though not what comes of it.
+  void Settle();
+  // All of the state but the map; in on_settled or between two calls of Process(), after Settle().
+  // Reading starts the solve again that was under way, and needs the map as it was.
   void Archive(StateArchive& a);
 
  private:

@@ -217,6 +217,7 @@ void Session::LoadNewestCheckpoint() {
 MappingCallbacks Session::Callbacks() {
   MappingCallbacks callbacks;
   callbacks.on_scan = [this](const ScanReport& report) { OnScan(report); };
+  callbacks.on_settled = [this] { OnSettled(); };
   callbacks.on_final_pose = [this](const FinalPose& pose) {
     if (finished_) {
       tail_.push_back(pose);
@@ -261,6 +262,9 @@ void Session::OnScan(const ScanReport& report) {
   ++next_;
   tiles_->SetScan(next_);
   if (hooks_.on_scan) hooks_.on_scan(report, row);
+}
+
+void Session::OnSettled() {
   if (job_) {
     ContinueCheckpoint();
   } else if (checkpoint_requested_ ||

@@ -142,6 +142,7 @@ class Session {
   void BeginLocalising();
   MappingCallbacks Callbacks();
   void OnScan(const ScanReport& report);
+  void OnSettled();
   bool FileIsGone(const ScanReport& report) const;
   void BeginCheckpoint();
   void ContinueCheckpoint();

@@ -102,6 +102,7 @@ struct Session::SnapshotJob {
 
 void Session::BeginCheckpoint() {
   Stopwatch pause;
+  pipeline_->Settle();
   checkpoint_requested_ = false;
   job_ = std::make_shared<SnapshotJob>();
   job_->scans = last_checkpoint_ = next_;

@@ -43,6 +43,7 @@ TEST_F(SessionContinueTest, TheResultIsThatOfThePipelineBitForBit) {
   EXPECT_EQ(pipeline.counts().lost, 0U);
   const Result result = FinishSession(Setup("session"), recording);
   EXPECT_TRUE(result.poses == poses);
+  EXPECT_FALSE(result.solves.empty());
   EXPECT_TRUE(result.map == BytesOf(pipeline.map()));
   // The scene is one that can be mapped.
   std::vector<FinalPose> all;

@@ -1,6 +1,8 @@
 // Scans of a corridor as files, and sessions that map them: for tests of backend/session.h.
 #pragma once
 
+#include <SQLiteCpp/SQLiteCpp.h>
+
 #include <map>
 #include <memory>
 #include <set>
@@ -156,6 +158,7 @@ class SessionTest : public FilesTest {
   struct Result {
     std::string poses, map, tiles, kitti, tum;
     std::string records;  // of the map, out of the last checkpoint
+    std::string solves;   // in the database: before which scan, of how much
   };
   // Maps what is left, and ends.
   Result FinishSession(const SessionSetup& setup, const Recording& recording) const {
@@ -170,6 +173,10 @@ class SessionTest : public FilesTest {
     }
     TileStore tiles(setup.folder + "/map_tiles.db", TileStore::Lifetime::kKept);
     tiles.ShowAll([&](std::string_view record) { result.tiles += record; });
+    SQLite::Database database(setup.folder + "/session.db");
+    SQLite::Statement solves(
+        database, "SELECT before_scan || ' ' || planes || ' ' || iterations FROM solves");
+    while (solves.executeStep()) result.solves += solves.getColumn(0).getString() + "\n";
     result.kitti = Bytes(setup.folder + "/trajectory_kitti.txt");
     result.tum = Bytes(setup.folder + "/trajectory_tum.txt");
     CheckpointReader reader(setup.folder + "/" + CheckpointName(end));
@@ -182,6 +189,7 @@ class SessionTest : public FilesTest {
   }
   static void ExpectSame(const Result& is, const Result& should) {
     EXPECT_EQ(is.kitti, should.kitti);
+    EXPECT_EQ(is.solves, should.solves);
     EXPECT_TRUE(is.poses == should.poses) << "poses differ";
     EXPECT_TRUE(is.tum == should.tum) << "TUM trajectories differ";
     EXPECT_TRUE(is.map == should.map) << "surfaces differ";
