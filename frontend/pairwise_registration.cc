@@ -29,6 +29,7 @@ void PairwiseOptions::Visit(OptionVisitor& v) {
   v.Number("max_distance_m", &max_distance_m, 0.01, 100.0);
   v.Integer("neighbours", &neighbours, 4, 1000);
   v.Number("ndt_voxel_m", &ndt_voxel_m, 0.05, 100.0);
+  v.Number("ndt_source_voxel_m", &ndt_source_voxel_m, 0.001, 10.0);
   v.Number("vgicp_voxel_m", &vgicp_voxel_m, 0.05, 100.0);
   v.Number("min_overlap", &min_overlap, 0.0, 1.0);
   v.Number("feature_voxel_m", &feature_voxel_m, 0.0, 10.0);

@@ -47,6 +47,9 @@ struct PairwiseOptions {
   // ndt, vgicp: edge of the voxels that hold a distribution each.
   double ndt_voxel_m = 1.0;
   double vgicp_voxel_m = 0.5;
+  // ndt: the moving scan keeps one point for each voxel of this edge. Distributions need dense
+  // points, their mean does not, and NDT looks about each of them in every step.
+  double ndt_source_voxel_m = 0.2;
   // A match in which fewer points meet the other scan's (within max_distance_m) is refused.
   double min_overlap = 0.1;
   // Global methods: one feature for each voxel of this edge; everything else is in such voxels. 0:

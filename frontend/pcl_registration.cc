@@ -18,10 +18,10 @@ namespace {
 using Cloud = pcl::PointCloud<pcl::PointXYZ>;
 using NormalCloud = pcl::PointCloud<pcl::PointNormal>;
 
-Cloud::Ptr ToPcl(const PairwiseCloud& cloud) {
+Cloud::Ptr ToPcl(const std::vector<Eigen::Vector3f>& points) {
   auto out = pcl::make_shared<Cloud>();
-  out->reserve(cloud.points.size());
-  for (const Eigen::Vector3f& p : cloud.points) out->emplace_back(p.x(), p.y(), p.z());
+  out->reserve(points.size());
+  for (const Eigen::Vector3f& p : points) out->emplace_back(p.x(), p.y(), p.z());
   return out;
 }
 
@@ -75,12 +75,12 @@ class PclRegistration final : public PairwiseMethod {
       Align(ToPclWithNormals(source), ToPclWithNormals(target), initial, &icp, &result);
     } else if (kind_ == PairwiseKind::kIcpPoint) {
       pcl::IterativeClosestPoint<pcl::PointXYZ, pcl::PointXYZ> icp;
-      Align(ToPcl(source), ToPcl(target), initial, &icp, &result);
+      Align(ToPcl(source.points), ToPcl(target.points), initial, &icp, &result);
     } else if (kind_ == PairwiseKind::kGicp) {
       Gicp gicp;
       gicp.setRotationEpsilon(options_.min_rotation_step_deg * M_PI / 180.0);
       gicp.setMaximumOptimizerIterations(10);
-      const auto from = ToPcl(source), to = ToPcl(target);
+      const auto from = ToPcl(source.points), to = ToPcl(target.points);
       gicp.setInputSource(from);
       gicp.setInputTarget(to);
       gicp.setSourceCovariances(ToPclCovariances(source));
@@ -91,7 +91,8 @@ class PclRegistration final : public PairwiseMethod {
       ndt.setResolution(static_cast<float>(options_.ndt_voxel_m));
       // The longest step of the line search, metres: of the order of the voxel.
       ndt.setStepSize(0.1 * options_.ndt_voxel_m);
-      Align(ToPcl(source), ToPcl(target), initial, &ndt, &result);
+      Align(ToPcl(Downsample(source.points, options_.ndt_source_voxel_m)), ToPcl(target.points),
+            initial, &ndt, &result);
     }
     return result;
   }
