@@ -2,8 +2,9 @@
 //
 // A round casts all clusters into a voxel map at the present poses, keeps the voxels that hold a
 // plane (enough points, ratio of eigenvalues, VoxelMapOptions) seen by two frames or more, weighs
-// the clusters (cap, robust kernel) and solves the bundle problem until it converges. The next
-// round associates anew. Rounds go from coarse voxels to fine ones when the start is poor:
+// the clusters (cap, robust kernel) and solves the bundle problem until it converges. A plane that
+// is seen from both sides is two, the faces of a wall (SlidingWindow::Sides). The next round
+// associates anew. Rounds go from coarse voxels to fine ones when the start is poor:
 //
 //     root size of round i = map.root_size_m * (coarse / map.root_size_m)^(1 - i / (rounds - 1))
 //

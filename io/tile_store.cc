@@ -3,14 +3,15 @@
 #include <SQLiteCpp/Backup.h>
 #include <SQLiteCpp/SQLiteCpp.h>
 #include <fmt/format.h>
-#include <sqlite3.h>
 
 #include <filesystem>
+#include <fstream>
 #include <optional>
 #include <unordered_map>
 
 #include "core/error.h"
 #include "io/checksum.h"
+#include "io/sqlite_file.h"
 
 namespace lamina {
 namespace {
@@ -40,6 +41,10 @@ std::string UntouchedUri(const std::string& path) {
   }
   return fs::exists(path + "-wal") ? uri : uri + "?immutable=1";
 }
+
+// Its being there says that the file was found damaged while in use: SQLite looks at a page when it
+// needs it, not at the start.
+std::string FoundDamaged(const std::string& path) { return path + ".found_damaged"; }
 
 std::int64_t Signed(VoxelKey key) { return static_cast<std::int64_t>(key); }
 
@@ -112,9 +117,12 @@ TileStore::TileStore(std::string path, Lifetime lifetime)
   std::error_code ignored;
   if (lifetime_ == Lifetime::kScratch) {
     fs::remove(path_, ignored);
-  } else {
-    Open();
+    return;
   }
+  if (fs::remove(FoundDamaged(path_), ignored)) {
+    throw InputError(fmt::format("{}: is damaged: this was found when it was last used", path_));
+  }
+  Open();
 }
 
 TileStore::~TileStore() {
@@ -125,24 +133,19 @@ TileStore::~TileStore() {
 
 template <typename Work>
 auto TileStore::Guarded(const char* doing, const Work& work) const {
-  try {
-    return work();
-  } catch (const SQLite::Exception& error) {
-    throw OutputError(fmt::format("{}: {}: {}", path_, doing, error.what()));
-  }
+  return OnSqlite(path_, doing, [&] {
+    try {
+      return work();
+    } catch (const SQLite::Exception& error) {
+      if (lifetime_ == Lifetime::kKept && IsDamage(error)) std::ofstream(FoundDamaged(path_));
+      throw;
+    }
+  });
 }
 
 TileStore::Impl& TileStore::Open() const {
   if (impl_) return *impl_;
-  try {
-    impl_ = std::make_unique<Impl>(path_, lifetime_);
-  } catch (const SQLite::Exception& error) {
-    const int code = error.getErrorCode();
-    if (code == SQLITE_NOTADB || code == SQLITE_CORRUPT) {
-      throw InputError(fmt::format("{}: is damaged: {}", path_, error.what()));
-    }
-    throw OutputError(fmt::format("{}: cannot be opened: {}", path_, error.what()));
-  }
+  OpenSqlite(path_, [&] { impl_ = std::make_unique<Impl>(path_, lifetime_); });
   return *impl_;
 }
 
@@ -222,7 +225,7 @@ void TileStore::ShowAll(const Visit& visit) const {
 
 void TileStore::CopyFrom(const std::string& path, std::int64_t scan) {
   Impl& impl = Open();
-  Guarded("cannot be copied to", [&] {
+  OnSqlite(path_, "cannot be copied to", [&] {
     impl.transaction.reset();
     {
       SQLite::Database other(UntouchedUri(path), SQLite::OPEN_READONLY | SQLite::OPEN_URI);
@@ -280,9 +283,7 @@ void TileStore::SyncToDisk() const {
   Guarded("cannot be written", [&] {
     SQLite::Database database(path_, SQLite::OPEN_READWRITE);
     database.setBusyTimeout(10000);
-    SQLite::Statement sync(database, "PRAGMA wal_checkpoint(PASSIVE)");
-    while (sync.executeStep()) {
-    }
+    BringLogIntoFile(&database);
   });
 }
 

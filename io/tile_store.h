@@ -7,7 +7,8 @@
 //
 //     voxels(tile, root, stored_at, taken_at, crc, record)   taken_at NULL: here
 //
-// `crc` is the CRC-32 of the record. A damaged record is left out and counted.
+// `crc` is the CRC-32 of the record. A damaged record is left out and counted; where the file
+// itself is damaged, whoever meets that fails, and the next one who opens it is told.
 #pragma once
 
 #include <cstdint>
@@ -25,7 +26,7 @@ class TileStore final : public VoxelStore {
     kScratch,  // emptied at the start, deleted at the end; made when the first record comes
     kKept,
   };
-  // Throws InputError if a kept one is damaged.
+  // Throws InputError if a kept one is damaged, or was found to be when it was last in use.
   TileStore(std::string path, Lifetime lifetime);
   ~TileStore() override;
 
