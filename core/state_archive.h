@@ -124,7 +124,9 @@ class StateArchive {
 inline void Archive(StateArchive& a, SE3* T) {
   Eigen::Vector4d q = T->q.coeffs();
   a(&q, &T->t);
-  T->q.coeffs() = q;  // not by a constructor, which would normalise again
+  // Only then: what is written may be read by other threads. Not by a constructor, which would
+  // normalise again.
+  if (a.reading()) T->q.coeffs() = q;
 }
 inline void Archive(StateArchive& a, StampedPose* p) { a(&p->stamp_ns, &p->T_world_lidar); }
 
