@@ -265,6 +265,10 @@ void Session::OnScan(const ScanReport& report) {
 }
 
 void Session::OnSettled() {
+  // What has gone to disk and come back is written out in small portions: all of it at the next
+  // checkpoint would be a pause.
+  constexpr std::int64_t kScansPerCommit = 10;
+  if (next_ % kScansPerCommit == 0) tiles_->Commit();
   if (job_) {
     ContinueCheckpoint();
   } else if (checkpoint_requested_ ||
