@@ -226,18 +226,18 @@ RegistrationResult BatchRegistration::Run(const std::vector<BatchFrame>& frames,
   result.status = Status::kRoundLimit;
   BundleProblem problem;
   std::vector<BatchFrame> merged;
-  int merge_factor = 1;
   for (int round = 0; round < options_.rounds && result.status == Status::kRoundLimit; ++round) {
     Stopwatch watch;
     RoundReport report;
     report.round = round;
     report.root_size_m = RootSize(round);
-    if (MergeFactor(round) != merge_factor) {
-      merge_factor = MergeFactor(round);
+    const int factor = MergeFactor(round);
+    if (factor == 1) {
       merged.clear();
-      if (merge_factor > 1) merged = Merged(frames, merge_factor * map_.LeafSize());
+    } else if (round == 0 || factor != MergeFactor(round - 1)) {
+      merged = Merged(frames, factor * map_.LeafSize());
     }
-    problem = CastRound(merge_factor > 1 ? merged : frames, result.poses, report.root_size_m);
+    problem = CastRound(factor > 1 ? merged : frames, result.poses, report.root_size_m);
     const Observability observability = FindObservability(problem, options_.observability);
     result.faults = observability.faults;
     result.reason = Refusal(problem, observability, options_.solver);

@@ -6,7 +6,8 @@
 // is seen from both sides is two, the faces of a wall (SlidingWindow::Sides). The next round
 // associates anew. Rounds go from coarse voxels to fine ones when the start is poor:
 //
-//     root size of round i = map.root_size_m * (coarse / map.root_size_m)^(1 - i / (rounds - 1))
+//     root size of round i = map.root_size_m * (coarse / map.root_size_m)^left,
+//     left = max(0, 1 - i / (rounds - 2))
 //
 // and end early when a round at the final size hardly moves the poses any more. A coarse round
 // needs no finer clusters than its own leaves: they are merged, by the power of two nearest to its

@@ -124,7 +124,8 @@ class MappingPipeline::SerialStage {
     if (callbacks_.on_scan) callbacks_.on_scan(report);
     HandOnFinalPoses();
     // Somebody may be waiting for the pose of this scan, and nobody yet for the next.
-    HandOver(!report.skipped);
+    if (!report.skipped) StartDueSolve();
+    if (solve_.Solved()) TakeInDueSolve();
     if (callbacks_.on_settled) callbacks_.on_settled();
   }
 
@@ -157,11 +158,10 @@ class MappingPipeline::SerialStage {
  private:
   std::int64_t NextFrame() const { return static_cast<std::int64_t>(counts_.frames); }
 
-  void HandOver(bool after_frame) {
+  void StartDueSolve() {
     const Stopwatch watch;
-    if (after_frame) solve_.StartIfDue(NextFrame() - 1);
+    solve_.StartIfDue(NextFrame() - 1);
     hand_over_ms_ += watch.Milliseconds();
-    if (solve_.Solved()) TakeInDueSolve();
   }
 
   // The solve that was taken in, early or not, counts from the scan on that sees its effect first.

@@ -110,6 +110,14 @@ class VoxelMap {
   // that is `changed_by` or earlier (0 for what lies in the store).
   std::int64_t ForEachSurfaceOfTile(VoxelKey tile, std::int64_t changed_by, int min_frames,
                                     const VisitSurfel& visit) const;
+  // Has the processor fetch a node that is soon to be read or written. Whoever walks many leaves in
+  // an order of its own waits for memory more than for anything else.
+  void Prefetch(NodeId id) const {
+    if (id == kNoNode) return;
+    const char* bytes = reinterpret_cast<const char*>(&node(id));
+    for (std::size_t i = 0; i < sizeof(Node); i += kCacheLine) __builtin_prefetch(bytes + i);
+  }
+
   // Number of refreshes that changed anything.
   std::int64_t refreshes() const { return refreshes_; }
 
@@ -172,14 +180,6 @@ class VoxelMap {
   void FinishLoading();
 
   NodeId LeafOf(const LeafAddress& address) const;  // kNoNode if there is none
-
-  // Has the processor fetch a node that is soon to be read or written. Whoever walks many leaves in
-  // an order of its own waits for memory more than for anything else.
-  void Prefetch(NodeId id) const {
-    if (id == kNoNode) return;
-    const char* bytes = reinterpret_cast<const char*>(&node(id));
-    for (std::size_t i = 0; i < sizeof(Node); i += kCacheLine) __builtin_prefetch(bytes + i);
-  }
 
  private:
   struct Node {
