@@ -131,7 +131,6 @@ class Session {
 
  private:
   struct SnapshotJob;
-  using Sections = std::vector<std::pair<std::string, std::string>>;
 
   void Lock();
   void OpenDatabase();
@@ -147,7 +146,7 @@ class Session {
   void BeginCheckpoint();
   void ContinueCheckpoint();
   void CompleteCheckpoint();
-  void Write(const std::shared_ptr<Sections>& sections);
+  void Write(const std::string& tag, std::shared_ptr<const std::string> bytes);
   void FinishCheckpoint(SnapshotJob* job);
   void TidyTiles();
   std::int64_t RemoveOldCheckpoints() const;
@@ -170,7 +169,10 @@ class Session {
   const StreamedScans* scans_ = nullptr;  // those being mapped
   bool checkpoint_requested_ = false, finished_ = false;
   std::shared_ptr<SnapshotJob> job_;
-  std::size_t state_bytes_ = 0;  // of the last checkpoint, without the map
+  // What the last checkpoint has beside the map. Kept for the memory: the next one takes the same,
+  // once the housekeeping thread has written it.
+  std::shared_ptr<StateArchive> state_ = std::make_shared<StateArchive>();
+  std::atomic<bool> state_waits_{false};
   double trajectory_due_s_ = 0.0;
   std::int64_t published_ = 0;   // scans in the trajectory files
   std::vector<FinalPose> tail_;  // poses that are final by Finish() alone

@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <string>
 #include <utility>
 
 #include "backend/scan_record.h"
@@ -23,10 +24,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kKept = 2;
-// Of the map, copied between two scans: some milliseconds.
-constexpr std::size_t kPieceBytes = 4 << 20;
-// Pieces that may wait to be written.
-constexpr std::size_t kMostPending = 8;
+// Of the map, copied between two scans: a millisecond or two.
+constexpr std::size_t kPieceBytes = 2 << 20;
 
 double SteadySeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -96,6 +95,7 @@ struct Session::SnapshotJob {
   std::int64_t scans = 0;
   std::unique_ptr<CheckpointWriter> writer;  // housekeeping
   std::atomic<bool> failed{false};
+  std::atomic<int> waiting{0};    // sections that are not being written yet
   double longest_pause_ms = 0.0;  // mapping
   Stopwatch since_begin;
 };
@@ -108,41 +108,42 @@ void Session::BeginCheckpoint() {
   job_->scans = last_checkpoint_ = next_;
   tiles_->Forget(oldest_kept_ - 1);
   tiles_->Commit();
-  StateArchive head, counters, pipe;
+  StateArchive head, counters;
   head(&job_->scans, &setup_.fixed_options);
   pipeline_->map().ArchiveCounters(counters);
-  pipe.written().reserve(state_bytes_ + state_bytes_ / 4);
-  pipeline_->Archive(pipe);
-  state_bytes_ = pipe.written().size();
+  if (state_waits_) housekeeping_->Wait();
+  state_->written().clear();
+  pipeline_->Archive(*state_);
   pipeline_->map().BeginSnapshot();
-  const auto sections = std::make_shared<Sections>();
-  sections->emplace_back("HEAD", std::move(head.written()));
-  sections->emplace_back("MAPC", std::move(counters.written()));
-  sections->emplace_back("PIPE", std::move(pipe.written()));
-  Write(sections);
+  Write("HEAD", std::make_shared<std::string>(std::move(head.written())));
+  Write("MAPC", std::make_shared<std::string>(std::move(counters.written())));
+  state_waits_ = true;
+  Write("PIPE", {state_, &state_->written()});
+  housekeeping_->Do([this] { state_waits_ = false; });
   job_->longest_pause_ms = pause.Milliseconds();
 }
 
-void Session::Write(const std::shared_ptr<Sections>& sections) {
-  housekeeping_->Do([this, job = job_, sections] {
+void Session::Write(const std::string& tag, std::shared_ptr<const std::string> bytes) {
+  ++job_->waiting;
+  housekeeping_->Do([this, job = job_, tag, bytes = std::move(bytes)] {
+    --job->waiting;
     if (job->failed) return;
     job->failed = true;  // unless all goes well
     if (!job->writer) {
       job->writer = std::make_unique<CheckpointWriter>(Path(CheckpointName(job->scans)));
     }
-    for (const auto& [tag, bytes] : *sections) job->writer->Write(tag, bytes);
+    job->writer->Write(tag, *bytes);
     job->failed = false;
   });
 }
 
 void Session::ContinueCheckpoint() {
-  if (housekeeping_->pending() > kMostPending) return;
+  // A checkpoint must not show in the memory that the process needs.
+  if (job_->waiting > 0) return;
   Stopwatch pause;
-  const auto sections = std::make_shared<Sections>();
-  std::string records;
-  const bool more = pipeline_->map().ContinueSnapshot(kPieceBytes, &records);
-  sections->emplace_back("ROOT", std::move(records));
-  Write(sections);
+  const auto records = std::make_shared<std::string>();
+  const bool more = pipeline_->map().ContinueSnapshot(kPieceBytes, records.get());
+  Write("ROOT", records);
   job_->longest_pause_ms = std::max(job_->longest_pause_ms, pause.Milliseconds());
   if (more) return;
   housekeeping_->Do([this, job = job_] { FinishCheckpoint(job.get()); });
