@@ -5,7 +5,9 @@
 
 #include <cmath>
 #include <filesystem>
+#include <map>
 #include <set>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -26,11 +28,15 @@ class CompareTest : public RunTest {
  protected:
   // A few coarse scans of a stairwell, in the layout of the ETHZ data set.
   std::string WriteStairs(int scans = 4) const {
+    return WriteScene(StationScene::kStairs, scans, 60, 4);
+  }
+
+  std::string WriteScene(StationScene scene, int scans, int lines, int ray_step) const {
     StationOptions options;
-    options.scene = StationScene::kStairs;
+    options.scene = scene;
     options.scans = scans;
-    options.lines = 60;
-    options.ray_step = 4;
+    options.lines = lines;
+    options.ray_step = ray_step;
     WriteStations(options, StationLayout::kEthz, Path("scans"));
     return Path("scans");
   }
@@ -163,6 +169,38 @@ TEST_F(CompareTest, AMethodBeyondItsTimeLimitFailsAndTheOthersGoOn) {
   EXPECT_THAT(Bytes(Path("out/table.md")), HasSubstr("failed"));
   Compare("ndt");  // more time: the failed rows are no longer good enough
   EXPECT_TRUE(Row("f2f_ndt")["good"].get<bool>());
+}
+
+// What the study compares are times, which no test can hold fast; but all else must be alike.
+TEST_F(CompareTest, TheResolutionStudyPosesTheSameProblemAtEachResolution) {
+  WriteScene(StationScene::kHauptgebaeude, 4, 300, 2);
+  Compare("condensed", {"--resolution-study"});
+  const std::vector<std::string> lines = Lines(Bytes(Path("out/resolution.csv")));
+  ASSERT_EQ(lines.size(), 1U + 5 * 4) << "a curve has failed";
+  EXPECT_EQ(lines[0], "curve,resolution_m,ape_cm,solve_ms,planes,iterations");
+  std::map<std::string, std::vector<std::vector<double>>> curves;
+  for (std::size_t i = 1; i < lines.size(); ++i) {
+    const std::size_t end = lines[i].rfind('"');
+    std::istringstream numbers(lines[i].substr(end + 2));
+    std::vector<double> values;
+    for (std::string cell; std::getline(numbers, cell, ',');) values.push_back(std::stod(cell));
+    curves[lines[i].substr(1, end - 1)].push_back(values);
+  }
+  ASSERT_EQ(curves.size(), 5U);
+  const double most_planes = curves.at("condensed, to convergence")[0][3];
+  EXPECT_GT(most_planes, 200.0);
+  for (const auto& [curve, points] : curves) {
+    for (const std::vector<double>& point : points) {
+      EXPECT_LT(point[1], 2.0) << curve << " at " << point[0];
+      EXPECT_GT(point[3], 0.5 * most_planes) << curve << " at " << point[0];
+      EXPECT_LE(point[3], 1.2 * most_planes) << curve << " at " << point[0];
+    }
+  }
+  EXPECT_THAT(Bytes(Path("out/resolution.png")).substr(1, 3), "PNG");
+  // Solve times would differ, were anything made again.
+  const std::string before = Bytes(Path("out/resolution.csv"));
+  Compare("condensed", {"--resolution-study"});
+  EXPECT_EQ(Bytes(Path("out/resolution.csv")), before);
 }
 
 TEST_F(CompareTest, ATruthOfAnotherLengthIsRefused) {

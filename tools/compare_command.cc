@@ -123,10 +123,10 @@ void WriteTables(const std::string& out, const CompareTable& table) {
 
 void WriteStudy(const std::string& out, const std::vector<ResolutionPoint>& points) {
   const std::filesystem::path folder(out);
-  std::string csv = "curve,resolution_m,ape_cm,solve_ms\n";
+  std::string csv = "curve,resolution_m,ape_cm,solve_ms,planes,iterations\n";
   for (const ResolutionPoint& p : points) {
-    csv +=
-        fmt::format("\"{}\",{:g},{:.4f},{:.3f}\n", p.curve, p.resolution_m, p.ape_cm, p.solve_ms);
+    csv += fmt::format("\"{}\",{:g},{:.4f},{:.3f},{},{}\n", p.curve, p.resolution_m, p.ape_cm,
+                       p.solve_ms, p.planes, p.iterations);
   }
   WriteTextFile((folder / "resolution.csv").string(), csv);
   if (!points.empty()) DrawResolutionStudy((folder / "resolution.png").string(), points);

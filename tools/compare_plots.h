@@ -16,6 +16,8 @@ struct ResolutionPoint {
   std::string curve;
   double resolution_m = 0.0;
   double ape_cm = 0.0, solve_ms = 0.0;
+  std::size_t planes = 0;  // of the last round
+  int iterations = 0;      // of all rounds
 };
 
 // Error and solve time against the resolution of the input, a panel each.

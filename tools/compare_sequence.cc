@@ -12,7 +12,6 @@
 #include "frontend/pairwise_registration.h"
 #include "io/trajectory_io.h"
 #include "tools/command_common.h"
-#include "tools/compare_jobs.h"
 #include "tools/compare_structure.h"
 #include "tools/synth_random.h"
 
@@ -42,12 +41,6 @@ std::vector<SE3> NoisyPoses(const std::vector<SE3>& truth, const CompareSettings
     poses[k] = Retract(poses[k], delta);
   }
   return poses;
-}
-
-void WritePoses(const std::string& path, const std::vector<SE3>& poses) {
-  Trajectory trajectory;
-  for (const SE3& T : poses) trajectory.push_back({0, T});
-  WriteKittiTrajectory(path, trajectory);
 }
 
 // Points of each scan, thinned for maps.
@@ -96,9 +89,10 @@ std::string Comparison::RowFolder(const std::string& sequence) const {
   return (fs::path(settings_.out) / "rows" / sequence).string();
 }
 
-std::string Comparison::FingerprintOf(const CompareSequence& sequence) const {
+std::string Comparison::FingerprintOf(const CompareSequence& sequence,
+                                      const std::string& config) const {
   std::string text =
-      sequence.identity + "\n" + config_text_ +
+      sequence.identity + "\n" + config +
       fmt::format("\n{} {} {} {}\n", static_cast<int>(settings_.initial_kind),
                   settings_.noise_rotation_deg, settings_.noise_translation_m, settings_.seed);
   for (const SE3& T : settings_.initial) {
@@ -153,8 +147,8 @@ void Comparison::RunJobs(const std::vector<CompareJob>& jobs, Work* work) {
   }
 }
 
-bool Comparison::InitialPoses(const CompareSequence& sequence, const Work& work,
-                              std::vector<SE3>* poses, std::string* reason) const {
+bool Comparison::InitialPoses(const CompareSequence& sequence, std::vector<SE3>* poses,
+                              std::string* reason) const {
   if (settings_.initial_kind == Initial::kFile) {
     *poses = settings_.initial;
     return true;
@@ -163,13 +157,23 @@ bool Comparison::InitialPoses(const CompareSequence& sequence, const Work& work,
     *poses = NoisyPoses(sequence.truth, settings_);
     return true;
   }
-  const auto row = ReadRow(RowPath(work.folder, "sync_teaser"), work.fingerprint);
+  const auto row = ReadRow(RowPath(RowFolder(sequence.name), "sync_teaser"),
+                           FingerprintOf(sequence, config_text_));
   if (!row || !row->good) {
     *reason = "no initial poses, teaser failed: " + (row ? row->reason : "it made no row");
     return false;
   }
   *poses = row->poses;
   return true;
+}
+
+std::string Comparison::WriteInitialPoses(const CompareSequence& sequence,
+                                          const std::vector<SE3>& poses) const {
+  Trajectory trajectory;
+  for (const SE3& T : poses) trajectory.push_back({0, T});
+  const std::string path = (fs::path(RowFolder(sequence.name)) / "initial.txt").string();
+  WriteKittiTrajectory(path, trajectory);
+  return path;
 }
 
 void Comparison::MakeRows(const CompareSequence& sequence, Work* work) {
@@ -194,9 +198,8 @@ void Comparison::MakeRows(const CompareSequence& sequence, Work* work) {
   if (!any_missing) return;
   std::vector<SE3> initial;
   std::string reason;
-  if (InitialPoses(sequence, *work, &initial, &reason)) {
-    work->initial_path = (fs::path(work->folder) / "initial.txt").string();
-    WritePoses(work->initial_path, initial);
+  if (InitialPoses(sequence, &initial, &reason)) {
+    work->initial_path = WriteInitialPoses(sequence, initial);
     RunJobs(second, work);
     return;
   }
@@ -246,7 +249,7 @@ void Comparison::MeasureStructures(const CompareSequence& sequence, Work* work,
 CompareColumn Comparison::Run(const CompareSequence& sequence) {
   Work work;
   work.folder = RowFolder(sequence.name);
-  work.fingerprint = FingerprintOf(sequence);
+  work.fingerprint = FingerprintOf(sequence, config_text_);
   work.scans = sequence.truth.size();
   work.name = sequence.name;
   std::optional<CompareFiles> files;
@@ -269,82 +272,11 @@ CompareColumn Comparison::Run(const CompareSequence& sequence) {
   }
   std::vector<SE3> initial;
   std::string ignored;
-  column.has_initial = InitialPoses(sequence, work, &initial, &ignored);
+  column.has_initial = InitialPoses(sequence, &initial, &ignored);
   if (column.has_initial) column.initial = CompareAll(initial, sequence.truth);
   MeasureStructures(sequence, &work, &column);
   if (files && sequence.close) sequence.close();
   return column;
-}
-
-std::vector<ResolutionPoint> Comparison::StudyResolution(const CompareSequence& sequence,
-                                                         const std::vector<double>& resolutions_m) {
-  struct Curve {
-    const char* title;
-    const char* method;
-    int max_iterations;
-  };
-  constexpr int kToConvergence = 400;
-  static const std::vector<Curve> kCurves = {
-      {"BALM (evm1)", "evm1", kToConvergence},
-      {"huang, 20 iterations", "huang", 20},
-      {"huang, to convergence", "huang", kToConvergence},
-      {"condensed, 20 iterations", "condensed", 20},
-      {"condensed, to convergence", "condensed", kToConvergence}};
-  std::optional<CompareFiles> files;
-  Work sequence_work;
-  sequence_work.folder = RowFolder(sequence.name);
-  sequence_work.fingerprint = FingerprintOf(sequence);
-  const std::string initial_path = (fs::path(sequence_work.folder) / "initial.txt").string();
-  std::vector<SE3> initial;
-  std::string reason;
-  if (!InitialPoses(sequence, sequence_work, &initial, &reason)) throw InputError(reason);
-  WritePoses(initial_path, initial);
-  std::vector<CompareTask> tasks;
-  std::vector<std::pair<ResolutionPoint, CompareTask>> points;
-  for (const Curve& curve : kCurves) {
-    for (const double resolution : resolutions_m) {
-      CompareTask task;
-      task.methods = {curve.method};
-      task.sequence = sequence.name;
-      task.fingerprint = sequence_work.fingerprint;
-      task.initial = initial_path;
-      task.config = config_path_;
-      task.resolution_m = resolution;
-      task.max_iterations = curve.max_iterations;
-      task.row_folder =
-          (fs::path(sequence_work.folder) /
-           fmt::format("resolution_{:g}_{}_{}", resolution, curve.method, curve.max_iterations))
-              .string();
-      task.time_limit_s = settings_.time_limit_s;
-      MakeDirectory(task.row_folder);
-      points.push_back({{curve.title, resolution, 0.0, 0.0}, task});
-      if (ReadRow(RowPath(task.row_folder, curve.method), task.fingerprint)) continue;
-      if (!files) files = sequence.open();
-      task.scans = files->scans;
-      tasks.push_back(task);
-    }
-  }
-  RunProgress progress(settings_.progress, tasks.size() * sequence.truth.size(),
-                       "scans of the resolution study");
-  CompareJobReports reports;
-  reports.on_step = [&] { progress.Step(); };
-  reports.on_failure = [&](const CompareRow& row) {
-    progress.Warn(fmt::format("{} in the resolution study failed: {}", row.method, row.reason));
-  };
-  // One at a time: it is times that are compared.
-  const bool done = RunCompareTasks(tasks, sequence.truth.size(), 1, stop_, reports);
-  progress.Finish();
-  if (files && sequence.close) sequence.close();
-  if (!done) throw InputError("interrupted in the resolution study; finished runs are kept");
-  std::vector<ResolutionPoint> study;
-  for (auto& [point, task] : points) {
-    const auto row = ReadRow(RowPath(task.row_folder, task.methods[0]), task.fingerprint);
-    if (!row || !row->good) continue;
-    point.ape_cm = 100.0 * CompareAll(row->poses, sequence.truth).ape_rmse_m;
-    point.solve_ms = 1e3 * row->solve_s;
-    study.push_back(point);
-  }
-  return study;
 }
 
 }  // namespace lamina

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "config/config.h"
+#include "tools/compare_jobs.h"
 #include "tools/compare_methods.h"
 #include "tools/compare_plots.h"
 #include "tools/compare_tables.h"
@@ -57,23 +58,27 @@ class Comparison {
   CompareColumn Run(const CompareSequence& sequence);
 
   // Figure 4: BALM and ours, with 20 iterations and to convergence, on scans that are downsampled
-  // first. After Run of the same sequence.
+  // first (compare_resolution.cc). After Run of the same sequence. Throws as Run does.
   std::vector<ResolutionPoint> StudyResolution(const CompareSequence& sequence,
                                                const std::vector<double>& resolutions_m);
 
  private:
   struct Work;
   std::string RowFolder(const std::string& sequence) const;
-  std::string FingerprintOf(const CompareSequence& sequence) const;
+  std::string FingerprintOf(const CompareSequence& sequence, const std::string& config) const;
   // Of the rows of these methods, those that must be made.
   CompareJob Missing(const CompareJob& job, const Work& work) const;
   // Rows of all jobs; a row whose initial poses could not be had says so.
   void MakeRows(const CompareSequence& sequence, Work* work);
   void RunJobs(const std::vector<CompareJob>& jobs, Work* work);
   // False if they cannot be had; *reason says why.
-  bool InitialPoses(const CompareSequence& sequence, const Work& work, std::vector<SE3>* poses,
+  bool InitialPoses(const CompareSequence& sequence, std::vector<SE3>* poses,
                     std::string* reason) const;
+  // Returns the path.
+  std::string WriteInitialPoses(const CompareSequence& sequence,
+                                const std::vector<SE3>& poses) const;
   void MeasureStructures(const CompareSequence& sequence, Work* work, CompareColumn* column);
+  void RunStudy(const CompareSequence& sequence, const std::vector<CompareTask>& tasks) const;
 
   CompareSettings settings_;
   const std::atomic<bool>& stop_;
