@@ -1,7 +1,6 @@
 #include "tools/watch_command.h"
 
 #include <fmt/format.h>
-#include <malloc.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -14,6 +13,7 @@
 #include "core/error.h"
 #include "tools/command_common.h"
 #include "tools/run_report.h"
+#include "tools/steady_heap.h"
 #include "tools/watch_daemon.h"
 #include "tools/watch_log.h"
 
@@ -70,18 +70,6 @@ void CheckFolders(const std::string& inbox, const std::string& session) {
     throw OptionError(
         fmt::format("--session {}: must be outside of the inbox, {}", session, inbox));
   }
-}
-
-// What a process that runs for days takes shall not change. glibc would give every thread a heap of
-// its own, whose holes add up over time: one for all is a sixth smaller here. And it would hand
-// memory back between two scans, to ask for it again at the next.
-void KeepHeapSteady() {
-#ifdef __GLIBC__
-  constexpr int kLargeBytes = 4 << 20, kNeverTrimmedBytes = 1 << 30;
-  mallopt(M_ARENA_MAX, 1);
-  mallopt(M_MMAP_THRESHOLD, kLargeBytes);
-  mallopt(M_TRIM_THRESHOLD, kNeverTrimmedBytes);
-#endif
 }
 
 int Watch(const WatchArguments& a) {
