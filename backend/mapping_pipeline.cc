@@ -237,6 +237,7 @@ class MappingPipeline::ScanStages final : public PipelineStages {
   }
   void End(std::size_t i) override {
     serial_->Process(&Slot(i));
+    Slot(i) = PipelineScan();
     ++processed_;
   }
 

@@ -95,7 +95,7 @@ struct Session::SnapshotJob {
   std::int64_t scans = 0;
   std::unique_ptr<CheckpointWriter> writer;  // housekeeping
   std::atomic<bool> failed{false};
-  std::atomic<int> waiting{0};    // sections that are not being written yet
+  std::atomic<int> unwritten{0};  // sections
   double longest_pause_ms = 0.0;  // mapping
   Stopwatch since_begin;
 };
@@ -124,9 +124,10 @@ void Session::BeginCheckpoint() {
 }
 
 void Session::Write(const std::string& tag, std::shared_ptr<const std::string> bytes) {
-  ++job_->waiting;
+  ++job_->unwritten;
   housekeeping_->Do([this, job = job_, tag, bytes = std::move(bytes)] {
-    --job->waiting;
+    const auto count = [](SnapshotJob* written) { --written->unwritten; };
+    const std::unique_ptr<SnapshotJob, decltype(count)> at_the_end(job.get(), count);
     if (job->failed) return;
     job->failed = true;  // unless all goes well
     if (!job->writer) {
@@ -138,12 +139,10 @@ void Session::Write(const std::string& tag, std::shared_ptr<const std::string> b
 }
 
 void Session::ContinueCheckpoint() {
-  // A checkpoint must not show in the memory that the process needs.
-  if (job_->waiting > 0) return;
+  if (job_->unwritten > 0) return;
   Stopwatch pause;
-  const auto records = std::make_shared<std::string>();
-  const bool more = pipeline_->map().ContinueSnapshot(kPieceBytes, records.get());
-  Write("ROOT", records);
+  const bool more = pipeline_->map().ContinueSnapshot(kPieceBytes, piece_.get());
+  Write("ROOT", piece_);
   job_->longest_pause_ms = std::max(job_->longest_pause_ms, pause.Milliseconds());
   if (more) return;
   housekeeping_->Do([this, job = job_] { FinishCheckpoint(job.get()); });
