@@ -28,6 +28,21 @@ bool NeedsInitial(const std::string& method) {
 
 const CompareJob kTeaserJob = {"teaser", "sync_teaser"};
 
+// Longest first, so that at the end no processor waits long for another. What takes long is the
+// same everywhere; the order changes no result.
+void PutLongestFirst(std::vector<CompareTask>* tasks) {
+  static const std::vector<std::string> kLong = {
+      "f2m_ndt", "f2m_icp_point", "f2f_ndt",  "f2f_icp_point", "pl",   "ef_lm", "sync_teaser",
+      "ef",      "f2m_icp_plane", "f2m_gicp", "sync_fgr",      "huang"};
+  const auto rank = [](const CompareTask& task) {
+    return std::find_first_of(kLong.begin(), kLong.end(), task.methods.begin(),
+                              task.methods.end()) -
+           kLong.begin();
+  };
+  std::stable_sort(tasks->begin(), tasks->end(),
+                   [&](const CompareTask& a, const CompareTask& b) { return rank(a) < rank(b); });
+}
+
 std::vector<SE3> NoisyPoses(const std::vector<SE3>& truth, const CompareSettings& settings) {
   std::vector<SE3> poses = truth;
   for (std::size_t k = 1; k < poses.size(); ++k) {
@@ -131,6 +146,7 @@ void Comparison::RunJobs(const std::vector<CompareJob>& jobs, Work* work) {
     tasks.push_back(std::move(task));
   }
   if (tasks.empty()) return;
+  PutLongestFirst(&tasks);
   RunProgress progress(settings_.progress, steps, "scans of " + work->name);
   CompareJobReports reports;
   reports.on_step = [&] { progress.Step(); };
