@@ -77,8 +77,8 @@ double ReferenceCloud::Distance(const Eigen::Vector3f& p) const {
   // Shells of cells: after the shell r, all within r cells have been seen. And of a shell, only the
   // cells that are nearer than the best point so far.
   constexpr int kShells = static_cast<int>(kStructuralBoundM / kCellM + 0.999);
-  const Eigen::Vector3d centre = p.cast<double>();
-  const Eigen::Array3d inside = centre.array() - kCellM * (centre.array() / kCellM).floor();
+  const Eigen::Array3d here = p.cast<double>().array();
+  const Eigen::Array3d first = (here / kCellM).floor();
   for (int r = 0; r <= kShells; ++r) {
     const double seen = std::max(0, r - 1) * kCellM;
     if (static_cast<double>(best2) <= seen * seen) break;
@@ -86,10 +86,10 @@ double ReferenceCloud::Distance(const Eigen::Vector3f& p) const {
       const int w = 2 * r + 1;
       const Eigen::Vector3i at(i % w - r, i / w % w - r, i / (w * w) - r);
       if (at.cwiseAbs().maxCoeff() != r) continue;
-      const Eigen::Array3d low = kCellM * at.cast<double>().array() - inside;
-      const Eigen::Array3d beside = low.max(-kCellM - low).max(0.0);
+      const Eigen::Array3d low = kCellM * (first + at.cast<double>().array());
+      const Eigen::Array3d beside = (low - here).max(here - low - kCellM).max(0.0);
       if (beside.square().sum() > static_cast<double>(best2)) continue;
-      const Eigen::Vector3d q = centre + kCellM * at.cast<double>();
+      const Eigen::Vector3d q = low + 0.5 * kCellM;
       if (!IsVoxelKeyInRange(q, 1.0 / kCellM)) continue;
       const std::int32_t cell = cells_.Find(VoxelKeyOf(q, 1.0 / kCellM));
       if (cell == VoxelIndex::kNone) continue;
