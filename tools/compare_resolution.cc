@@ -97,16 +97,9 @@ void Comparison::RunStudy(const CompareSequence& sequence,
   if (missing.empty()) return;
   const CompareFiles files = sequence.open();
   for (CompareTask& task : missing) task.scans = files.scans;
-  RunProgress progress(settings_.progress, missing.size() * sequence.truth.size(),
-                       "scans of the resolution study");
-  CompareJobReports reports;
-  reports.on_step = [&] { progress.Step(); };
-  reports.on_failure = [&](const CompareRow& row) {
-    progress.Warn(fmt::format("{} in the resolution study failed: {}", row.method, row.reason));
-  };
   // One at a time: it is times that are compared.
-  const bool done = RunCompareTasks(missing, sequence.truth.size(), 1, stop_, reports);
-  progress.Finish();
+  const bool done = RunTasks(missing, {"of the resolution study", "in the resolution study"},
+                             sequence.truth.size(), 1);
   if (sequence.close) sequence.close();
   if (!done) throw InputError("interrupted in the resolution study; finished runs are kept");
 }

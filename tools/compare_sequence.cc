@@ -128,9 +128,23 @@ CompareJob Comparison::Missing(const CompareJob& job, const Work& work) const {
   return missing;
 }
 
+bool Comparison::RunTasks(const std::vector<CompareTask>& tasks, const Wording& wording,
+                          std::size_t scans, std::size_t at_once) const {
+  std::size_t steps = 0;
+  for (const CompareTask& task : tasks) steps += StepsOf(task, scans);
+  RunProgress progress(settings_.progress, steps, "scans " + wording.of);
+  CompareJobReports reports;
+  reports.on_step = [&] { progress.Step(); };
+  reports.on_failure = [&](const CompareRow& row) {
+    progress.Warn(fmt::format("{} {} failed: {}", row.method, wording.on, row.reason));
+  };
+  const bool done = RunCompareTasks(tasks, scans, at_once, stop_, reports);
+  progress.Finish();
+  return done;
+}
+
 void Comparison::RunJobs(const std::vector<CompareJob>& jobs, Work* work) {
   std::vector<CompareTask> tasks;
-  std::size_t steps = 0;
   for (const CompareJob& job : jobs) {
     CompareTask task;
     task.methods = Missing(job, *work);
@@ -142,19 +156,12 @@ void Comparison::RunJobs(const std::vector<CompareJob>& jobs, Work* work) {
     task.config = config_path_;
     task.row_folder = work->folder;
     task.time_limit_s = settings_.time_limit_s;
-    steps += StepsOf(task, work->scans);
     tasks.push_back(std::move(task));
   }
   if (tasks.empty()) return;
   PutLongestFirst(&tasks);
-  RunProgress progress(settings_.progress, steps, "scans of " + work->name);
-  CompareJobReports reports;
-  reports.on_step = [&] { progress.Step(); };
-  reports.on_failure = [&](const CompareRow& row) {
-    progress.Warn(fmt::format("{} on {} failed: {}", row.method, row.sequence, row.reason));
-  };
-  const bool done = RunCompareTasks(tasks, work->scans, settings_.at_once, stop_, reports);
-  progress.Finish();
+  const bool done =
+      RunTasks(tasks, {"of " + work->name, "on " + work->name}, work->scans, settings_.at_once);
   if (!done) {
     throw InputError(fmt::format(
         "interrupted; the rows that are finished stay in {}/rows, and the same call goes on from "

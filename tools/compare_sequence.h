@@ -71,6 +71,13 @@ class Comparison {
   // Rows of all jobs; a row whose initial poses could not be had says so.
   void MakeRows(const CompareSequence& sequence, Work* work);
   void RunJobs(const std::vector<CompareJob>& jobs, Work* work);
+  // What tasks are for, in the words of progress and of messages.
+  struct Wording {
+    std::string of, on;
+  };
+  // With progress and messages; false if interrupted.
+  bool RunTasks(const std::vector<CompareTask>& tasks, const Wording& wording, std::size_t scans,
+                std::size_t at_once) const;
   // False if they cannot be had; *reason says why.
   bool InitialPoses(const CompareSequence& sequence, std::vector<SE3>* poses,
                     std::string* reason) const;
