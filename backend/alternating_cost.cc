@@ -22,7 +22,7 @@ AlternatingCost::AlternatingCost(const BundleProblem& problem)
 void AlternatingCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* system) {
   const PoseMatrices matrices(poses);
   held_ = MakePlaneFrames(problem_, matrices);
-  PassOverFrames(
+  system->cost = PassOverFrames(
       problem_, index_, matrices, false,
       [&](const FramePassItem& item) {
         const PlaneFrame& f = held_[item.plane_index];
@@ -31,17 +31,20 @@ void AlternatingCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* sy
         Vector6d j;
         j << item.cluster.mean.cross(m), f.normal;
         const double distance = f.normal.dot(item.R * item.cluster.mean + item.t - f.mean);
+        double square = n * distance * distance;
         item.D->noalias() += (w * n) * j * j.transpose();
         *item.g += (w * n * distance) * j;
         for (int k = 0; k < 2; ++k) {
           const Eigen::Vector3d axis = axes_[item.observation].col(k);
           const Eigen::Vector3d turn = axis.cross(m);
           item.D->topLeftCorner<3, 3>().noalias() += w * turn * turn.transpose();
-          item.g->head<3>() += (w * axis.dot(m)) * turn;
+          const double along = axis.dot(m);
+          item.g->head<3>() += (w * along) * turn;
+          square += along * along;
         }
+        *item.cost += 0.5 * w * square;
       },
       system);
-  system->cost = Value(poses);
 }
 
 double AlternatingCost::Value(const std::vector<SE3>& poses) const {

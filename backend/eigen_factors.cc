@@ -85,7 +85,7 @@ std::vector<EigenFactorsCost::Factor> EigenFactorsCost::Factors(
 void EigenFactorsCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* system) {
   held_ = Factors(poses);
   const PoseMatrices matrices(poses);
-  PassOverFrames(
+  system->cost = PassOverFrames(
       problem_, index_, matrices, false,
       [&](const FramePassItem& item) {
         const Eigen::Vector4d& pi = held_[item.plane_index].pi;
@@ -95,9 +95,9 @@ void EigenFactorsCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* s
         const Eigen::Vector4d r = root * y;
         item.D->noalias() += item.plane.weight * (J.transpose() * J);
         item.g->noalias() += item.plane.weight * (J.transpose() * r);
+        *item.cost += 0.5 * item.plane.weight * r.squaredNorm();
       },
       system);
-  system->cost = Value(poses);
 }
 
 double EigenFactorsCost::Value(const std::vector<SE3>& poses) const {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <numeric>
 #include <vector>
 
 #include "backend/bundle_cost.h"
@@ -20,32 +21,38 @@ struct FramePassItem {
   Matrix6d* D;
   Vector6d* g;
   ReducedSystem::Rows* W;  // null unless the formulation has rows
+  double* cost;
 };
 
-// Calls add(item) for every observation, frames in parallel. `add` sums into D and g, and sets W.
+// Calls add(item) for every observation, frames in parallel. `add` sums into D, g and, where the
+// cost is one of observations, cost; and sets W. Returns the sum of these costs.
 template <typename Add>
-void PassOverFrames(const BundleProblem& problem, const BundleIndex& index,
-                    const PoseMatrices& poses, bool with_rows, const Add& add,
-                    ReducedSystem* system) {
+double PassOverFrames(const BundleProblem& problem, const BundleIndex& index,
+                      const PoseMatrices& poses, bool with_rows, const Add& add,
+                      ReducedSystem* system) {
   const std::size_t size = index.frames();
   system->gradient.resize(static_cast<Eigen::Index>(6 * size));
   system->diagonal.resize(size);
   system->rows.resize(with_rows ? problem.observations.size() : 0);
+  std::vector<double> costs(size);
   constexpr std::size_t kChunk = 4;  // frames
   ParallelChunks(size, kChunk, [&](std::size_t begin, std::size_t end) {
     for (std::size_t f = begin; f < end; ++f) {
       Matrix6d D = Matrix6d::Zero();
       Vector6d g = Vector6d::Zero();
+      double cost = 0.0;
       for (auto* e = index.begin(f); e != index.end(f); ++e) {
         const auto o = static_cast<std::size_t>(e->observation);
         const auto p = static_cast<std::size_t>(e->plane);
         add(FramePassItem{o, p, problem.observations[o].cluster, problem.planes[p], poses.R[f],
-                          poses.t[f], &D, &g, with_rows ? &system->rows[o] : nullptr});
+                          poses.t[f], &D, &g, with_rows ? &system->rows[o] : nullptr, &cost});
       }
       system->diagonal[f] = D;
+      costs[f] = cost;
       system->gradient.segment<6>(static_cast<Eigen::Index>(6 * f)) = g;
     }
   });
+  return std::accumulate(costs.begin(), costs.end(), 0.0);
 }
 
 // An observation in the frame of its plane: the terms of which all the formulations' derivatives

@@ -24,34 +24,73 @@ SE3 FromBlock(const PoseBlock& x) {
   return SE3(Eigen::Quaterniond(x[3], x[0], x[1], x[2]), Eigen::Vector3d(x[4], x[5], x[6]));
 }
 
-struct PlaneResidual {
-  PlaneResidual(const PointCluster& cluster, double weight, const Eigen::Vector3d& plane_anchor)
-      : world_anchor(plane_anchor) {
+// A plane as one frame's cluster measures it: Pi_k relative to an anchor one metre behind the
+// cluster, in the LiDAR frame.
+struct PlaneMeasurement {
+  PlaneMeasurement(const PointCluster& cluster, double weight) {
     const Eigen3 eigen = cluster.Eigen();
     anchor = cluster.mean - eigen.u.col(2);
-    measured = eigen.u.col(2);
+    closest = eigen.u.col(2);
     const Eigen::Vector3d information(std::max(0.0, eigen.l(0)), std::max(0.0, eigen.l(1)), 1.0);
     root = (weight * cluster.count * information).cwiseSqrt().asDiagonal() * eigen.u.transpose();
   }
+  // A fitted normal has no sign of its own.
+  void Reverse() {
+    anchor += 2.0 * closest;
+    closest = -closest;
+  }
 
-  template <typename T>
-  bool operator()(const T* pose, const T* plane, T* residual) const {
-    const Eigen::Map<const Eigen::Quaternion<T>> q(pose);
-    const Eigen::Map<const Eigen::Matrix<T, 3, 1>> t(pose + 4), closest(plane);
-    const T d = closest.norm();
-    const Eigen::Matrix<T, 3, 1> normal = closest / d;
-    const Eigen::Matrix<T, 3, 1> anchor_world = q * anchor.cast<T>() + t;
-    // Signed distance of the plane from the measurement's anchor, along the normal.
-    const T distance = d - normal.dot(anchor_world - world_anchor.cast<T>());
-    const Eigen::Matrix<T, 3, 1> predicted = (q.conjugate() * normal) * distance;
-    Eigen::Map<Eigen::Matrix<T, 3, 1>> r(residual);
-    r = root.cast<T>() * (predicted - measured.cast<T>());
+  Eigen::Vector3d anchor, closest;
+  Eigen::Matrix3d root;  // of the information
+};
+
+// By hand: there are as many of these as observations, and automatic derivatives take most of the
+// time of a solve.
+class PlaneResidual final : public ceres::SizedCostFunction<3, kPoseSize, 3> {
+ public:
+  PlaneResidual(const PlaneMeasurement& measured, const Eigen::Vector3d& world_anchor)
+      : measured_(measured), world_anchor_(world_anchor) {}
+
+  bool Evaluate(const double* const* parameters, double* residual,
+                double** jacobians) const override {
+    const Eigen::Map<const Eigen::Quaterniond> q(parameters[0]);
+    const Eigen::Map<const Eigen::Vector3d> t(parameters[0] + 4), closest(parameters[1]);
+    const Eigen::Matrix3d R = q.toRotationMatrix();
+    const double d = closest.norm();
+    const Eigen::Vector3d normal = closest / d;
+    const Eigen::Vector3d arm = R * measured_.anchor;
+    const Eigen::Vector3d from_anchor = arm + t - world_anchor_;
+    // Of the plane from the measurement's anchor, along the normal.
+    const double distance = d - normal.dot(from_anchor);
+    const Eigen::Vector3d direction = R.transpose() * normal;
+    Eigen::Map<Eigen::Vector3d> difference(residual);
+    difference = measured_.root * (direction * distance - measured_.closest);
+    if (jacobians == nullptr) return true;
+    if (jacobians[0] != nullptr) {
+      // By w in R <- Exp(2 w) R, which is how the manifold turns; P, its plus at zero, takes this
+      // to the four numbers, and as P' P = 1, the manifold takes it back.
+      const Eigen::Matrix3d by_turn = 2.0 * (distance * R.transpose() * Hat(normal) +
+                                             direction * normal.cross(arm).transpose());
+      Eigen::Matrix<double, 4, 3> P;
+      P << q.w() * Eigen::Matrix3d::Identity() - Hat(q.vec()), -q.vec().transpose();
+      Eigen::Map<Eigen::Matrix<double, 3, kPoseSize, Eigen::RowMajor>> J(jacobians[0]);
+      J.leftCols<4>().noalias() = measured_.root * by_turn * P.transpose();
+      J.rightCols<3>().noalias() = -(measured_.root * direction) * normal.transpose();
+    }
+    if (jacobians[1] != nullptr) {
+      const Eigen::Matrix3d normal_by =
+          (Eigen::Matrix3d::Identity() - normal * normal.transpose()) / d;
+      const Eigen::Vector3d distance_by = normal - normal_by * from_anchor;
+      Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> J(jacobians[1]);
+      J.noalias() = measured_.root *
+                    (distance * R.transpose() * normal_by + direction * distance_by.transpose());
+    }
     return true;
   }
 
-  Eigen::Vector3d anchor, measured;  // LiDAR frame; measured is Pi_k, relative to the anchor
-  Eigen::Vector3d world_anchor;
-  Eigen::Matrix3d root;
+ private:
+  PlaneMeasurement measured_;
+  Eigen::Vector3d world_anchor_;
 };
 
 // Motion along one direction since the start, with a stiffness beside which planes are nothing.
@@ -168,16 +207,11 @@ class LandmarkProblem {
     planes_[p] = normal;
     const Eigen::Vector3d anchor = frame.mean - normal;
     const auto add = [&](const PointCluster& cluster, double* pose) {
-      PlaneResidual residual(cluster, plane.weight, anchor);
-      // A fitted normal has no sign of its own: take the one that agrees at the start values.
+      PlaneMeasurement measured(cluster, plane.weight);
       const Eigen::Map<const Eigen::Quaterniond> q(pose);
-      if ((q * residual.measured).dot(normal) < 0.0) {
-        residual.anchor += 2.0 * residual.measured;
-        residual.measured = -residual.measured;
-      }
-      ceres_.AddResidualBlock(new ceres::AutoDiffCostFunction<PlaneResidual, 3, kPoseSize, 3>(
-                                  new PlaneResidual(residual)),
-                              nullptr, pose, planes_[p].data());
+      if ((q * measured.closest).dot(normal) < 0.0) measured.Reverse();
+      ceres_.AddResidualBlock(new PlaneResidual(measured, anchor), nullptr, pose,
+                              planes_[p].data());
     };
     for (int i = plane.first; i < plane.first + plane.count; ++i) {
       const PlaneObservation& o = problem.observations[static_cast<std::size_t>(i)];
