@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "backend/frame_pass.h"
-#include "core/parallel.h"
 
 namespace lamina {
 
@@ -48,26 +47,15 @@ void AlternatingCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* sy
 }
 
 double AlternatingCost::Value(const std::vector<SE3>& poses) const {
-  const PoseMatrices matrices(poses);
-  constexpr std::size_t kChunk = 64;  // planes
-  return ParallelSum(held_.size(), kChunk, 0.0, [&](std::size_t begin, std::size_t end) {
-    double cost = 0.0;
-    for (std::size_t p = begin; p < end; ++p) {
-      const Plane& plane = problem_.planes[p];
-      for (int i = plane.first; i < plane.first + plane.count; ++i) {
-        const auto o = static_cast<std::size_t>(i);
-        const PlaneObservation& seen = problem_.observations[o];
-        const auto k = static_cast<std::size_t>(seen.frame);
-        const Eigen::Vector3d m = matrices.R[k].transpose() * held_[p].normal;
-        const double distance =
-            held_[p].normal.dot(matrices.R[k] * seen.cluster.mean + matrices.t[k] - held_[p].mean);
-        cost +=
-            0.5 * plane.weight *
-            ((axes_[o].transpose() * m).squaredNorm() + seen.cluster.count * distance * distance);
-      }
-    }
-    return cost;
-  });
+  return SumOfSquares(
+      problem_, PoseMatrices(poses),
+      [&](std::size_t p, std::size_t o, const Eigen::Matrix3d& R, const Eigen::Vector3d& t) {
+        const PlaneFrame& f = held_[p];
+        const PointCluster& cluster = problem_.observations[o].cluster;
+        const Eigen::Vector3d m = R.transpose() * f.normal;
+        const double distance = f.normal.dot(R * cluster.mean + t - f.mean);
+        return (axes_[o].transpose() * m).squaredNorm() + cluster.count * distance * distance;
+      });
 }
 
 }  // namespace lamina

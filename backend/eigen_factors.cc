@@ -101,21 +101,11 @@ void EigenFactorsCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* s
 }
 
 double EigenFactorsCost::Value(const std::vector<SE3>& poses) const {
-  const PoseMatrices matrices(poses);
-  constexpr std::size_t kChunk = 64;  // planes
-  return ParallelSum(held_.size(), kChunk, 0.0, [&](std::size_t begin, std::size_t end) {
-    double cost = 0.0;
-    for (std::size_t p = begin; p < end; ++p) {
-      const Plane& plane = problem_.planes[p];
-      for (int i = plane.first; i < plane.first + plane.count; ++i) {
-        const auto o = static_cast<std::size_t>(i);
-        const auto k = static_cast<std::size_t>(problem_.observations[o].frame);
-        const Eigen::Vector4d y = PlaneInFrame(held_[p].pi, matrices.R[k], matrices.t[k]);
-        cost += 0.5 * plane.weight * (roots_[o] * y).squaredNorm();
-      }
-    }
-    return cost;
-  });
+  return SumOfSquares(
+      problem_, PoseMatrices(poses),
+      [&](std::size_t p, std::size_t o, const Eigen::Matrix3d& R, const Eigen::Vector3d& t) {
+        return (roots_[o] * PlaneInFrame(held_[p].pi, R, t)).squaredNorm();
+      });
 }
 
 double EigenFactorsCost::ValueAndGradient(const std::vector<SE3>& poses,

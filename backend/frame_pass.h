@@ -1,4 +1,4 @@
-// The pass over all observations, frame by frame, that the formulations share.
+// The passes over all observations that the formulations share.
 #pragma once
 
 #include <cstddef>
@@ -53,6 +53,36 @@ double PassOverFrames(const BundleProblem& problem, const BundleIndex& index,
     }
   });
   return std::accumulate(costs.begin(), costs.end(), 0.0);
+}
+
+// The same for a formulation whose cost is EigenvalueCost, frames those of the planes at the poses:
+// calls add(item, frame of its plane).
+template <typename Add>
+void LineariseEigenvalueCost(const BundleProblem& problem, const BundleIndex& index,
+                             const PoseMatrices& poses, const std::vector<PlaneFrame>& frames,
+                             const Add& add, ReducedSystem* system) {
+  system->cost = EigenvalueCost(problem, frames);
+  PassOverFrames(
+      problem, index, poses, true,
+      [&](const FramePassItem& item) { add(item, frames[item.plane_index]); }, system);
+}
+
+// sum_planes 1/2 weight sum_k square(plane, observation, R_k, t_k), planes in parallel.
+template <typename Square>
+double SumOfSquares(const BundleProblem& problem, const PoseMatrices& poses, const Square& square) {
+  constexpr std::size_t kChunk = 64;  // planes
+  return ParallelSum(problem.planes.size(), kChunk, 0.0, [&](std::size_t begin, std::size_t end) {
+    double sum = 0.0;
+    for (std::size_t p = begin; p < end; ++p) {
+      const Plane& plane = problem.planes[p];
+      for (int i = plane.first; i < plane.first + plane.count; ++i) {
+        const auto o = static_cast<std::size_t>(i);
+        const auto k = static_cast<std::size_t>(problem.observations[o].frame);
+        sum += 0.5 * plane.weight * square(p, o, poses.R[k], poses.t[k]);
+      }
+    }
+    return sum;
+  });
 }
 
 // An observation in the frame of its plane: the terms of which all the formulations' derivatives

@@ -88,12 +88,10 @@ std::vector<PlaneFrame> PointwiseCost::Frames(const PoseMatrices& poses) const {
 
 void PointwiseCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* system) {
   const PoseMatrices matrices(poses);
-  const std::vector<PlaneFrame> frames = Frames(matrices);
-  system->cost = EigenvalueCost(problem_, frames);
-  PassOverFrames(
-      problem_, index_, matrices, true,
-      [&](const FramePassItem& item) {
-        AddObservation(item, problem_.points[item.observation], frames[item.plane_index]);
+  LineariseEigenvalueCost(
+      problem_, index_, matrices, Frames(matrices),
+      [&](const FramePassItem& item, const PlaneFrame& frame) {
+        AddObservation(item, problem_.points[item.observation], frame);
       },
       system);
 }

@@ -32,11 +32,10 @@ void AddObservation(const FramePassItem& item, const PlaneFrame& f) {
 
 void SecondOrderCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* system) {
   const PoseMatrices matrices(poses);
-  const std::vector<PlaneFrame> frames = MakePlaneFrames(problem_, matrices);
-  system->cost = EigenvalueCost(problem_, frames);
-  PassOverFrames(
-      problem_, index_, matrices, true,
-      [&](const FramePassItem& item) { AddObservation(item, frames[item.plane_index]); }, system);
+  LineariseEigenvalueCost(
+      problem_, index_, matrices, MakePlaneFrames(problem_, matrices),
+      [](const FramePassItem& item, const PlaneFrame& frame) { AddObservation(item, frame); },
+      system);
 }
 
 double SecondOrderCost::Value(const std::vector<SE3>& poses) const {

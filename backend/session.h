@@ -170,11 +170,11 @@ class Session {
   bool checkpoint_requested_ = false, finished_ = false;
   std::shared_ptr<SnapshotJob> job_;
   // What the last checkpoint has beside the map, and its last piece of the map. Kept for their
-  // memory: the next ones take the same, once the housekeeping thread has written them, and a
-  // checkpoint does not show in what the process needs.
+  // memory: the next ones take the same, and a checkpoint does not show in what the process needs.
+  // No piece is begun before the housekeeping thread has written all before it
+  // (ContinueCheckpoint), so none is overwritten while it is being written.
   std::shared_ptr<StateArchive> state_ = std::make_shared<StateArchive>();
   std::shared_ptr<std::string> piece_ = std::make_shared<std::string>();
-  std::atomic<bool> state_waits_{false};
   double trajectory_due_s_ = 0.0;
   std::int64_t published_ = 0;   // scans in the trajectory files
   std::vector<FinalPose> tail_;  // poses that are final by Finish() alone

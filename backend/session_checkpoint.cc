@@ -111,15 +111,12 @@ void Session::BeginCheckpoint() {
   StateArchive head, counters;
   head(&job_->scans, &setup_.fixed_options);
   pipeline_->map().ArchiveCounters(counters);
-  if (state_waits_) housekeeping_->Wait();
   state_->written().clear();
   pipeline_->Archive(*state_);
   pipeline_->map().BeginSnapshot();
   Write("HEAD", std::make_shared<std::string>(std::move(head.written())));
   Write("MAPC", std::make_shared<std::string>(std::move(counters.written())));
-  state_waits_ = true;
   Write("PIPE", {state_, &state_->written()});
-  housekeeping_->Do([this] { state_waits_ = false; });
   job_->longest_pause_ms = pause.Milliseconds();
 }
 

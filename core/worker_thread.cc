@@ -34,11 +34,6 @@ void WorkerThread::Wait() {
   changed_.wait(lock, [&] { return done_ >= until; });
 }
 
-std::size_t WorkerThread::pending() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return handed_over_ - done_;
-}
-
 void WorkerThread::Run() {
   std::unique_lock<std::mutex> lock(mutex_);
   while (true) {

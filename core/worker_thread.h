@@ -23,15 +23,13 @@ class WorkerThread {
   void Do(std::function<void()> work);
   // Until all that was handed over so far is done.
   void Wait();
-  // Pieces of work that wait or are under way.
-  std::size_t pending() const;
 
  private:
   void Run();
 
   std::function<void(const std::exception&)> failed_;
   const std::size_t most_waiting_;
-  mutable std::mutex mutex_;
+  std::mutex mutex_;
   std::condition_variable changed_;
   std::deque<std::function<void()>> work_;
   std::size_t handed_over_ = 0, done_ = 0;

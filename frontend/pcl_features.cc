@@ -1,20 +1,19 @@
 // Neighbourhoods and features: what of PCL needs its k-d tree.
 #include <pcl/features/fpfh.h>
-#include <pcl/kdtree/kdtree_flann.h>
 #include <pcl/point_types.h>
-#include <pcl/search/kdtree.h>
 
 #include <algorithm>
 #include <utility>
 
 #include "core/parallel.h"
 #include "frontend/pcl_registration.h"
+#include "frontend/pcl_search.h"
 
 namespace lamina {
 namespace {
 
 using Cloud = pcl::PointCloud<pcl::PointXYZ>;
-using Tree = pcl::search::KdTree<pcl::PointXYZ>;
+using Tree = PclSearch<pcl::PointXYZ>;
 
 Cloud::Ptr ToPcl(const std::vector<Eigen::Vector3f>& points) {
   auto out = pcl::make_shared<Cloud>();

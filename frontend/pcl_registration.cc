@@ -8,6 +8,9 @@
 
 #include <cmath>
 #include <type_traits>
+#include <utility>
+
+#include "frontend/pcl_search.h"
 
 // Compiled into PCL's library, and heavy to compile again.
 extern template class pcl::NormalDistributionsTransform<pcl::PointXYZ, pcl::PointXYZ>;
@@ -17,6 +20,10 @@ namespace {
 
 using Cloud = pcl::PointCloud<pcl::PointXYZ>;
 using NormalCloud = pcl::PointCloud<pcl::PointNormal>;
+
+// The cloud that a pointer points to.
+template <typename Pointer>
+using CloudAt = std::remove_const_t<std::remove_reference_t<decltype(*std::declval<Pointer>())>>;
 
 Cloud::Ptr ToPcl(const std::vector<Eigen::Vector3f>& points) {
   auto out = pcl::make_shared<Cloud>();
@@ -108,6 +115,9 @@ class PclRegistration final : public PairwiseMethod {
 
   template <typename Registration>
   void AlignPrepared(const SE3& initial, Registration* registration, PairwiseResult* result) const {
+    using Aligned = CloudAt<decltype(registration->getInputSource())>;
+    using Target = CloudAt<decltype(registration->getInputTarget())>;
+    registration->setSearchMethodTarget(pcl::make_shared<PclSearch<typename Target::PointType>>());
     registration->setMaximumIterations(options_.max_iterations);
     registration->setMaxCorrespondenceDistance(options_.max_distance_m);
     // PCL takes the square of the translation, and the cosine of the rotation. GICP reads the first
@@ -119,7 +129,7 @@ class PclRegistration final : public PairwiseMethod {
       registration->setTransformationRotationEpsilon(
           std::cos(options_.min_rotation_step_deg * M_PI / 180.0));
     }
-    std::remove_const_t<std::remove_reference_t<decltype(*registration->getInputSource())>> aligned;
+    Aligned aligned;
     registration->align(aligned, ToMatrix(initial));
     const Eigen::Matrix4d T = registration->getFinalTransformation().template cast<double>();
     result->good = registration->hasConverged() && T.allFinite();

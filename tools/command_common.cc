@@ -58,7 +58,11 @@ RunProgress::Mode ProgressMode(const std::string& name) {
 }
 
 std::unique_ptr<tbb::global_control> LimitThreads(int threads) {
-  if (threads <= 0) return nullptr;
+  constexpr int kMost = 1024;
+  if (threads < 0 || threads > kMost) {
+    throw OptionError(fmt::format("--threads = {}: must be in [0, {}]", threads, kMost));
+  }
+  if (threads == 0) return nullptr;
   return std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
                                                static_cast<std::size_t>(threads));
 }

@@ -28,7 +28,7 @@ void WriteTextFile(const std::string& path, const std::string& text);
 // "auto", "on" or "off".
 RunProgress::Mode ProgressMode(const std::string& name);
 
-// Limits TBB to so many threads while it lives; null for 0, no limit.
+// Limits TBB to so many threads while it lives; null for 0, no limit. Throws OptionError.
 std::unique_ptr<tbb::global_control> LimitThreads(int threads);
 
 // From now on Ctrl-C (and SIGTERM) sets the flag that is returned; a second Ctrl-C ends the program

@@ -13,6 +13,7 @@
 #include "core/error.h"
 #include "io/trajectory_io.h"
 #include "tools/command_common.h"
+#include "tools/command_options.h"
 #include "tools/compare_jobs.h"
 #include "tools/compare_suite.h"
 #include "tools/compare_task.h"
@@ -21,10 +22,10 @@ namespace lamina {
 namespace {
 
 struct CompareArguments {
-  std::string scans, truth, reference, suite, data, out, config, worker;
+  std::string scans, truth, reference, suite, data, out, worker;
   std::string methods = "all", initial, progress = "auto";
   std::string heat_maps = "f2m_gicp,huang,condensed";
-  std::vector<std::string> set;
+  ConfigArguments config;
   bool quick = false, keep_data = false, resolution_study = false;
   double time_limit_s = 240.0, noise_deg = 1.0, noise_m = 0.05;
   int seed = 1, jobs = 0;
@@ -47,9 +48,9 @@ const std::vector<std::string>& DefaultSettings() {
 
 LaminaConfig Configuration(const CompareArguments& arguments) {
   std::vector<std::string> pairs;
-  if (arguments.config.empty()) pairs = DefaultSettings();
-  pairs.insert(pairs.end(), arguments.set.begin(), arguments.set.end());
-  return LoadConfig(arguments.config, pairs);
+  if (arguments.config.file.empty()) pairs = DefaultSettings();
+  pairs.insert(pairs.end(), arguments.config.set.begin(), arguments.config.set.end());
+  return LoadConfig(arguments.config.file, pairs);
 }
 
 CompareSettings Settings(const CompareArguments& arguments) {
@@ -210,16 +211,9 @@ void AddOptions(CLI::App* command, CompareArguments* a) {
                     "Error and solve time against the resolution of the input, too");
   command->add_flag("--keep-data", a->keep_data,
                     "With --suite: do not remove its scans at the end");
-  command->add_option(
-      "--config", a->config,
-      "YAML with the options that differ from the defaults; without it settings for "
-      "a scanner that stands still are taken");
-  command->add_option("--set", a->set, "One option, as key=value; may be repeated");
-  command
-      ->add_option("--progress", a->progress,
-                   "auto: a bar on a terminal, else log lines; on: the bar; off")
-      ->check(CLI::IsMember({"auto", "on", "off"}))
-      ->capture_default_str();
+  AddConfigOptions(command, "; without it settings for a scanner that stands still are taken",
+                   &a->config);
+  AddProgressOption(command, &a->progress);
   // A job of a comparison: see compare_jobs.h.
   command->add_option(kWorkerOption, a->worker)->group("");
 }

@@ -9,6 +9,7 @@
 #include <memory>
 
 #include "core/error.h"
+#include "core/parallel.h"
 #include "frontend/pairwise_registration.h"
 #include "io/trajectory_io.h"
 #include "tools/command_common.h"
@@ -256,17 +257,18 @@ void Comparison::MeasureStructures(const CompareSequence& sequence, Work* work,
   double top = std::numeric_limits<double>::lowest();
   constexpr double kAboveScannerM = 0.8;
   for (const SE3& T : sequence.truth) top = std::max(top, T.t.z() + kAboveScannerM);
-  for (const std::string& method : todo) {
+  const auto measure = [&](const std::string& method) {
     CompareRow& row = column->cells.at(method).row;
     const auto map = MeasureStructure(scans, row.poses, sequence.truth, reference);
     row.structure = Summarise(map);
     WriteRow(RowPath(work->folder, method), row);
     const auto& wanted = settings_.heat_maps;
-    if (std::find(wanted.begin(), wanted.end(), method) == wanted.end()) continue;
+    if (std::find(wanted.begin(), wanted.end(), method) == wanted.end()) return;
     const fs::path path = picture(method);
     WriteHeatMap(fs::path(path).replace_extension(".ply").string(), map);
     DrawHeatMap(path.string(), FindMethod(method).title + ", " + sequence.name, top, map);
-  }
+  };
+  ParallelChunks(todo.size(), 1, [&](std::size_t begin, std::size_t) { measure(todo[begin]); });
 }
 
 CompareColumn Comparison::Run(const CompareSequence& sequence) {

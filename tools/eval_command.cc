@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -16,6 +17,7 @@
 #include "io/file_writer.h"
 #include "io/scan_source.h"
 #include "io/trajectory_io.h"
+#include "tools/command_options.h"
 #include "tools/eval_match.h"
 #include "tools/eval_plots.h"
 #include "tools/eval_report.h"
@@ -34,8 +36,7 @@ struct EvalArguments {
   std::string align = "se3";
   double tolerance_s = 0.01;
   std::string scans;
-  std::string config;
-  std::vector<std::string> set;
+  ConfigArguments config;
   std::string json;
   std::string plot;
   std::string plot_format = "svg";
@@ -54,7 +55,7 @@ void CheckArguments(const EvalArguments& a) {
   if (!a.calib.empty() && a.truth.empty()) {
     throw OptionError("eval: --calib is for the poses of --truth, which is missing");
   }
-  if (a.scans.empty() && !(a.config.empty() && a.set.empty())) {
+  if (a.scans.empty() && !(a.config.file.empty() && a.config.set.empty())) {
     throw OptionError("eval: --config and --set say how to read --scans, which is missing");
   }
   if (!(a.tolerance_s >= 0.0 && a.tolerance_s <= 1e3)) {
@@ -150,7 +151,7 @@ int RunEval(const EvalArguments& a) {
   std::unique_ptr<ScanSource> scans;
   std::vector<StampNs> stamps;
   if (!a.scans.empty()) {
-    config = LoadConfig(a.config, a.set);
+    config = LoadConfig(a.config.file, a.config.set);
     scans = OpenScans(a.scans, config.scans);
     stamps = ScanStamps(*scans);
   }
@@ -197,14 +198,8 @@ void AddScanOptions(CLI::App* command, EvalArguments* a) {
                    "The recording: prints the quality of the maps that the trajectories build "
                    "from it. It also lends its stamps to KITTI pose files")
       ->type_name("PATH");
-  command
-      ->add_option("--config", a->config,
-                   "YAML configuration; what counts is how scans are read, deskewed and "
-                   "corrected")
-      ->type_name("FILE");
-  command->add_option("--set", a->set, "Changes one key of the configuration. May be given again")
-      ->type_name("KEY=VALUE")
-      ->allow_extra_args(false);
+  AddConfigOptions(command, "; what counts is how scans are read, deskewed and corrected",
+                   &a->config);
 }
 
 }  // namespace

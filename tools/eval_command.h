@@ -1,8 +1,11 @@
 // `lamina eval`: judge trajectories, against a true one and by the maps that they build.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <functional>
+
+namespace CLI {
+class App;
+}
 
 namespace lamina {
 

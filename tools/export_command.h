@@ -1,8 +1,11 @@
 // `lamina export`: the point map of a finished run.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <functional>
+
+namespace CLI {
+class App;
+}
 
 namespace lamina {
 

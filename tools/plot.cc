@@ -11,6 +11,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <mutex>
 #include <sstream>
 
 #include "core/error.h"
@@ -53,6 +54,9 @@ void RunGnuplot(const std::string& script, const std::string& path) {
     throw OutputError("cannot draw " + path +
                       ": gnuplot is not in PATH (on Debian: apt install gnuplot-nox)");
   }
+  // What a broken pipe does is the same for all threads: one gnuplot at a time.
+  static std::mutex one_at_a_time;
+  const std::lock_guard<std::mutex> lock(one_at_a_time);
   const IgnoreBrokenPipes ignore_broken_pipes;
   std::FILE* gnuplot = popen("gnuplot", "w");
   if (gnuplot == nullptr) {

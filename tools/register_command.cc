@@ -18,6 +18,7 @@
 #include "io/map_io.h"
 #include "io/trajectory_io.h"
 #include "tools/command_common.h"
+#include "tools/command_options.h"
 #include "tools/posed_scans.h"
 #include "tools/register_report.h"
 #include "tools/run_report.h"
@@ -26,9 +27,9 @@ namespace lamina {
 namespace {
 
 struct RegisterArguments {
-  std::string scans, initial, out, config, frames, truth, formulation;
+  std::string scans, initial, out, frames, truth, formulation;
   std::string progress = "auto";
-  std::vector<std::string> set;
+  ConfigArguments config;
   int threads = 0;
 };
 
@@ -157,7 +158,7 @@ std::size_t WriteMap(const std::string& path, const BatchRegistration& registrat
 }
 
 LaminaConfig Configuration(const RegisterArguments& arguments) {
-  LaminaConfig config = LoadConfig(arguments.config, arguments.set);
+  LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
   if (arguments.formulation.empty()) return config;
   const auto& names = FormulationNames();
   config.registration.formulation = static_cast<Formulation>(
@@ -245,24 +246,12 @@ void AddRegisterCommand(CLI::App* app, std::function<int()>* run) {
       ->add_option("--formulation", a.formulation,
                    "How bundle adjustment is formulated; the default is condensed")
       ->check(CLI::IsMember(FormulationNames()));
-  command->add_option("--config", a.config,
-                      "YAML with the options that differ from the defaults; registration, map and "
-                      "backend.window are what counts here");
-  command->add_option("--set", a.set,
-                      "One option, as key=value with the key's full name, e.g. "
-                      "registration.coarse_root_size_m=4; may be repeated, comes after --config");
-  command->add_option("--frames", a.frames,
-                      "Part of the recording: A:B takes scans A to B-1, counted from 0; either may "
-                      "be left out");
-  command->add_option("--threads", a.threads, "Threads at most; 0: as many as there are cores")
-      ->check(CLI::Range(0, 1024))
-      ->capture_default_str();
+  AddConfigOptions(command, "; registration, map and backend.window are what counts here",
+                   &a.config);
+  AddFramesOption(command, &a.frames);
+  AddThreadsOption(command, "", &a.threads);
   command->add_option("--truth", a.truth, "True trajectory to report errors against");
-  command
-      ->add_option("--progress", a.progress,
-                   "auto: a bar on a terminal, else log lines; on: the bar; off")
-      ->check(CLI::IsMember({"auto", "on", "off"}))
-      ->capture_default_str();
+  AddProgressOption(command, &a.progress);
   command->callback([arguments, run] { *run = [arguments] { return Register(*arguments); }; });
 }
 

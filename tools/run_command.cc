@@ -18,6 +18,7 @@
 #include "io/tile_store.h"
 #include "io/trajectory_io.h"
 #include "tools/command_common.h"
+#include "tools/command_options.h"
 #include "tools/run_report.h"
 
 namespace lamina {
@@ -26,9 +27,9 @@ namespace {
 namespace fs = std::filesystem;
 
 struct RunArguments {
-  std::string scans, out, config, frames, truth;
+  std::string scans, out, frames, truth;
   std::string progress = "auto";
-  std::vector<std::string> set;
+  ConfigArguments config;
   int threads = 0;
 };
 
@@ -108,7 +109,7 @@ class RunOutput {
 };
 
 int Run(const RunArguments& arguments) {
-  const LaminaConfig config = LoadConfig(arguments.config, arguments.set);
+  const LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
   const auto source = OpenScans(arguments.scans, config.scans);
   const FrameRange range = ParseFrameRange(arguments.frames, source->size());
   MakeDirectory(arguments.out);
@@ -177,26 +178,15 @@ void AddRunCommand(CLI::App* app, std::function<int()>* run) {
       ->required();
   command->add_option("--out", a.out, "Folder for the results; made if it is not there")
       ->required();
-  command->add_option("--config", a.config,
-                      "YAML with the options that differ from the defaults, e.g. "
-                      "config/kitti_raw.yaml; config/default.yaml explains every option");
-  command->add_option("--set", a.set,
-                      "One option, as key=value with the key's full name, e.g. "
-                      "backend.window.frames=20; may be repeated, comes after --config");
-  command->add_option("--frames", a.frames,
-                      "Part of the recording: A:B takes scans A to B-1, counted from 0; either may "
-                      "be left out");
-  command->add_option("--threads", a.threads, "Threads at most; 0: as many as there are cores")
-      ->check(CLI::Range(0, 1024))
-      ->capture_default_str();
+  AddConfigOptions(command,
+                   ", e.g. config/kitti_raw.yaml; config/default.yaml explains every option",
+                   &a.config);
+  AddFramesOption(command, &a.frames);
+  AddThreadsOption(command, "", &a.threads);
   command->add_option("--truth", a.truth,
                       "True trajectory, KITTI or TUM form, to report errors against. KITTI "
                       "odometry's poses/NN.txt may be given as it is: calib.txt's Tr is applied");
-  command
-      ->add_option("--progress", a.progress,
-                   "auto: a bar on a terminal, else one log line a second; on: the bar; off")
-      ->check(CLI::IsMember({"auto", "on", "off"}))
-      ->capture_default_str();
+  AddProgressOption(command, &a.progress);
   command->callback([arguments, run] { *run = [arguments] { return Run(*arguments); }; });
 }
 

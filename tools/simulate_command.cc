@@ -17,6 +17,7 @@
 #include "core/error.h"
 #include "io/file_writer.h"
 #include "tools/command_common.h"
+#include "tools/command_options.h"
 #include "tools/run_progress.h"
 #include "tools/simulate_nees.h"
 #include "tools/simulate_plot.h"
@@ -37,8 +38,6 @@ struct SimulateArguments {
   bool nees = false;
   StudyOptions study;  // the rest
 };
-
-constexpr int kMaxThreads = 1024;
 
 std::vector<std::string> Split(const std::string& list) {
   std::vector<std::string> items;
@@ -115,9 +114,6 @@ StudyOptions CheckedStudy(const SimulateArguments& a) {
     throw OptionError(fmt::format("--seed = {}: must be in [0, {}]", a.seed, kLargestSeed));
   }
   study.seed = static_cast<std::uint64_t>(a.seed);
-  if (a.threads < 0 || a.threads > kMaxThreads) {
-    throw OptionError(fmt::format("--threads = {}: must be in [0, {}]", a.threads, kMaxThreads));
-  }
   study.Check();
   if (a.nees) CheckNeesStudy(study);
   return study;
@@ -195,8 +191,8 @@ int RunNees(const StudyOptions& study, const Output& output, const std::atomic<b
 
 int RunSimulate(const SimulateArguments& arguments) {
   const StudyOptions study = CheckedStudy(arguments);
-  const Output output(arguments.out);
   const auto limit = LimitThreads(arguments.threads);
+  const Output output(arguments.out);
   RunProgress progress(ProgressMode(arguments.progress), study.Scenes(), "scenes");
   const std::atomic<bool>& stop = StopOnSignals();
   return arguments.nees ? RunNees(study, output, stop, &progress)
@@ -234,18 +230,11 @@ void AddStudyOptions(CLI::App* command, SimulateArguments* a) {
       ->capture_default_str();
   command->add_option("--max-iterations", a->study.max_iterations, "steps that a solve may try")
       ->capture_default_str();
-  command
-      ->add_option("--threads", a->threads,
-                   "most threads to use; 0: all. Times differ, all else is the same")
-      ->capture_default_str();
+  AddThreadsOption(command, ". Times differ, all else is the same", &a->threads);
   command->add_flag("--nees", a->nees,
                     "instead: is the covariance of condensed honest? Mean of the normalised "
                     "estimation error squared, against its 95 % interval");
-  command
-      ->add_option("--progress", a->progress,
-                   "auto: a bar on a terminal, else one log line a second; on: the bar; off")
-      ->check(CLI::IsMember({"auto", "on", "off"}))
-      ->capture_default_str();
+  AddProgressOption(command, &a->progress);
 }
 
 void AddSceneOptions(CLI::App* command, SimulateArguments* a) {

@@ -12,6 +12,7 @@
 
 #include "core/error.h"
 #include "tools/command_common.h"
+#include "tools/command_options.h"
 #include "tools/synth_writer.h"
 
 namespace lamina {
@@ -27,8 +28,6 @@ struct SynthArguments {
   int lines = StationOptions().lines;
   int threads = 0;
 };
-
-constexpr int kMaxThreads = 1024;
 
 template <typename Enum>
 Enum ByName(const std::string& option, const std::string& name,
@@ -73,10 +72,6 @@ WrittenSequence WriteMovingScene(SynthArguments arguments, const SynthProgress& 
 }
 
 int RunSynth(const SynthArguments& arguments) {
-  if (arguments.threads < 0 || arguments.threads > kMaxThreads) {
-    throw OptionError(
-        fmt::format("--threads = {}: must be in [0, {}]", arguments.threads, kMaxThreads));
-  }
   const auto limit = LimitThreads(arguments.threads);
   const auto start = std::chrono::steady_clock::now();
   // Progress goes to the error stream, so that the result line stands alone.
@@ -146,9 +141,7 @@ void AddOptions(CLI::App* command, SynthArguments* a) {
       ->add_option("--loop-blocks", o.loop_blocks,
                    "street: blocks (96 x 64 m) along each side of a loop")
       ->capture_default_str();
-  command
-      ->add_option("--threads", a->threads, "most threads to use; 0: all. The bytes are the same")
-      ->capture_default_str();
+  AddThreadsOption(command, ". The bytes are the same", &a->threads);
 }
 
 }  // namespace

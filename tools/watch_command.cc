@@ -12,6 +12,7 @@
 
 #include "core/error.h"
 #include "tools/command_common.h"
+#include "tools/command_options.h"
 #include "tools/run_report.h"
 #include "tools/steady_heap.h"
 #include "tools/watch_daemon.h"
@@ -21,9 +22,9 @@ namespace lamina {
 namespace {
 
 struct WatchArguments {
-  std::string inbox, session, config, map;
+  std::string inbox, session, map;
   std::string mode = "map", http = "127.0.0.1:8090", done = "keep";
-  std::vector<std::string> set;
+  ConfigArguments config;
   std::vector<double> start;
   bool once = false;
   int threads = 0;
@@ -77,8 +78,8 @@ int Watch(const WatchArguments& a) {
   WatchSetup setup;
   setup.inbox = a.inbox;
   setup.session = a.session;
-  setup.config = LoadConfig(a.config, a.set);
-  setup.reload = [&a] { return LoadConfig(a.config, a.set); };
+  setup.config = LoadConfig(a.config.file, a.config.set);
+  setup.reload = [&a] { return LoadConfig(a.config.file, a.config.set); };
   setup.http = ParseHttpAddress(a.http);
   setup.done = ParseDonePolicy(a.done);
   setup.once = a.once;
@@ -88,10 +89,10 @@ int Watch(const WatchArguments& a) {
   } else if (!a.map.empty() || !a.start.empty()) {
     throw OptionError("--map and --start are for --mode localise");
   }
+  const auto limit = LimitThreads(a.threads);
   CheckFolders(a.inbox, a.session);
   MakeDirectory(a.session);
   SetUpWatchLog(setup.config.log, a.session);
-  const auto limit = LimitThreads(a.threads);
   const std::atomic<bool>& stop = StopOnSignals();
   WatchDaemon daemon(std::move(setup));
   running = &daemon;
@@ -103,13 +104,8 @@ int Watch(const WatchArguments& a) {
 }
 
 void AddMappingOptions(CLI::App* command, WatchArguments* a) {
-  command->add_option("--config", a->config,
-                      "YAML with the options that differ from the defaults; read again on SIGHUP "
-                      "(session.*, log.level)");
-  command->add_option("--set", a->set, "One option, as key=value; may be repeated");
-  command->add_option("--threads", a->threads, "Threads at most; 0: as many as there are cores")
-      ->check(CLI::Range(0, 1024))
-      ->capture_default_str();
+  AddConfigOptions(command, "; read again on SIGHUP (session.*, log.level)", &a->config);
+  AddThreadsOption(command, "", &a->threads);
   command
       ->add_option("--mode", a->mode,
                    "map: make a map; localise: find the scans in a finished map, which stays as "
