@@ -62,7 +62,7 @@ class BundleCost {
   virtual void Linearise(const std::vector<SE3>& poses, ReducedSystem* system) = 0;
 
   // The cost by which a step from the poses of the last Linearise is judged. At those poses it
-  // equals ReducedSystem::cost.
+  // equals ReducedSystem::cost, up to rounding.
   virtual double Value(const std::vector<SE3>& poses) const = 0;
 };
 

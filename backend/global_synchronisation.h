@@ -1,12 +1,10 @@
 // Poses of a sequence without any initial guess: pairs by a global method, then a pose graph.
 //
-//   1. Scan k against scans k - 1, ..., k - near; and back to k - 3 near while some scan is joined
-//   to
-//      none.
-//   2. The spanning tree of greatest weight (matches that agree, times the overlap to the fourth
-//   power:
-//      where things repeat, matches agree on the wrong place, and less of the scans meets) gives
-//      first poses, and with them overlaps.
+//   1. Scan k against scans k - 1, ..., k - near; and back to k - 3 near while some scan is
+//      joined to none.
+//   2. The spanning tree of greatest weight gives first poses, and with them overlaps. Weight:
+//      matches that agree, times the overlap to the fourth power; where things repeat, matches
+//      agree on the wrong place, and less of the scans meets.
 //   3. Pairs farther apart in the sequence that overlap by more than min_overlap (share of the
 //      points of either that meet the other's) are registered, too, for each scan those of the
 //      greatest overlap first.

@@ -2,9 +2,8 @@
 //
 //     session.db              every scan with its pose, every window solved (io/session_database.h)
 //     session.db.backup       the same as of a checkpoint, in case the first is damaged
-//     checkpoint-N.lmap       all of the pipeline after scan N - 1; the newest two are kept, and
-//     the
-//                             newest that session.db.backup knows all scans of
+//     checkpoint-N.lmap       all of the pipeline after scan N - 1. The newest two are kept, and
+//                             the newest that session.db.backup knows all scans of
 //     map_tiles.db            what the map's budget does not hold in memory (io/tile_store.h)
 //     trajectory_kitti.txt, trajectory_tum.txt     kept current
 //     lock                    held while a process works on the session

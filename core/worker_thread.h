@@ -19,7 +19,7 @@ class WorkerThread {
   // Does what has been handed over, then ends.
   ~WorkerThread();
 
-  // Waits until there is room. Not to be called by work itself.
+  // Waits until there is room: work itself may call it only where there is certainly some.
   void Do(std::function<void()> work);
   // Until all that was handed over so far is done.
   void Wait();

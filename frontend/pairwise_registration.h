@@ -5,10 +5,11 @@
 //   gicp       plane to plane (Segal et al. 2009), PCL                         pcl_registration.h
 //   ndt        points to normal distributions (Magnusson 2009), PCL            pcl_registration.h
 //   vgicp      voxelised GICP (Koide et al. 2021), on our own clusters         voxelized_gicp.h
-//   fgr        fast global registration (Zhou et al. 2016) fast_global_registration.h teaser
-//   TEASER++ (Yang et al. 2020)                                     teaser.h
+//   teaser     TEASER++ (Yang et al. 2020)                                     teaser.h
+//   fgr        fast global registration (Zhou et al. 2016)        fast_global_registration.h
 //
-// The last two need no initial guess: they match FPFH features (Rusu et al. 2009, PCL).
+// The last two need no initial guess: they match FPFH features (Rusu et al. 2009, PCL). What of PCL
+// looks for neighbours, but for ndt, does so with nanoflann (pcl_search.h).
 // Every method finds T_target_source, p_target = T_target_source * p_source. Metres.
 #pragma once
 

@@ -1,4 +1,4 @@
-// Neighbourhoods and features: what of PCL needs its k-d tree.
+// Neighbourhoods and features.
 #include <pcl/features/fpfh.h>
 #include <pcl/point_types.h>
 

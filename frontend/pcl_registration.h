@@ -1,5 +1,5 @@
-// The registration methods and features of PCL, and neighbourhoods by its k-d tree. Private to
-// frontend; PCL is seen by the two files behind this header alone.
+// The registration methods and features of PCL, and the neighbourhoods of points. Private to
+// frontend; of PCL, others see nothing.
 #pragma once
 
 #include <memory>

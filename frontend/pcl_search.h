@@ -9,6 +9,8 @@
 #include <pcl/point_types.h>
 #include <pcl/search/kdtree.h>
 
+#include <algorithm>
+#include <limits>
 #include <memory>
 #include <nanoflann.hpp>
 #include <stdexcept>
@@ -25,15 +27,18 @@ class PclSearch final : public pcl::search::KdTree<PointT> {
  public:
   // sorted: nearest first.
   explicit PclSearch(bool sorted = true) : Base(sorted) {}
+  PclSearch(const PclSearch&) = delete;
+  PclSearch& operator=(const PclSearch&) = delete;
 
+  // Clouds do not change while they are searched: PCL gives the same one again and again.
   void setInputCloud(const typename Base::PointCloudConstPtr& cloud,
                      const pcl::IndicesConstPtr& indices = pcl::IndicesConstPtr()) override {
     if (indices) throw std::logic_error("PclSearch: takes whole clouds");
+    if (tree_ && cloud == this->input_) return;
     this->input_ = cloud;
     points_.cloud = cloud.get();
     constexpr std::size_t kLeaf = 15;
     tree_ = std::make_unique<Tree>(3, points_, nanoflann::KDTreeSingleIndexAdaptorParams(kLeaf));
-    tree_->buildIndex();
   }
 
   using Base::nearestKSearch;
@@ -46,8 +51,11 @@ class PclSearch final : public pcl::search::KdTree<PointT> {
     nanoflann::KNNResultSet<float, int> found(static_cast<std::size_t>(k));
     found.init(indices.data(), squared_distances.data());
     tree_->findNeighbors(found, point.data, nanoflann::SearchParams());
-    indices.resize(found.size());
-    squared_distances.resize(found.size());
+    // Nothing is near a point that is not finite. PCL looks at the first entry all the same.
+    if (found.size() == 0) squared_distances[0] = std::numeric_limits<float>::infinity();
+    if (found.size() == 0) indices[0] = 0;
+    indices.resize(std::max<std::size_t>(1, found.size()));
+    squared_distances.resize(indices.size());
     return static_cast<int>(found.size());
   }
 

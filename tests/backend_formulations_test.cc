@@ -314,6 +314,20 @@ TEST(EigenFactors, SmallestEigenvalueIsTheSumOfSquaredPlaneDistances) {
               1e-9 * expected);
 }
 
+// Poses and planes together, with exact derivatives: the last digits come at once.
+TEST(PlaneLandmarks, ConvergeInAFewSteps) {
+  BundleSceneOptions options;
+  options.poses = 8;
+  options.planes = 15;
+  options.points = 10;
+  const BundleScene scene = Scene(options, 1);
+  ASSERT_GT(LargestError(scene.problem.poses, scene.truth), 0.05);
+  BundleAdjusterOptions solve = LongSolve();
+  solve.max_iterations = 8;
+  const BundleResult result = AdjustBundle(scene.problem, solve, Formulation::kPl);
+  EXPECT_LT(LargestError(result.poses, scene.truth), 1e-9);
+}
+
 TEST(Formulations, RefuseWhatTheyCannotExpress) {
   BundleScene scene = Scene(Noisy(), 6);
   scene.problem.priors.push_back({0, 1, SE3(), Matrix6d::Identity()});

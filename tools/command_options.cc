@@ -1,6 +1,11 @@
 #include "tools/command_options.h"
 
+#include <fmt/format.h>
+
 #include <CLI/CLI.hpp>
+#include <algorithm>
+
+#include "core/error.h"
 
 namespace lamina {
 
@@ -37,6 +42,14 @@ void AddProgressOption(CLI::App* command, std::string* progress) {
                    "auto: a bar on a terminal, else one log line a second; on: the bar; off")
       ->check(CLI::IsMember({"auto", "on", "off"}))
       ->capture_default_str();
+}
+
+std::size_t PlaceOf(const std::string& option, const std::string& name,
+                    const std::vector<std::string>& names) {
+  const auto found = std::find(names.begin(), names.end(), name);
+  if (found != names.end()) return static_cast<std::size_t>(found - names.begin());
+  throw OptionError(
+      fmt::format("{} = '{}': must be one of {}", option, name, fmt::join(names, ", ")));
 }
 
 }  // namespace lamina

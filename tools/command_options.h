@@ -1,6 +1,7 @@
 // Options of the command line that several commands have, and mean alike.
 #pragma once
 
+#include <cstddef>
 #include <string>
 #include <vector>
 
@@ -26,5 +27,16 @@ void AddThreadsOption(CLI::App* command, const std::string& note, int* threads);
 
 // --progress, for ProgressMode.
 void AddProgressOption(CLI::App* command, std::string* progress);
+
+// The place of `name` among `names`. Throws OptionError for another.
+std::size_t PlaceOf(const std::string& option, const std::string& name,
+                    const std::vector<std::string>& names);
+
+// The enumerator that has the place of its name.
+template <typename Enum>
+Enum ByName(const std::string& option, const std::string& name,
+            const std::vector<std::string>& names) {
+  return static_cast<Enum>(PlaceOf(option, name, names));
+}
 
 }  // namespace lamina

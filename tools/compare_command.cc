@@ -42,7 +42,7 @@ const std::vector<std::string>& DefaultSettings() {
                                                     "map.depth=3",
                                                     "map.max_thickness_m=0.025",
                                                     "registration.coarse_root_size_m=3",
-                                                    "registration.rounds=6"};
+                                                    "registration.rounds=5"};
   return settings;
 }
 

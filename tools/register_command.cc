@@ -167,6 +167,7 @@ LaminaConfig Configuration(const RegisterArguments& arguments) {
 }
 
 int Register(const RegisterArguments& arguments) {
+  const auto limit = LimitThreads(arguments.threads);
   const LaminaConfig config = Configuration(arguments);
   const auto source = OpenScans(arguments.scans, config.scans);
   const FrameRange range = ParseFrameRange(arguments.frames, source->size());
@@ -177,7 +178,6 @@ int Register(const RegisterArguments& arguments) {
   };
   WriteTextFile(path("config.yaml"), ToYaml(config));
   RoundTable rounds(path("rounds.csv"));
-  const auto limit = LimitThreads(arguments.threads);
   const std::atomic<bool>& stop = StopOnSignals();
   RunProgress progress(ProgressMode(arguments.progress), range.end - range.begin);
   Stopwatch watch;

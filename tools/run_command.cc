@@ -109,6 +109,7 @@ class RunOutput {
 };
 
 int Run(const RunArguments& arguments) {
+  const auto limit = LimitThreads(arguments.threads);
   const LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
   const auto source = OpenScans(arguments.scans, config.scans);
   const FrameRange range = ParseFrameRange(arguments.frames, source->size());
@@ -116,7 +117,6 @@ int Run(const RunArguments& arguments) {
   RunOutput output(arguments.out);
   WriteTextFile(output.Path("config.yaml"), ToYaml(config));
 
-  const auto limit = LimitThreads(arguments.threads);
   RunProgress progress(ProgressMode(arguments.progress), range.end - range.begin);
   const std::atomic<bool>& stop = StopOnSignals();
 

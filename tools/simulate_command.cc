@@ -49,14 +49,6 @@ std::vector<std::string> Split(const std::string& list) {
   return items;
 }
 
-template <typename Enum>
-Enum ByName(const char* option, const std::string& name, const std::vector<std::string>& names) {
-  const auto found = std::find(names.begin(), names.end(), name);
-  if (found != names.end()) return static_cast<Enum>(found - names.begin());
-  throw OptionError(
-      fmt::format("{} = '{}': must be one of {}", option, name, fmt::join(names, ", ")));
-}
-
 std::vector<Formulation> ParseFormulations(const std::string& list) {
   std::vector<Formulation> formulations;
   for (const std::string& name : Split(list)) {

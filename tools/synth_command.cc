@@ -29,17 +29,6 @@ struct SynthArguments {
   int threads = 0;
 };
 
-template <typename Enum>
-Enum ByName(const std::string& option, const std::string& name,
-            const std::vector<std::string>& names) {
-  const auto found = std::find(names.begin(), names.end(), name);
-  if (found == names.end()) {
-    throw OptionError(
-        fmt::format("{} = {}: must be one of {}", option, name, fmt::join(names, ", ")));
-  }
-  return static_cast<Enum>(found - names.begin());
-}
-
 std::string OneOf(const std::string& text, const std::vector<std::string>& names) {
   return fmt::format("{}: {}", text, fmt::join(names, ", "));
 }

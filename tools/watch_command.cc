@@ -31,10 +31,10 @@ struct WatchArguments {
 };
 
 // The daemon that signals are for.
-std::atomic<WatchDaemon*> running{nullptr};
+std::atomic<WatchDaemon*> running_daemon{nullptr};
 
 void RequestReload(int) {
-  WatchDaemon* const daemon = running;
+  WatchDaemon* const daemon = running_daemon;
   if (daemon == nullptr) return;
   daemon->RequestReload();
   daemon->Wake();
@@ -95,10 +95,10 @@ int Watch(const WatchArguments& a) {
   SetUpWatchLog(setup.config.log, a.session);
   const std::atomic<bool>& stop = StopOnSignals();
   WatchDaemon daemon(std::move(setup));
-  running = &daemon;
+  running_daemon = &daemon;
   std::signal(SIGHUP, RequestReload);
   daemon.Run(stop);
-  running = nullptr;
+  running_daemon = nullptr;
   PrintOutputs(a.session);
   return 0;
 }
