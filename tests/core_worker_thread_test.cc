@@ -74,14 +74,17 @@ TEST(WorkerThread, WorkMayHandOverWork) {
 // What work holds may call its worker when it goes.
 TEST(WorkerThread, WorkIsGivenBackOutsideOfTheLock) {
   int done = 0;
+  bool gone = false;
   WorkerThread worker(NoFailure, kMany);
   std::shared_ptr<int> held(new int(0), [&](const int* p) {
     worker.Do([&] { ++done; });
     delete p;
+    gone = true;
   });
   worker.Do([held] { ++*held; });
   held.reset();
   worker.Wait();
+  EXPECT_TRUE(gone) << "it counts as under way until it is gone";
   worker.Wait();
   EXPECT_EQ(done, 1);
 }
