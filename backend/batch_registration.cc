@@ -38,7 +38,7 @@ class CastFrames {
 
   const VoxelMap& map() const { return map_; }
 
-  BundleProblem Problem(bool with_points) const {
+  BundleProblem Problem(bool with_points) {
     std::vector<std::vector<SlidingWindow::ClusterUse>> uses;
     BundleProblem problem =
         window_.BuildProblem(SlidingWindow::Sides::kTwo, with_points ? &uses : nullptr);

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "frontend/scan_agreement.h"
+
 namespace lamina {
 
 void BackendOptions::Visit(OptionVisitor& v) {
@@ -32,11 +34,12 @@ MappedFrame Mapper::Process(StampNs stamp_ns, std::vector<TimedCluster> clusters
   result.odometry = Register(stamp_ns, clusters);
   OdometryFrame& frame = result.odometry;
   if (frame.status == OdometryFrame::Status::kLost) {
-    result.restarted =
-        ++lost_in_a_row_ > options_.backend.restart_after_lost_frames && !localising_;
+    odometry_.Lose();
+    result.restarted = !localising_ && MayRestart(frame, clusters);
   }
   if (frame.status != OdometryFrame::Status::kLost || result.restarted) {
     lost_in_a_row_ = 0;
+    lost_scan_.clear();
     odometry_.Accept(frame);
     result.keyframe = !localising_ && (result.restarted || IsKeyframe(frame.T_world_lidar));
     if (result.keyframe) AddKeyframe(frame, std::move(clusters));
@@ -49,6 +52,25 @@ MappedFrame Mapper::Process(StampNs stamp_ns, std::vector<TimedCluster> clusters
     open_.push_back({stamp_ns, NextId() - 1, keyframes_.back().Inverse() * frame.T_world_lidar});
   }
   return result;
+}
+
+bool Mapper::MayRestart(const OdometryFrame& frame, const std::vector<TimedCluster>& clusters) {
+  if (++lost_in_a_row_ <= options_.backend.restart_after_lost_frames) return false;
+  std::vector<PointCluster> scan = DeskewClusters(clusters, frame.twist);
+  // The motion from one lost scan to the next is the prediction's, and known about as well as at a
+  // start on foot.
+  constexpr double kSigmaM = 1.0, kSigmaRad = 0.2;
+  PosePrediction T_lost_this;
+  T_lost_this.T_world_lidar = T_world_lost_.Inverse() * frame.T_world_predicted;
+  T_lost_this.covariance.diagonal() << Eigen::Vector3d::Constant(kSigmaRad * kSigmaRad),
+      Eigen::Vector3d::Constant(kSigmaM * kSigmaM);
+  const bool agrees =
+      options_.backend.restart_after_lost_frames == 0 ||
+      (!lost_scan_.empty() && ScansAgree(lost_scan_, scan, T_lost_this, options_.map,
+                                         ScanMatcher(options_.odometry.matcher)));
+  lost_scan_ = std::move(scan);
+  T_world_lost_ = frame.T_world_predicted;
+  return agrees;
 }
 
 void Mapper::RecallAround(const SE3& T_world_lidar, const std::vector<TimedCluster>& clusters) {
@@ -105,7 +127,9 @@ void Mapper::AddKeyframe(const OdometryFrame& odometry, std::vector<TimedCluster
   frame.stamp_ns = odometry.stamp_ns;
   frame.T_world_lidar = odometry.T_world_lidar;
   frame.twist = odometry.twist;
+  frame.alone = odometry.status != OdometryFrame::Status::kTracked;
   frame.held = odometry.match.degenerate_directions;
+  frame.held_information = odometry.match.degenerate_information;
   if (!keyframes_.empty())
     frame.T_previous_this = keyframes_.back().Inverse() * frame.T_world_lidar;
   frame.measured = std::move(clusters);
@@ -194,7 +218,7 @@ std::vector<Eigen::Vector3d> Mapper::NewestKeyframe() const {
 
 void Mapper::Archive(StateArchive& a) {
   a(&odometry_, &window_, &keyframes_, &first_id_, &keyframes_since_solve_, &solving_,
-    &lost_in_a_row_, &localising_);
+    &lost_in_a_row_, &lost_scan_, &T_world_lost_, &localising_);
   open_.resize(a.Size(open_.size(), 1));
   for (OpenFrame& frame : open_) a(&frame.stamp_ns, &frame.keyframe_id, &frame.T_keyframe_lidar);
 }

@@ -53,7 +53,9 @@ struct MapperOptions {
 struct MappedFrame {
   OdometryFrame odometry;
   bool keyframe = false;
-  bool restarted = false;  // lost for so long that mapping starts anew from the prediction
+  // Lost for so long that mapping starts anew from the prediction. Only with a scan that shows the
+  // same place as the lost one before it: rain and spray begin no map.
+  bool restarted = false;
 };
 
 // A frame whose pose bundle adjustment may still move.
@@ -106,6 +108,8 @@ class Mapper {
   OdometryFrame Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters);
   bool IsKeyframe(const SE3& T_world_lidar) const;
   void AddKeyframe(const OdometryFrame& frame, std::vector<TimedCluster> clusters);
+  // Whether a lost scan may begin a map anew; remembers it for the next.
+  bool MayRestart(const OdometryFrame& frame, const std::vector<TimedCluster>& clusters);
   // Deskews the last keyframe again, now that the motion after it is known too. False if it makes
   // no difference.
   bool RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar);
@@ -129,6 +133,9 @@ class Mapper {
   int keyframes_since_solve_ = 0;
   std::vector<std::int64_t> solving_;  // ids of the frames of the problem under way
   int lost_in_a_row_ = 0;
+  // The last lost scan, deskewed, while the next may restart the map, and where it was expected.
+  std::vector<PointCluster> lost_scan_;
+  SE3 T_world_lost_;
   bool localising_ = false;
 };
 

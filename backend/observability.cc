@@ -10,12 +10,10 @@
 #include <sstream>
 
 #include "backend/frame_pass.h"
-#include "frontend/scan_matcher.h"
+#include "frontend/degeneracy.h"
 
 namespace lamina {
 namespace {
-
-constexpr double kArmM = MatchResult::kRotationArmM;
 
 bool IsShared(const Plane& plane) { return plane.count >= 2 || !plane.fixed.Empty(); }
 
@@ -23,7 +21,7 @@ bool IsShared(const Plane& plane) { return plane.count >= 2 || !plane.fixed.Empt
 // radian turns each, relative to (rotation, translation).
 struct ScaledRows {
   Eigen::Matrix<double, 3, 6> rows;
-  Eigen::Vector3d rotation_leak, translation_leak;
+  Eigen::Vector3d rotation_arm, translation_arm;
 };
 
 ScaledRows RowsOf(const PlaneObservation& o, const SE3& T, const Eigen::Vector3d& normal) {
@@ -31,59 +29,72 @@ ScaledRows RowsOf(const PlaneObservation& o, const SE3& T, const Eigen::Vector3d
   const Eigen3 eigen = o.cluster.Eigen();
   const double root = std::sqrt(o.cluster.count);
   ScaledRows s;
-  s.rows.row(0) << root * o.cluster.mean.cross(m).transpose() / kArmM, root * normal.transpose();
-  s.rotation_leak(0) = root * o.cluster.mean.norm() / kArmM;
-  s.translation_leak(0) = root;
+  s.rows.row(0) << root * o.cluster.mean.cross(m).transpose() / kRotationArmM,
+      root * normal.transpose();
+  s.rotation_arm(0) = root * o.cluster.mean.norm() / kRotationArmM;
+  s.translation_arm(0) = root;
   for (int k = 0; k < 2; ++k) {
     const Eigen::Vector3d axis = root * std::sqrt(std::max(0.0, eigen.l(k))) * eigen.u.col(k);
-    s.rows.row(k + 1) << axis.cross(m).transpose() / kArmM, 0.0, 0.0, 0.0;
-    s.rotation_leak(k + 1) = axis.norm() / kArmM;
-    s.translation_leak(k + 1) = 0.0;
+    s.rows.row(k + 1) << axis.cross(m).transpose() / kRotationArmM, 0.0, 0.0, 0.0;
+    s.rotation_arm(k + 1) = axis.norm() / kRotationArmM;
+    s.translation_arm(k + 1) = 0.0;
   }
   return s;
 }
 
-// The open directions of one frame, as unit tangent vectors, with what is known of each.
-class FrameDirections {
- public:
-  void Add(const ScaledRows& rows, double weight, double normal_error2) {
-    rows_.push_back(rows);
-    weights_.push_back(weight);
-    normal_errors2_.push_back(normal_error2);
-    H_ += weight * rows.rows.transpose() * rows.rows;
-  }
-
-  void FindOpen(int frame, double max_sigma_m, std::vector<BundleFault>* faults) const {
-    const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(H_);
-    for (int i = 0; i < 6; ++i) {
-      const Vector6d v = eigen.eigenvectors().col(i);
-      double information = 0.0;
-      for (std::size_t k = 0; k < rows_.size(); ++k) {
-        const Eigen::Vector3d along = rows_[k].rows * v;
-        const Eigen::Vector3d leak2 =
-            normal_errors2_[k] *
-            (rows_[k].rotation_leak.cwiseAbs2() * v.head<3>().squaredNorm() +
-             rows_[k].translation_leak.cwiseAbs2() * v.tail<3>().squaredNorm());
-        information += weights_[k] * (along.cwiseAbs2() - leak2).cwiseMax(0.0).sum();
-      }
-      const double sigma = information > 0.0 ? 1.0 / std::sqrt(information)
-                                             : std::numeric_limits<double>::infinity();
-      if (sigma <= max_sigma_m) continue;
-      BundleFault fault;
-      fault.kind = BundleFault::Kind::kOpenDirection;
-      fault.frame = frame;
-      fault.sigma_m = sigma;
-      fault.direction << v.head<3>() / kArmM, v.tail<3>();
-      fault.direction.normalize();
-      faults->push_back(fault);
+// Calls visit(frame, rows, plane's weight, squared error of its normal) for each observation of a
+// shared plane.
+template <typename Visit>
+void ForEachRows(const BundleProblem& problem, const std::vector<PlaneFrame>& planes,
+                 const Visit& visit) {
+  for (std::size_t p = 0; p < planes.size(); ++p) {
+    const Plane& plane = problem.planes[p];
+    if (!IsShared(plane)) continue;
+    const Eigen::Vector3d& l = planes[p].l;
+    const double normal_error2 = NormalError2(l(1) > 0.0 ? l(2) / l(1) : 1.0);
+    for (int i = plane.first; i < plane.first + plane.count; ++i) {
+      const PlaneObservation& o = problem.observations[static_cast<std::size_t>(i)];
+      const auto k = static_cast<std::size_t>(o.frame);
+      visit(k, RowsOf(o, problem.poses[k], planes[p].normal), plane.weight, normal_error2);
     }
   }
+}
 
- private:
-  Matrix6d H_ = Matrix6d::Zero();
-  std::vector<ScaledRows> rows_;
-  std::vector<double> weights_, normal_errors2_;  // rad^2
-};
+// What is known of each frame along the eigenvectors of its own information.
+std::vector<DirectionEvidence> FrameEvidence(const BundleProblem& problem) {
+  const std::vector<PlaneFrame> planes = MakePlaneFrames(problem, PoseMatrices(problem.poses));
+  std::vector<Matrix6d> H(problem.poses.size(), Matrix6d::Zero());
+  ForEachRows(problem, planes, [&](std::size_t k, const ScaledRows& s, double weight, double) {
+    H[k] += weight * s.rows.transpose() * s.rows;
+  });
+  std::vector<DirectionEvidence> evidence(H.size());
+  for (std::size_t k = 0; k < H.size(); ++k) {
+    evidence[k].directions = Eigen::SelfAdjointEigenSolver<Matrix6d>(H[k]).eigenvectors();
+  }
+  ForEachRows(problem, planes,
+              [&](std::size_t k, const ScaledRows& s, double weight, double normal_error2) {
+                for (int r = 0; r < 3; ++r) {
+                  evidence[k].Add(s.rows.row(r).transpose(), weight, normal_error2,
+                                  s.rotation_arm(r), s.translation_arm(r));
+                }
+              });
+  return evidence;
+}
+
+std::vector<BundleFault> OpenDirections(int frame, const DirectionEvidence& evidence,
+                                        double max_sigma_m) {
+  std::vector<BundleFault> faults;
+  for (int i = 0; i < 6; ++i) {
+    if (evidence.Sigma(i) <= max_sigma_m) continue;
+    BundleFault fault;
+    fault.kind = BundleFault::Kind::kOpenDirection;
+    fault.frame = frame;
+    fault.sigma_m = evidence.Sigma(i);
+    fault.direction = DividedByArm(Vector6d(evidence.directions.col(i))).normalized();
+    faults.push_back(fault);
+  }
+  return faults;
+}
 
 // Frames joined by planes that they share.
 class Groups {
@@ -168,27 +179,14 @@ void HoldGauge(const std::map<int, std::vector<int>>& groups, Observability* res
 
 void FindOpenDirections(const BundleProblem& problem, const ObservabilityOptions& options,
                         const std::vector<bool>& usable, Observability* result) {
-  std::vector<FrameDirections> frames(problem.poses.size());
-  const std::vector<PlaneFrame> planes = MakePlaneFrames(problem, PoseMatrices(problem.poses));
-  for (std::size_t p = 0; p < planes.size(); ++p) {
-    const Plane& plane = problem.planes[p];
-    if (!IsShared(plane)) continue;
-    constexpr double kLeastError = 0.02;  // rad
-    const Eigen::Vector3d& l = planes[p].l;
-    const double normal_error2 = kLeastError * kLeastError + (l(1) > 0.0 ? l(2) / l(1) : 1.0);
-    for (int i = plane.first; i < plane.first + plane.count; ++i) {
-      const PlaneObservation& o = problem.observations[static_cast<std::size_t>(i)];
-      const auto k = static_cast<std::size_t>(o.frame);
-      frames[k].Add(RowsOf(o, problem.poses[k], planes[p].normal), plane.weight, normal_error2);
-    }
-  }
+  const std::vector<DirectionEvidence> frames = FrameEvidence(problem);
   std::vector<bool> gauge(problem.poses.size(), false);
   for (const HeldDirection& hold : result->holds)
     gauge[static_cast<std::size_t>(hold.frame)] = true;
   for (std::size_t k = 0; k < frames.size(); ++k) {
     if (!usable[k] || gauge[k]) continue;
-    std::vector<BundleFault> open;
-    frames[k].FindOpen(static_cast<int>(k), options.max_direction_sigma_m, &open);
+    const std::vector<BundleFault> open =
+        OpenDirections(static_cast<int>(k), frames[k], options.max_direction_sigma_m);
     for (const BundleFault& fault : open) {
       result->holds.push_back({fault.frame, fault.direction});
       result->faults.push_back(fault);
@@ -222,7 +220,7 @@ std::string BundleFault::Describe() const {
            << " would have been carried farther than a voxel; it kept its pose in the last round";
       break;
     case Kind::kOpenDirection: {
-      const bool turn = direction.head<3>().norm() * kArmM > direction.tail<3>().norm();
+      const bool turn = direction.head<3>().norm() * kRotationArmM > direction.tail<3>().norm();
       const Eigen::Vector3d axis = (turn ? direction.head<3>() : direction.tail<3>()).normalized();
       text << "frame " << frame << ": no plane holds its "
            << (turn ? "turn about the LiDAR's axis" : "motion along the world's direction") << " ("

@@ -6,11 +6,8 @@
 //   open direction   no plane that a frame sees resists a motion along it: all planes parallel, an
 //                    endless corridor, turns about the axis of a tunnel
 //
-// For the last, let j be the Jacobian rows of a frame's residuals (condensed_cost.h), rotations
-// counting by what they move at 3 m. Along an eigenvector v of sum w j j', the information that
-// counts is sum w max(0, (j v)^2 - leak^2), where leak is what a wrong normal could feign: wrong by
-// 0.02 rad, and by the plane's thickness over its breadth (poses that are off make voxels tilt).
-// Where 1 / sqrt(that) exceeds `max_direction_sigma_m`, the direction is open.
+// The last is judged as in matching (frontend/degeneracy.h), with the rows of the condensed cost: a
+// direction is open where what faces it leaves it less certain than `max_direction_sigma_m`.
 //
 // Holding what was found (BundleProblem::holds) makes the rest solvable.
 #pragma once

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "backend/observation_weights.h"
 #include "core/central_twist.h"
 #include "core/parallel.h"
 #include "core/robust_kernel.h"
@@ -50,22 +51,22 @@ void DistrustThick(std::vector<Plane>* planes) {
 
 // Leaves are fetched so many clusters ahead.
 constexpr std::size_t kAhead = 8;
-constexpr double kHeldSigmaM = 0.001;
 // In the place of a path: the cluster is in no leaf.
 constexpr std::uint64_t kNoLeaf = ~std::uint64_t{0};
 
 // Collects observations by plane while frames are walked in order.
 class ProblemBuilder {
  public:
-  ProblemBuilder() : plane_of_node_(16384) {}
+  // `planes`: how many planes of the map there are.
+  explicit ProblemBuilder(std::size_t planes) : number_of_(2 * planes, -1) {}
 
-  // Returns a number by which MoveTo tells where the observation has gone.
-  std::int32_t Add(VoxelMap::NodeId node, bool other_side, int frame, const PointCluster& cluster) {
-    const auto fresh = static_cast<std::int32_t>(nodes_.size());
-    const VoxelKey key = 2 * static_cast<VoxelKey>(node) + (other_side ? 1 : 0);
-    const std::int32_t plane = plane_of_node_.FindOrInsert(key, fresh);
-    if (plane == fresh) {
-      nodes_.push_back(node);
+  // Of plane `on` of the map, seen from one side or the other. Returns a number by which MoveTo
+  // tells where the observation has gone.
+  std::int32_t Add(std::int32_t on, bool other_side, int frame, const PointCluster& cluster) {
+    std::int32_t& plane = number_of_[2 * static_cast<std::size_t>(on) + (other_side ? 1 : 0)];
+    if (plane < 0) {
+      plane = static_cast<std::int32_t>(map_planes_.size());
+      map_planes_.push_back(on);
       last_.push_back(-1);
     }
     std::int32_t& last = last_[static_cast<std::size_t>(plane)];
@@ -82,7 +83,7 @@ class ProblemBuilder {
   // ascending (a counting sort keeps their order). Returns the observation behind each number of
   // Add.
   std::vector<std::int32_t> MoveTo(BundleProblem* problem) const {
-    problem->planes.assign(nodes_.size(), Plane());
+    problem->planes.assign(map_planes_.size(), Plane());
     for (const Gathered& g : gathered_) ++problem->planes[static_cast<std::size_t>(g.plane)].count;
     std::vector<std::int32_t> next;
     std::int32_t first = 0;
@@ -101,16 +102,16 @@ class ProblemBuilder {
     return slots;
   }
 
-  // Of each plane.
-  const std::vector<VoxelMap::NodeId>& nodes() const { return nodes_; }
+  // The map's plane behind each plane of the problem.
+  const std::vector<std::int32_t>& map_planes() const { return map_planes_; }
 
  private:
   struct Gathered {
     std::int32_t plane;
     PlaneObservation observation;
   };
-  VoxelIndex plane_of_node_;
-  std::vector<VoxelMap::NodeId> nodes_;
+  std::vector<std::int32_t> number_of_;  // of each side of each plane of the map; -1: none yet
+  std::vector<std::int32_t> map_planes_;
   std::vector<std::int32_t> last_;  // for each plane, its last gathered observation
   std::vector<Gathered> gathered_;
 };
@@ -134,10 +135,13 @@ SlidingWindow::SlidingWindow(const SlidingWindowOptions& options, VoxelMap* map)
 
 void SlidingWindow::UpdateClusters(const SE3& T, WindowFrame* frame) const {
   const Eigen::Matrix3d R = T.R();
+  const double most =
+      frame->alone ? std::max<double>(options_.max_cluster_weight, map_->options().min_points)
+                   : options_.max_cluster_weight;
   frame->in_map.resize(frame->deskewed.size());
   ParallelChunks(frame->deskewed.size(), 2048, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      frame->in_map[i] = Capped(frame->deskewed[i], options_.max_cluster_weight).Moved(R, T.t);
+      frame->in_map[i] = Capped(frame->deskewed[i], most).Moved(R, T.t);
     }
   });
 }
@@ -165,10 +169,26 @@ void SlidingWindow::PopOldest() {
   const WindowFrame& frame = frames_.front();
   for (std::size_t i = 0; i < frame.in_map.size(); ++i) {
     if (frame.leaves[i] == VoxelMap::kNoNode) continue;
-    map_->FixWindow(frame.leaves[i], frame.in_map[i], frame.id);
+    map_->FixWindow(frame.leaves[i], frame.in_map[i], MarginalWeight(frame, i), frame.id);
     map_->Release(frame.leaves[i]);
   }
   frames_.pop_front();
+}
+
+double SlidingWindow::MarginalWeight(const WindowFrame& frame, std::size_t i) const {
+  // What stays for good must be able to overrule what was there.
+  constexpr double kLeast = 0.005;
+  if (!frame.weights.empty() && frame.weights[i] >= 0.0) return std::max(kLeast, frame.weights[i]);
+  // Something that stands before a wall makes of both no plane at all; the wall's own past is one.
+  const PointCluster fixed = map_->FixedAggregate(frame.leaves[i]);
+  const Surface surface = map_->SurfaceOf(fixed, 0);
+  if (surface.kind != Surface::Kind::kPlane) return 1.0;
+  const double distance = surface.normal.cast<double>().dot(frame.in_map[i].mean - surface.mean);
+  const double variance =
+      options_.noise_floor_m * options_.noise_floor_m + static_cast<double>(surface.variance);
+  return std::max(kLeast,
+                  GemanMcClureWeight(distance * distance /
+                                     (options_.kernel_sigma * options_.kernel_sigma * variance)));
 }
 
 void SlidingWindow::Move(std::size_t i, const SE3& T_world_lidar, const Vector6d& twist) {
@@ -197,33 +217,31 @@ Vector6d SlidingWindow::CentralTwist(std::size_t i) const {
   return twist;
 }
 
-BundleProblem SlidingWindow::BuildProblem(Sides sides,
-                                          std::vector<std::vector<ClusterUse>>* uses) const {
+BundleProblem SlidingWindow::BuildProblem(Sides sides, std::vector<std::vector<ClusterUse>>* uses) {
   BundleProblem problem;
   if (uses != nullptr) uses->assign(frames_.size(), {});
-  ProblemBuilder builder;
   const double floor2 = options_.noise_floor_m * options_.noise_floor_m;
-  const double kernel2 = options_.kernel_sigma * options_.kernel_sigma;
+  const ObservationWeights on_planes(
+      *map_, frames_, {options_.noise_floor_m, options_.kernel_sigma, sides == Sides::kOne});
+  ProblemBuilder builder(on_planes.nodes().size());
   for (std::size_t f = 0; f < frames_.size(); ++f) {
-    const WindowFrame& frame = frames_[f];
+    WindowFrame& frame = frames_[f];
+    frame.weights = on_planes.Weights(f);
     problem.poses.push_back(frame.T_world_lidar);
     if (f > 0) problem.priors.push_back(MotionPrior(f));
     if (uses != nullptr) (*uses)[f].resize(frame.leaves.size());
     for (std::size_t i = 0; i < frame.leaves.size(); ++i) {
-      if (i + kAhead < frame.leaves.size()) map_->Prefetch(frame.leaves[i + kAhead]);
-      if (frame.leaves[i] == VoxelMap::kNoNode) continue;
-      const VoxelMap::NodeId node = map_->PlaneAbove(frame.leaves[i]);
-      if (node == VoxelMap::kNoNode) continue;
-      const Surface& surface = map_->surface(node);
-      const Eigen::Vector3d normal = surface.normal.cast<double>();
-      const double distance = normal.dot(frame.in_map[i].mean - surface.mean);
-      const bool from_behind =
-          sides == Sides::kTwo && normal.dot(frame.T_world_lidar.t - frame.in_map[i].mean) < 0.0;
-      const double e2 =
-          distance * distance / (kernel2 * (floor2 + static_cast<double>(surface.variance)));
+      const std::int32_t plane = on_planes.PlaneOf(f, i);
+      if (plane == ObservationWeights::kNone) continue;
+      bool from_behind = false;
+      if (sides == Sides::kTwo) {
+        const Surface& surface = map_->surface(on_planes.nodes()[static_cast<std::size_t>(plane)]);
+        from_behind =
+            surface.normal.cast<double>().dot(frame.T_world_lidar.t - frame.in_map[i].mean) < 0.0;
+      }
       const PointCluster weighted =
-          Capped(frame.deskewed[i], options_.max_cluster_weight).Scaled(GemanMcClureWeight(e2));
-      const std::int32_t number = builder.Add(node, from_behind, static_cast<int>(f), weighted);
+          Capped(frame.deskewed[i], options_.max_cluster_weight).Scaled(frame.weights[i]);
+      const std::int32_t number = builder.Add(plane, from_behind, static_cast<int>(f), weighted);
       if (uses != nullptr) (*uses)[f][i] = {number, weighted.count / frame.deskewed[i].count};
     }
   }
@@ -235,11 +253,13 @@ BundleProblem SlidingWindow::BuildProblem(Sides sides,
   }
   for (std::size_t i = 0; i < problem.planes.size(); ++i) {
     Plane& plane = problem.planes[i];
-    const VoxelMap::NodeId node = builder.nodes()[i];
+    const VoxelMap::NodeId node =
+        on_planes.nodes()[static_cast<std::size_t>(builder.map_planes()[i])];
     plane.fixed = map_->FixedAggregate(node);
     plane.weight = 1.0 / (floor2 + static_cast<double>(map_->surface(node).variance));
     if (!plane.fixed.Empty()) problem.hold_first_pose = false;
   }
+  if (!frames_.empty()) HoldFirst(&problem);
   KeepBinding(options_.max_planes, &problem.planes);
   DistrustThick(&problem.planes);
   return problem;
@@ -264,7 +284,8 @@ void SlidingWindow::Archive(StateArchive& a) {
   frames_.resize(a.Size(frames_.size(), 1));
   for (WindowFrame& frame : frames_) {
     a(&frame.id, &frame.stamp_ns, &frame.T_world_lidar, &frame.twist, &frame.held,
-      &frame.T_previous_this, &frame.measured);
+      &frame.held_information, &frame.T_previous_this, &frame.alone, &frame.weights,
+      &frame.measured);
     // What follows from other members is made again.
     if (frame.measured.empty()) {
       a(&frame.deskewed);
@@ -278,6 +299,13 @@ void SlidingWindow::Archive(StateArchive& a) {
   }
 }
 
+void SlidingWindow::HoldFirst(BundleProblem* problem) const {
+  const WindowFrame& first = frames_.front();
+  for (int k = 0; k < 6 && first.held_information(k) > 0.0; ++k) {
+    problem->holds.push_back({0, DividedByArm(Vector6d(first.held.col(k))).normalized()});
+  }
+}
+
 RelativePrior SlidingWindow::MotionPrior(std::size_t i) const {
   RelativePrior prior;
   prior.a = static_cast<int>(i) - 1;
@@ -288,12 +316,12 @@ RelativePrior SlidingWindow::MotionPrior(std::size_t i) const {
       Eigen::Vector3d::Constant(1.0 / options_.prior_translation_m);
   Matrix6d information = root.cwiseAbs2().asDiagonal();
   // What the frontend could not see, bundle adjustment must not invent from the same scans.
-  for (int k = 0; k < frames_[i].held.cols(); ++k) {
-    Vector6d direction = frames_[i].held.col(k);
-    if (direction.isZero()) break;
-    direction.head<3>() *= MatchResult::kRotationArmM;
+  const WindowFrame& frame = frames_[i];
+  for (int k = 0; k < 6 && frame.held_information(k) > 0.0; ++k) {
+    Vector6d direction = frame.held.col(k);
+    direction.head<3>() *= kRotationArmM;
     direction.tail<3>() = frames_[i - 1].T_world_lidar.q.conjugate() * direction.tail<3>();
-    information += direction * direction.transpose() / (kHeldSigmaM * kHeldSigmaM);
+    information += frame.held_information(k) * direction * direction.transpose();
   }
   prior.sqrt_information = information.llt().matrixU();
   return prior;

@@ -4,7 +4,8 @@
 // as they stand in the voxel map at its present pose. Moving frames or changing their twist
 // exchanges exactly those clusters in the map, leaf by leaf; association to leaves is made once,
 // when the frame enters. The oldest frame leaves by marginalisation: its clusters join the fixed
-// clusters of their leaves at the final pose.
+// clusters of their leaves at the final pose, with the robust weights that they had in the last
+// bundle adjustment: what that let go of does not become an anchor.
 //
 // Not thread-safe. The map must outlive the window and be changed by nobody else.
 #pragma once
@@ -50,8 +51,16 @@ struct WindowFrame {
   std::vector<PointCluster> in_map;      // world frame, capped weight
   std::vector<VoxelMap::NodeId> leaves;  // kNoNode: outside of what the map can hold
   std::vector<VoxelMap::LeafAddress> addresses;
-  // Directions in which the frontend saw nothing (MatchResult::degenerate_directions).
+  // The first of its map: its clusters must be planes by themselves, so they may weigh as much as a
+  // plane needs (VoxelMapOptions::min_points).
+  bool alone = false;
+  // Robust weight of each cluster in the last problem, with which it is marginalised; negative
+  // where it was on no plane, empty before the first problem (observation_weights.h).
+  std::vector<double> weights;
+  // Directions that the frontend's planes left open, and the information that holds the frontend's
+  // motion there (MatchResult::degenerate_directions, degenerate_information; zero ends them).
   Matrix6d held = Matrix6d::Zero();
+  Vector6d held_information = Vector6d::Zero();
   SE3 T_previous_this;  // motion since the frame before, as the frontend found it
 };
 
@@ -84,8 +93,9 @@ class SlidingWindow {
   Vector6d CentralTwist(std::size_t i) const;
 
   // Planes of the map seen by the window's frames, with weights applied: caps and kernel on the
-  // observations, 1 / variance on the planes, and far less on those much thicker than the others.
-  BundleProblem BuildProblem() const { return BuildProblem(Sides::kOne, nullptr); }
+  // observations (the frames keep them until they are marginalised), 1 / variance on the planes,
+  // and far less on those much thicker than the others.
+  BundleProblem BuildProblem() { return BuildProblem(Sides::kOne, nullptr); }
   // kTwo: what some frames see from one side and others from the other is two planes, the faces of
   // a wall or a door, however thin. While poses are off by more than its thickness, nothing else
   // tells them apart, and as one plane they draw the rooms on both sides into one another. For maps
@@ -97,7 +107,7 @@ class SlidingWindow {
     std::int32_t observation = -1;
     double point_weight = 0.0;
   };
-  BundleProblem BuildProblem(Sides sides, std::vector<std::vector<ClusterUse>>* uses) const;
+  BundleProblem BuildProblem(Sides sides, std::vector<std::vector<ClusterUse>>* uses);
 
   // Reading finds the leaves in the map, which must hold what it held when this was written, and
   // holds them again. Throws InputError if it does not.
@@ -105,8 +115,13 @@ class SlidingWindow {
 
  private:
   void FindLeaves(WindowFrame* frame) const;
+  // Along what its planes left open, the first frame stays: motion priors hold the others to it,
+  // and nothing else would keep the window from sliding as a whole.
+  void HoldFirst(BundleProblem* problem) const;
   RelativePrior MotionPrior(std::size_t i) const;
   void UpdateClusters(const SE3& T, WindowFrame* frame) const;
+  // Weight with which cluster i of a frame that leaves the window joins the fixed clusters.
+  double MarginalWeight(const WindowFrame& frame, std::size_t i) const;
 
   SlidingWindowOptions options_;
   VoxelMap* map_;

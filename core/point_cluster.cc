@@ -25,7 +25,10 @@ PointCluster TimedCluster::DeskewedTo(double time_s, const Vector6d& twist) cons
   PointCluster local = points;
   if (time_scatter == 0.0 && offset_s == 0.0) return local;
   const Eigen::Vector3d c = w.cross(points.mean) + twist.tail<3>();
-  local.mean += offset_s * c + w.cross(point_time) / points.count;
+  const double spread2 = time_scatter / points.count;
+  const double second =
+      0.5 * (spread2 * (1.0 - 0.15 * w.squaredNorm() * spread2) + offset_s * offset_s);
+  local.mean += offset_s * c + w.cross(point_time) / points.count + second * w.cross(c);
   const Eigen::Vector3d& k = point_time;
   Symmetric3& s = local.scatter;
   s.xx += 2.0 * c.x() * k.x();

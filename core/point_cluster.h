@@ -96,10 +96,13 @@ struct TimedCluster {
   // The cluster in the LiDAR frame at tau = 0, for a sensor that moves with the constant body twist
   // xi = [w; v] (rad/s, m/s) during the scan. With s = tau - mean and c = w x mu + v,
   //
-  //     p' = Exp(tau xi) p  ~  Exp(mean xi) (p + s (w x p + v))
+  //     p' = Exp(tau xi) p = Exp(mean xi) (p + s (w x p + v) + s^2/2 w x (w x p + v) + ...)
   //
-  // to first order in s, and mean and scatter of the right side follow from the moments above.
-  // The neglected terms are below |w| s^2 (|w| |p| + |v|) / 2: a millimetre or less within a voxel.
+  // The scatter is that of the right side to first order in s. The mean is carried further, since
+  // what is left out of it does not average away over clusters: it lies on the same side of every
+  // surface. Its terms of even order are those of times spread evenly, E[s^4] = 9/5 E[s^2]^2, whose
+  // sum is s^2/2 (1 - |w|^2 E[s^2] 9/60) w x c; of odd order, that of the moments alone. At 20
+  // degrees within a cluster of 0.1 s, 20 m away, 0.1 mm remain.
   PointCluster Deskewed(const Vector6d& twist) const;
 
   // The same, but in the LiDAR frame at tau = time_s, which must be near the cluster's mean time (s

@@ -190,7 +190,8 @@ void VoxelMap::ReplaceWindow(NodeId leaf, const PointCluster& before, const Poin
   n.window += after;
 }
 
-void VoxelMap::FixWindow(NodeId leaf, const PointCluster& cluster, std::int64_t frame) {
+void VoxelMap::FixWindow(NodeId leaf, const PointCluster& cluster, double weight,
+                         std::int64_t frame) {
   Mark(leaf);
   Node& n = node(leaf);
   if (n.last_fixed != frame) {
@@ -199,7 +200,7 @@ void VoxelMap::FixWindow(NodeId leaf, const PointCluster& cluster, std::int64_t 
   }
   n.last_fixed = static_cast<std::int32_t>(frame);
   n.window -= cluster;
-  n.fixed += cluster;
+  n.fixed += cluster.Scaled(weight);
   if (n.fixed.count > options_.max_fixed_weight) {
     n.fixed = n.fixed.Scaled(options_.max_fixed_weight / n.fixed.count);
   }
@@ -209,15 +210,15 @@ void VoxelMap::Hold(NodeId leaf) { ++node(RootOf(leaf)).holds; }
 
 void VoxelMap::Release(NodeId leaf) { --node(RootOf(leaf)).holds; }
 
-Surface VoxelMap::MakeSurface(const PointCluster& cluster, int frames) const {
+Surface VoxelMap::SurfaceOf(const PointCluster& cluster, int frames) const {
   Surface s;
   s.mean = cluster.mean;
-  s.weight = static_cast<float>(cluster.count);
   s.frames = SaturatingAdd(0, frames);
   if (cluster.count < options_.min_points) return s;
   const Eigen3 eigen = cluster.Eigen();
   s.kind = Surface::Kind::kRough;
   s.variance = static_cast<float>(std::max(0.0, eigen.l(2)));
+  if (eigen.l(1) > 0.0) s.flatness = s.variance / static_cast<float>(eigen.l(1));
   s.normal = eigen.u.col(2).cast<float>();
   const double thickness2 = options_.max_thickness_m * options_.max_thickness_m;
   if (eigen.l(2) <= thickness2 && eigen.l(2) <= options_.max_flatness * eigen.l(1) &&
@@ -254,7 +255,7 @@ void VoxelMap::RefreshTree(NodeId root, std::vector<TreeSum>* sums) {
     // Below a planar node nobody looks: its eigenvalues are saved.
     const NodeId parent = n.parent;
     const bool covered = parent != kNoNode && node(parent).surface.covered;
-    if (!covered) n.surface = MakeSurface(sum.cluster, sum.frames);
+    if (!covered) n.surface = SurfaceOf(sum.cluster, sum.frames);
     n.surface.covered = covered || n.surface.kind == Surface::Kind::kPlane;
   }
 }

@@ -71,7 +71,7 @@ struct Surface {
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();  // unit, kPlane only; the sign has no meaning
   float variance = 0.0F;                             // l3, m^2: the plane's squared thickness
-  float weight = 0.0F;                               // points, after capping
+  float flatness = 1.0F;                             // l3 / l2: squared thickness over breadth
   std::uint16_t frames = 0;                          // frames that contributed, saturating
   Kind kind = Kind::kEmpty;
   bool covered =
@@ -97,6 +97,8 @@ class VoxelMap {
   // The coarsest planar node among a leaf and its ancestors, else kNoNode.
   NodeId PlaneAbove(NodeId leaf) const;
   const Surface& surface(NodeId id) const { return node(id).surface; }
+  // What a node with this cluster would look like.
+  Surface SurfaceOf(const PointCluster& cluster, int frames) const;
   // Sum of fixed and window clusters below a node / of the fixed ones alone.
   PointCluster Aggregate(NodeId id) const;
   PointCluster FixedAggregate(NodeId id) const;
@@ -145,8 +147,9 @@ class VoxelMap {
   // Exchanges a cluster that was added before, when its frame has moved.
   void ReplaceWindow(NodeId leaf, const PointCluster& before, const PointCluster& after);
   // Marginalisation: a cluster that was added to the window part leaves it and joins the fixed
-  // part, whose weight is then capped. Frames leave in the order in which they came.
-  void FixWindow(NodeId leaf, const PointCluster& cluster, std::int64_t frame);
+  // part, its points weighing `weight` (0 to 1) times what they did; the weight of the fixed part
+  // is then capped. Frames leave in the order in which they came.
+  void FixWindow(NodeId leaf, const PointCluster& cluster, double weight, std::int64_t frame);
 
   // While a leaf is held, its root is not evicted. Calls add up.
   void Hold(NodeId leaf);
@@ -244,7 +247,6 @@ class VoxelMap {
   // Sums of a node and all below it, parents before children; returns the node's own.
   PointCluster SumTree(NodeId id, std::vector<TreeSum>* sums);
   void RefreshTree(NodeId root, std::vector<TreeSum>* sums);
-  Surface MakeSurface(const PointCluster& cluster, int frames) const;
   void VisitSurfaces(NodeId id, int min_frames, const VisitSurfel& visit) const;
   std::int32_t LastAdded(NodeId id) const;
   std::size_t UsedBytes() const;

@@ -1,53 +1,47 @@
-// One scan in, one pose out: predict, deskew, match.
+// One scan in, one pose out: predict, deskew, match, search, judge.
+//
+// A match counts as tracked on evidence that does not come from the match itself:
+//   - enough of the scan lies on the map's planes, compared with the scans before;
+//   - it lies within what the prediction allows, whose uncertainty grows with the gap; a match
+//     beyond that, or after a gap or a loss, must fit the planes that it meets as well as scans did
+//     before, and be clearly better than every other place that a search finds;
+//   - planes and prediction together leave no direction unknown by more than max_sigma_m, unless
+//     the sensor was tracked along it up to the scan before.
+// All else is lost: the pose is the prediction, and must not enter a map.
 #pragma once
 
 #include <deque>
-#include <optional>
+#include <functional>
 #include <vector>
 
 #include "core/options.h"
 #include "core/scan.h"
 #include "core/state_archive.h"
 #include "core/voxel_map.h"
+#include "frontend/motion_model.h"
+#include "frontend/pose_search.h"
 #include "frontend/scan_clusters.h"
 #include "frontend/scan_matcher.h"
 
 namespace lamina {
 
-// Search over rotations about the prediction, for sensors that turn faster than matching alone can
-// follow (hand-held, narrow view): hypotheses on a grid of rotation vectors are scored on the map's
-// planes, a hash look-up for each cluster, and the best are refined by matching. A sensor that is
-// put into a finished map is searched for over positions in the same way.
-struct PoseSearchOptions {
-  bool enabled = true;
-  // Started when match and prediction differ by more than this, or ...
-  double trigger_rotation_deg = 2.0;
-  double trigger_translation_m = 0.5;
-  // ... the share of inliers is below this part of its recent median.
-  double trigger_inlier_ratio = 0.7;
-  // The grid: -range, ..., -step, 0, step, ..., range about each axis.
-  double range_deg = 15.0;
-  double step_deg = 5.0;
-  // Clusters scored for each hypothesis, at most, and the scale of the score.
-  int clusters = 400;
-  double score_scale_m = 0.2;
-  // Hypotheses refined by matching.
-  int refined = 6;
-  // In a map that is there already, while no speed is known: offsets along x and y of the sensor,
-  // too, -range, ..., range, as the turns above.
-  double range_m = 3.0;
-  double step_m = 0.5;
-
-  void Visit(OptionVisitor& v);
-};
-
 struct OdometryOptions {
   // Deskew and match again so often with the motion just found.
   int deskew_passes = 1;
-  // A gap longer than this leaves nothing of the old velocity: the prediction is to stand still.
-  double max_prediction_gap_s = 1.0;
-  // Lost when, after a search too, the share of inliers is below this part of its recent median.
+  // Lost when, after a search too, the share of inliers is below this part of its recent median ...
   double lost_inlier_ratio = 0.35;
+  // ... or, where the prediction does not vouch for the match, if what meets a plane at all fits it
+  // worse than this part of the recent median, ...
+  double doubtful_fit_ratio = 0.85;
+  // ... or less of the scan than this meets one.
+  double min_overlap = 0.4;
+  // Standard deviations from the prediction beyond which it does not.
+  double max_prediction_sigmas = 4.5;
+  // After a gap longer than this it does not, either, ...
+  double vouched_gap_s = 0.5;
+  // ... and no direction may be known worse than this.
+  double max_sigma_m = 0.3;
+  MotionOptions motion;
   ScanMatcherOptions matcher;
   PoseSearchOptions search;
 
@@ -75,7 +69,7 @@ class Odometry {
   explicit Odometry(const OdometryOptions& options);
 
   // Where a scan is expected, from the state alone.
-  SE3 Predict(StampNs stamp_ns) const;
+  SE3 Predict(StampNs stamp_ns) const { return motion_.Predict(stamp_ns).T_world_lidar; }
   // Pose of a scan from the state and the map. The state stays as it is until Accept. In a map that
   // is older than the drive, one that knows no speed yet is searched for about the prediction: a
   // street looks much the same a metre on, and a match settles where it begins.
@@ -85,37 +79,39 @@ class Odometry {
   // Makes a frame the last one: the next prediction starts from it. Not for lost frames, unless
   // mapping is to start anew from there.
   void Accept(const OdometryFrame& frame);
+  // A frame that Register called lost: the next match must be a better one.
+  void Lose() { lost_ = true; }
   // The last pose moves: T -> correction * T.
-  void Correct(const SE3& correction);
+  void Correct(const SE3& correction) { motion_.Correct(correction); }
   // The next scan is of another recording: nothing is known of the time in between.
-  void Interrupt() { interrupted_ = true; }
+  void Interrupt() { motion_.Interrupt(); }
   // Makes this pose the last one: the next scan is expected there.
   void StartAt(const SE3& T_world_lidar);
 
   void Archive(StateArchive& a);
 
   // Whether there is a last pose.
-  bool started() const { return started_; }
-  const Vector6d& velocity() const { return velocity_; }
+  bool started() const { return motion_.started(); }
+  const Vector6d& velocity() const { return motion_.velocity(); }
 
  private:
-  // Seconds since the last scan, if the velocity is still worth something.
-  std::optional<double> KnownGap(StampNs stamp_ns) const;
-  double RecentInliers() const;
-  bool NeedsSearch(const OdometryFrame& frame) const;
-  std::vector<SE3> TurnsAbout(const std::vector<SE3>& centres) const;
-  std::vector<SE3> OffsetsAbout(const SE3& centre) const;
-  // The best of the matches from the hypotheses and the given one.
-  MatchResult Search(const std::vector<PointCluster>& clusters, const std::vector<SE3>& hypotheses,
-                     const MatchResult& given, const VoxelMap& map) const;
+  double RecentInliers() const { return Median(recent_inliers_); }
+  static double Median(const std::deque<double>& values);  // 0 if there are none
+  // Whether a match is farther from the prediction than matching alone may carry it.
+  bool Leaps(const MatchResult& match, const PosePrediction& prediction) const;
+  // Whether matching alone cannot be trusted to find the way.
+  bool NeedsSearch(const MatchResult& match, const PosePrediction& prediction) const;
+  std::vector<SE3> Hypotheses(const PosePrediction& prediction, bool map_is_older) const;
+  // Whether a match is to be believed. `unique` tells whether a search finds no rival to it.
+  bool Believed(const OdometryFrame& frame, const PosePrediction& prediction,
+                const std::function<bool()>& unique) const;
 
   OdometryOptions options_;
   ScanMatcher matcher_;
-  std::deque<double> recent_inliers_;
-  bool started_ = false, interrupted_ = false;
-  StampNs last_stamp_ns_ = 0;
-  SE3 T_world_last_;
-  Vector6d velocity_ = Vector6d::Zero();
+  PoseSearch search_;
+  MotionModel motion_;
+  std::deque<double> recent_inliers_, recent_fits_;
+  bool lost_ = false;  // since the last accepted frame
 };
 
 }  // namespace lamina

@@ -15,11 +15,19 @@
 // leave a direction open, rough leaves join with all three directions of their distribution
 // (Magnusson's NDT, in the distribution-to-distribution form).
 //
-// Degeneracy. Rotations count by what they move at a distance of 3 m, so that tangent vectors are
-// in metres. Along an eigenvector v of H = sum w J'J, the information that counts is sum w max(0,
-// (J v)^2 - leak^2), where leak is what an error of 0.1 rad of the plane's normal could feign;
-// where 1 / sqrt(that) exceeds `max_direction_sigma_m` the direction is *unobservable*: the pose
-// stays on the prediction there, and the result says so.
+// Degeneracy (degeneracy.h). Along a direction that the residuals do not determine, the estimate is
+// the mean of what they say and of the prediction, each by its information,
+//
+//     (f x_planes + p x_predicted) / (f + p),
+//
+// f being the information that counts and p that of the prediction: with f = 0 the pose stays on
+// the prediction. The decision is made anew as the descent goes on, and what is reported is what
+// its last steps did.
+//
+// Covariance. With H = sum w J'J and G_s the gradient sum w e J' of the clusters on surface s of
+// the map, it is H^-1 (sum_s G_s G_s') H^-1: what the residuals scatter, not what the noise options
+// promise, and an error that all clusters on one surface share counts once. It is the error of the
+// pose relative to the map around it; what the map has drifted by before is not in it.
 #pragma once
 
 #include <vector>
@@ -28,6 +36,7 @@
 #include "core/point_cluster.h"
 #include "core/se3.h"
 #include "core/voxel_map.h"
+#include "frontend/degeneracy.h"
 
 namespace lamina {
 
@@ -51,42 +60,64 @@ struct ScanMatcherOptions {
   double kernel_end_sigma = 2.0;
   // Distance beyond which a plane is no match at all.
   double max_distance_m = 1.0;
-  // Standard deviation along a direction beyond which it counts as unobservable.
+  // A direction is degenerate where the clusters that face it leave it less certain than this, ...
   double max_direction_sigma_m = 0.05;
-  // ... and share of all information below which it does, too: few planes that face it may all be
-  // wrong.
-  double min_facing_share = 0.001;
+  // ... or are fewer: so few may all be wrong.
+  int min_facing_clusters = 6;
 
   void Visit(OptionVisitor& v);
 };
 
+// Where a scan is expected, and how well that is known: covariance in the tangent of core/se3.h.
+struct PosePrediction {
+  SE3 T_world_lidar;
+  Matrix6d covariance = Matrix6d::Zero();
+
+  // Information along a unit vector of the scaled tangent (degeneracy.h), 1/m^2.
+  double Information(const Vector6d& direction) const;
+};
+
 struct MatchResult {
+  // Fit that a scan has anywhere among planes: ground on ground, facade on facade.
+  static constexpr double kChanceFit = 0.5;
+
   enum class Status {
     kConverged,
     kIterationLimit,  // usable
     kTooFewMatches,  // pose is the initial one, and nothing is known of it: covariance, worst sigma
                      // and degenerate directions are zero
   };
-  // Rotations count by what they move at this distance, in metres.
-  static constexpr double kRotationArmM = 3.0;
-
   Status status = Status::kTooFewMatches;
   SE3 T_world_lidar;
   int iterations = 0;
   int clusters = 0;
-  int matched = 0;              // clusters that met a plane within max_distance_m
-  double inlier_share = 0.0;    // sum of robust weights / number of clusters
+  int matched = 0;            // clusters that met a plane within max_distance_m
+  double inlier_share = 0.0;  // sum of robust weights / number of clusters
+  // Share of the clusters that met a plane, and of the kernel's weights among those, in [0, 1].
+  double overlap() const { return clusters > 0 ? static_cast<double>(matched) / clusters : 0.0; }
+  double fit() const { return matched > 0 ? inlier_share * clusters / matched : 0.0; }
+  // What speaks for the pose: a place where much of the scan meets planes that it does not fit is
+  // worse than one where less of it does, and fits.
+  double evidence() const { return inlier_share - kChanceFit * overlap(); }
   double residual_rms_m = 0.0;  // robustly weighted distance to the planes
-  // Covariance of the pose, tangent order [rotation; translation] (rad^2, m^2); in unobservable
-  // directions that of the prediction stands in its place (large).
+  // Covariance of the pose relative to the map, tangent order [rotation; translation] (rad^2, m^2);
+  // along degenerate directions that of planes and prediction together.
   Matrix6d covariance = Matrix6d::Zero();
   // Largest standard deviation over all directions, from the residuals that face them: the
-  // degeneracy signal.
+  // degeneracy signal. At most kUnknownSigmaM.
+  static constexpr double kUnknownSigmaM = 100.0;
   double worst_sigma_m = 0.0;
-  // Number of directions held at the prediction, and these directions (the first `degenerate`
-  // columns, the others zero): unit tangent vectors in which rotations count at kRotationArmM.
+  // Number of degenerate directions, these directions (the first `degenerate` columns, unit vectors
+  // of the scaled tangent, the others zero), and for each the information (1/m^2) that holds the
+  // result there against what planes only seem to say.
   int degenerate = 0;
   Matrix6d degenerate_directions = Matrix6d::Zero();
+  Vector6d degenerate_information = Vector6d::Zero();
+};
+
+struct ScoreDifference {
+  double mean = 0.0;
+  double sigma = 0.0;  // standard error of the mean
 };
 
 // Stateless; thread-safe as long as nobody writes to the map. Same input, same bits, at any number
@@ -96,9 +127,21 @@ class ScanMatcher {
   // Throws OptionError.
   explicit ScanMatcher(const ScanMatcherOptions& options);
 
-  // Clusters in the LiDAR frame, deskewed to one instant.
-  MatchResult Match(const std::vector<PointCluster>& clusters, const SE3& initial,
-                    const VoxelMap& map) const;
+  // Clusters in the LiDAR frame, deskewed to one instant. The descent starts at `initial`; the
+  // prediction decides where planes do not.
+  MatchResult Match(const std::vector<PointCluster>& clusters, const PosePrediction& prediction,
+                    const SE3& initial, const VoxelMap& map) const {
+    return Run(clusters, prediction, initial, map, true);
+  }
+  MatchResult Match(const std::vector<PointCluster>& clusters, const PosePrediction& prediction,
+                    const VoxelMap& map) const {
+    return Match(clusters, prediction, prediction.T_world_lidar, map);
+  }
+  // The same without the covariance, which costs as much as a step or two.
+  MatchResult MatchPose(const std::vector<PointCluster>& clusters, const PosePrediction& prediction,
+                        const VoxelMap& map) const {
+    return Run(clusters, prediction, prediction.T_world_lidar, map, false);
+  }
 
   // How well the clusters lie on the map's planes at a pose, in [0, 1]: the mean over the clusters
   // of GemanMcClureWeight((distance / scale_m)^2), a cluster without a plane around it counting 0.
@@ -106,7 +149,15 @@ class ScanMatcher {
   double Score(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
                const VoxelMap& map, double scale_m, std::size_t stride = 1) const;
 
+  // Which of two poses the clusters speak for: Score(a) - Score(b), cluster by cluster, less
+  // kChanceFit wherever there is a plane (MatchResult::evidence).
+  ScoreDifference Compare(const std::vector<PointCluster>& clusters, const SE3& a, const SE3& b,
+                          const VoxelMap& map, double scale_m) const;
+
  private:
+  MatchResult Run(const std::vector<PointCluster>& clusters, const PosePrediction& prediction,
+                  const SE3& initial, const VoxelMap& map, bool with_covariance) const;
+
   ScanMatcherOptions options_;
 };
 

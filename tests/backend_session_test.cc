@@ -87,7 +87,7 @@ TEST_F(SessionContinueTest, LeftWithBundleAdjustmentUnderWay) {
 // The budget is below what the scene needs: the map lives on disk for a good part.
 TEST_F(SessionContinueTest, LeftWithPartsOfTheMapOnDisk) {
   mapping_.mapper.map.budget_mb = 1.0;
-  mapping_.mapper.map.root_size_m = 0.4;
+  mapping_.mapper.map.depth = 2;
   Scene scene;
   scene.scans = 30;
   scene.reach_m = 8.0;

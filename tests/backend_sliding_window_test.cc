@@ -196,6 +196,37 @@ TEST(SlidingWindow, ProblemKeepsWhatHasLeftAsFixedClusters) {
   }
 }
 
+TEST(SlidingWindow, WhatStoodBeforeAWallDoesNotMoveItsAnchor) {
+  for (const int stay : {2, 4, 6}) {
+    Draws draws(13);
+    const VoxelMapOptions map_options;
+    VoxelMap map(map_options);
+    SlidingWindow window(SlidingWindowOptions(), &map);
+    // Walls in other voxels say what thickness is usual.
+    std::vector<Patch> patches = PatchGrid(map_options, &draws);
+    const Eigen::Vector3d place = map_options.root_size_m * Eigen::Vector3d(6.25, 6.25, 6.25);
+    const Patch wall(place, Eigen::Vector3d::UnitX());
+    patches.push_back(wall);
+    // In the same leaf, 0.3 m before the wall.
+    const Patch visitor(place - 0.3 * wall.Normal(), Eigen::Vector3d::UnitX());
+    NodeId leaf = VoxelMap::kNoNode;
+    for (int k = 0; k < 40; ++k) {
+      const bool visited = k >= 18 && k < 18 + stay;
+      std::vector<Patch> seen = patches;
+      if (visited) seen.push_back(visitor);
+      if (window.full()) window.PopOldest();
+      window.Push(FrameOfPatches(k, seen, 0, &draws));
+      map.Refresh();
+      if (k % 5 == 4) window.BuildProblem();
+      leaf = window.frames().back().leaves[patches.size() - 1];
+    }
+    const PointCluster fixed = map.FixedAggregate(leaf);
+    EXPECT_GT(fixed.count, 5.0);
+    EXPECT_LT(std::abs(wall.Normal().dot(fixed.mean - wall.centre)), 0.005) << stay << " frames";
+    EXPECT_LT(std::sqrt(fixed.Eigen().l(2)), 0.02) << stay << " frames";
+  }
+}
+
 TEST(SlidingWindow, TheSidesOfAWallAreOnePlaneOrTwoAsAskedFor) {
   Draws draws(7);
   VoxelMap map(UncappedMap());

@@ -14,7 +14,7 @@ void BM_ScanMatcherMatch(benchmark::State& state) {
   const std::vector<PointCluster> clusters =
       Untimed(BuildScanClusters(Sweep(world, &draws), map.options().LeafSize()));
   const ScanMatcher matcher{ScanMatcherOptions()};
-  const SE3 start = draws.Offset(0.3 * kRadPerDeg, 0.1);
+  const PosePrediction start = {draws.Offset(0.3 * kRadPerDeg, 0.1), 1e-3 * Matrix6d::Identity()};
   MatchResult result;
   for (auto _ : state) result = matcher.Match(clusters, start, map);
   state.counters["clusters"] = static_cast<double>(clusters.size());

@@ -32,7 +32,7 @@ class Filler {
       for (int k = 0; k < 12; ++k) cluster.AddPoint(patch.Point(0.1, 0.005, &draws_));
       const NodeId leaf = map->LeafAt(cluster.mean);
       map->AddWindow(leaf, cluster, frame_);
-      if (i % 3 == 0) map->FixWindow(leaf, cluster, frame_);
+      if (i % 3 == 0) map->FixWindow(leaf, cluster, 1.0, frame_);
     }
     ++frame_;
     map->Refresh();

@@ -144,7 +144,8 @@ TEST(VoxelMap, AParentIsTheSumOfItsChildren) {
     EXPECT_GT(map.nodes(), 50U);
     const NodeId root = map.FindSurface(points[0]);
     ExpectSame(map.Aggregate(root), ClusterOf(points));
-    EXPECT_NEAR(map.surface(root).weight, 300.0F, 1e-3F);
+    const Eigen3 eigen = ClusterOf(points).Eigen();
+    EXPECT_NEAR(map.surface(root).flatness, eigen.l(2) / eigen.l(1), 1e-5);
   }
 }
 
@@ -176,11 +177,11 @@ TEST(VoxelMap, BookkeepingEqualsRebuildingFromScratch) {
       e.cluster = moved;
     }
     for (const Entry& e : entries) {
-      if (e.frame < fixed) map.FixWindow(map.LeafAt(e.place), e.cluster, e.frame);
+      if (e.frame < fixed) map.FixWindow(map.LeafAt(e.place), e.cluster, 1.0, e.frame);
       rebuilt.AddWindow(rebuilt.LeafAt(e.place), e.cluster, e.frame);
     }
     for (const Entry& e : entries) {
-      if (e.frame < fixed) rebuilt.FixWindow(rebuilt.LeafAt(e.place), e.cluster, e.frame);
+      if (e.frame < fixed) rebuilt.FixWindow(rebuilt.LeafAt(e.place), e.cluster, 1.0, e.frame);
     }
     map.Refresh();
     rebuilt.Refresh();
@@ -214,7 +215,7 @@ TEST(VoxelMap, FixedClustersAreCapped) {
     // The place moves: what is new overrules what is old.
     last = ClusterOf(draws.Cloud(5, {f < 25 ? 0.1 : 0.5, 0.1, 0.1}, 0.05));
     map.AddWindow(leaf, last, f);
-    map.FixWindow(leaf, last, f);
+    map.FixWindow(leaf, last, 1.0, f);
     EXPECT_LE(map.FixedAggregate(leaf).count, 12.0 + 1e-9);
   }
   EXPECT_NEAR(map.FixedAggregate(leaf).count, 12.0, 1e-9);

@@ -1,0 +1,170 @@
+#include "frontend/map_residuals.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/parallel.h"
+#include "core/robust_kernel.h"
+#include "core/voxel_key.h"
+#include "frontend/scan_matcher.h"
+
+namespace lamina {
+namespace {
+
+// The arc that one ring of a sweep draws across a corner looks like a plane, too, and moves along
+// with the sensor. Such a plane holds the lines of sight to its points.
+bool AlongSight(const Eigen::Vector3d& normal_lidar, const Eigen::Vector3d& mu) {
+  constexpr double kSine = 0.2;
+  const double along = normal_lidar.dot(mu);
+  return along * along < kSine * kSine * mu.squaredNorm();
+}
+
+}  // namespace
+
+NormalEquations& NormalEquations::operator+=(const NormalEquations& o) {
+  H += o.H;
+  g += o.g;
+  weight += o.weight;
+  robust += o.robust;
+  residual2 += o.residual2;
+  matched += o.matched;
+  matched_old += o.matched_old;
+  all += o.all;
+  old += o.old;
+  return *this;
+}
+
+NormalEquations MapResiduals::At(const SE3& T, double kernel_sigma, const Matrix6d* watched) {
+  const Eigen::Matrix3d R = T.R();
+  Associate(T, R);
+  watching_ = watched != nullptr;
+  NormalEquations zero;
+  if (watching_) zero.all.directions = zero.old.directions = *watched;
+  NormalEquations total =
+      ParallelSum(clusters_.size(), 1024, zero, [&](std::size_t begin, std::size_t end) {
+        NormalEquations sum = zero;
+        for (std::size_t i = begin; i < end; ++i) AddCluster(i, R, T.t, kernel_sigma, &sum);
+        return sum;
+      });
+  total.H = total.H.selfadjointView<Eigen::Lower>();
+  return total;
+}
+
+Matrix6d MapResiduals::GradientScatter(const SE3& T, double kernel_sigma) {
+  const Eigen::Matrix3d R = T.R();
+  Associate(T, R);
+  watching_ = false;
+  VoxelIndex groups(clusters_.size() / 2 + 64);
+  std::vector<Vector6d> gradients;
+  for (std::size_t i = 0; i < clusters_.size(); ++i) {
+    if (surfaces_[i] == VoxelMap::kNoNode) continue;
+    NormalEquations one;
+    AddCluster(i, R, T.t, kernel_sigma, &one);
+    if (one.weight == 0.0) continue;
+    const auto group = static_cast<std::size_t>(groups.FindOrInsert(
+        static_cast<VoxelKey>(surfaces_[i]), static_cast<std::int32_t>(gradients.size())));
+    if (group == gradients.size()) gradients.push_back(Vector6d::Zero());
+    gradients[group] += one.g;
+  }
+  Matrix6d scatter = Matrix6d::Zero();
+  for (const Vector6d& g : gradients) scatter += g * g.transpose();
+  return scatter;
+}
+
+void MapResiduals::Associate(const SE3& T, const Eigen::Matrix3d& R) {
+  constexpr double kFarM = 30.0;
+  const double near_m = 0.05 * map_.options().LeafSize();
+  if (associated_ &&
+      (T.t - associated_at_.t).norm() + kFarM * RotationAngle(associated_at_, T) < near_m) {
+    return;
+  }
+  associated_ = true;
+  associated_at_ = T;
+  ParallelChunks(clusters_.size(), 1024, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const Eigen::Vector3d p = R * clusters_[i].mean + T.t;
+      surfaces_[i] = map_.CanHold(p) ? map_.FindSurface(p) : VoxelMap::kNoNode;
+    }
+  });
+}
+
+void MapResiduals::AddCluster(std::size_t i, const Eigen::Matrix3d& R, const Eigen::Vector3d& t,
+                              double kernel_sigma, NormalEquations* sum) const {
+  if (surfaces_[i] == VoxelMap::kNoNode) return;
+  const PointCluster& cluster = clusters_[i];
+  const Surface& surface = map_.surface(surfaces_[i]);
+  if (surface.kind == Surface::Kind::kPlane) {
+    AddPlane(cluster, R, R * cluster.mean + t, surface, kernel_sigma, sum);
+  } else if (use_rough && surface.kind == Surface::Kind::kRough) {
+    AddRough(cluster, R, R * cluster.mean + t, surfaces_[i], kernel_sigma, sum);
+  }
+}
+
+void MapResiduals::AddPlane(const PointCluster& cluster, const Eigen::Matrix3d& R,
+                            const Eigen::Vector3d& p, const Surface& surface, double kernel_sigma,
+                            NormalEquations* sum) const {
+  Row row;
+  row.normal = surface.normal.cast<double>();
+  row.distance = row.normal.dot(p - surface.mean);
+  if (std::abs(row.distance) > options_.max_distance_m) return;
+  row.normal_lidar = R.transpose() * row.normal;
+  const double spread = row.normal_lidar.dot(cluster.scatter * row.normal_lidar) / cluster.count;
+  const double variance = options_.noise_floor_m * options_.noise_floor_m +
+                          static_cast<double>(surface.variance) + spread;
+  const double distance2 = row.distance * row.distance;
+  const double robust = GemanMcClureWeight(distance2 / (variance * kernel_sigma * kernel_sigma));
+  row.young = surface.frames < options_.young_frames && AlongSight(row.normal_lidar, cluster.mean);
+  const double doubt = row.young ? options_.young_sigma_m * options_.young_sigma_m : 0.0;
+  row.w = robust * std::min(cluster.count, options_.max_cluster_weight) / (variance + doubt);
+  row.normal_error2 = NormalError2(static_cast<double>(surface.flatness));
+  AddRow(row, cluster.mean, sum);
+  sum->robust += robust;
+  sum->residual2 += robust * distance2;
+  ++sum->matched;
+  sum->matched_old += row.young ? 0 : 1;
+}
+
+void MapResiduals::AddRough(const PointCluster& cluster, const Eigen::Matrix3d& R,
+                            const Eigen::Vector3d& p, VoxelMap::NodeId leaf, double kernel_sigma,
+                            NormalEquations* sum) const {
+  constexpr double kNarrow = 0.15;  // of a leaf; a leaf filled evenly has 0.29
+  const PointCluster map_cluster = map_.Aggregate(leaf);
+  Symmetric3 joint = map_cluster.Covariance();
+  joint += cluster.Covariance().Rotated(R);
+  const Eigen3 eigen = EigenDecompose(joint);
+  const double floor2 = options_.noise_floor_m * options_.noise_floor_m;
+  const double widest2 = std::pow(kNarrow * map_.options().LeafSize(), 2);
+  Row row;
+  const bool young = map_.surface(leaf).frames < options_.young_frames;
+  for (int i = 0; i < 3; ++i) {
+    if (eigen.l(i) > widest2) continue;
+    row.normal = eigen.u.col(i);
+    row.normal_lidar = R.transpose() * row.normal;
+    row.distance = row.normal.dot(p - map_cluster.mean);
+    const double variance = floor2 + eigen.l(i);
+    const double e2 = row.distance * row.distance / (variance * kernel_sigma * kernel_sigma);
+    row.w =
+        GemanMcClureWeight(e2) * std::min(cluster.count, options_.max_cluster_weight) / variance;
+    row.young = young && AlongSight(row.normal_lidar, cluster.mean);
+    row.normal_error2 = NormalError2(eigen.l(0) > 0.0 ? eigen.l(i) / eigen.l(0) : 1.0);
+    AddRow(row, cluster.mean, sum);
+  }
+}
+
+void MapResiduals::AddRow(const Row& row, const Eigen::Vector3d& mu, NormalEquations* sum) const {
+  Vector6d j;
+  j << mu.cross(row.normal_lidar), row.normal;
+  for (int c = 0; c < 6; ++c) {
+    const double wj = row.w * j(c);
+    for (int r = c; r < 6; ++r) sum->H(r, c) += wj * j(r);
+    sum->g(c) += wj * row.distance;
+  }
+  sum->weight += row.w;
+  if (!watching_) return;
+  const Vector6d scaled = DividedByArm(j);
+  const double arm = mu.norm() / kRotationArmM;
+  sum->all.Add(scaled, row.w, row.normal_error2, arm, 1.0);
+  if (!row.young) sum->old.Add(scaled, row.w, row.normal_error2, arm, 1.0);
+}
+
+}  // namespace lamina

@@ -1,0 +1,83 @@
+// Residuals of a scan's clusters against the voxel map, summed into normal equations. Private to
+// frontend; the cost is described in scan_matcher.h.
+#pragma once
+
+#include <vector>
+
+#include "core/point_cluster.h"
+#include "core/se3.h"
+#include "core/voxel_map.h"
+#include "frontend/degeneracy.h"
+
+namespace lamina {
+
+struct ScanMatcherOptions;
+
+// One linearisation of the cost, H step = -g, in the tangent of core/se3.h.
+struct NormalEquations {
+  Matrix6d H = Matrix6d::Zero();
+  Vector6d g = Vector6d::Zero();
+  double weight = 0.0;     // sum of the weights (1/m^2)
+  double robust = 0.0;     // sum of the kernel's weights in [0, 1]
+  double residual2 = 0.0;  // sum of kernel weight * distance^2
+  int matched = 0;
+  int matched_old = 0;  // those on planes that are not young
+  // Along the watched directions: of all residuals / of those on planes that are not young.
+  DirectionEvidence all, old;
+
+  NormalEquations& operator+=(const NormalEquations& o);
+};
+
+// Not thread-safe; runs on several threads, with the same bits at any number.
+class MapResiduals {
+ public:
+  // All arguments must outlive it.
+  MapResiduals(const ScanMatcherOptions& options, const VoxelMap& map,
+               const std::vector<PointCluster>& clusters)
+      : options_(options), map_(map), clusters_(clusters), surfaces_(clusters.size()) {}
+
+  const VoxelMap& map() const { return map_; }
+
+  // Rough structure takes part as well.
+  bool use_rough = false;
+
+  // Evidence along the columns of *watched (scaled tangent) is gathered if it is not null.
+  NormalEquations At(const SE3& T, double kernel_sigma, const Matrix6d* watched);
+
+  // sum over the map's surfaces of G G', G = sum w e J' over the clusters on that surface, at the
+  // pose and kernel of the last At: how the gradient scatters, the error that clusters on one
+  // surface have in common counting once.
+  Matrix6d GradientScatter(const SE3& T, double kernel_sigma);
+
+ private:
+  struct Sums;
+  // Looks up the surface around each cluster, unless the pose is still so near the one of the last
+  // look-up that a cluster at 30 m has moved by less than a small part of a leaf.
+  void Associate(const SE3& T, const Eigen::Matrix3d& R);
+  void AddCluster(std::size_t i, const Eigen::Matrix3d& R, const Eigen::Vector3d& t,
+                  double kernel_sigma, NormalEquations* sum) const;
+  void AddPlane(const PointCluster& cluster, const Eigen::Matrix3d& R, const Eigen::Vector3d& p,
+                const Surface& surface, double kernel_sigma, NormalEquations* sum) const;
+  // A pole or an edge has no plane, but is narrow across: every narrow axis of the joint
+  // distribution of cluster and leaf holds its direction. Wide axes end at the voxel's faces, not
+  // at anything real, and say nothing.
+  void AddRough(const PointCluster& cluster, const Eigen::Matrix3d& R, const Eigen::Vector3d& p,
+                VoxelMap::NodeId leaf, double kernel_sigma, NormalEquations* sum) const;
+  // A residual along the unit direction `normal` (world), of weight w.
+  struct Row {
+    Eigen::Vector3d normal, normal_lidar;
+    double distance = 0.0, w = 0.0, normal_error2 = 0.0;
+    bool young = false;
+  };
+  void AddRow(const Row& row, const Eigen::Vector3d& mu, NormalEquations* sum) const;
+
+  const ScanMatcherOptions& options_;
+  const VoxelMap& map_;
+  const std::vector<PointCluster>& clusters_;
+  std::vector<VoxelMap::NodeId> surfaces_;
+  bool watching_ = false;
+  bool associated_ = false;
+  SE3 associated_at_;
+};
+
+}  // namespace lamina

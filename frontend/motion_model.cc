@@ -1,0 +1,97 @@
+#include "frontend/motion_model.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace lamina {
+namespace {
+
+constexpr double kHeldS = 0.3;
+constexpr double kTurnDecayS = 0.5, kWayDecayS = 10.0;
+
+// Seconds for which the velocity counts in a gap of dt.
+double Effective(double dt, double decay_s) {
+  if (dt <= kHeldS) return dt;
+  return kHeldS + decay_s * (1.0 - std::exp(-(dt - kHeldS) / decay_s));
+}
+
+double Sigma(double acceleration, double start_speed, bool known, double last_gap_s, double dt) {
+  const double speed = known ? 0.5 * acceleration * last_gap_s : start_speed;
+  return std::hypot(speed * dt, 0.5 * acceleration * dt * dt);
+}
+
+}  // namespace
+
+void MotionOptions::Visit(OptionVisitor& v) {
+  v.Number("acceleration_sigma_m_s2", &acceleration_sigma_m_s2, 0.01, 1e3);
+  v.Number("turn_acceleration_sigma_deg_s2", &turn_acceleration_sigma_deg_s2, 0.1, 1e5);
+  v.Number("start_speed_sigma_m_s", &start_speed_sigma_m_s, 0.0, 1e3);
+  v.Number("start_turn_sigma_deg_s", &start_turn_sigma_deg_s, 0.0, 1e4);
+}
+
+double MotionModel::Gap(StampNs stamp_ns) const {
+  return interrupted_ ? 0.0 : std::max(0.0, SecondsBetween(last_stamp_ns_, stamp_ns));
+}
+
+Vector6d MotionModel::Twist(StampNs stamp_ns) const {
+  const double dt = Gap(stamp_ns);
+  if (interrupted_ || dt <= 0.0) return Vector6d::Zero();
+  Vector6d twist = velocity_;
+  if (dt > kHeldS) {
+    twist.head<3>() *= std::exp(-(dt - kHeldS) / kTurnDecayS);
+    twist.tail<3>() *= std::exp(-(dt - kHeldS) / kWayDecayS);
+  }
+  return twist;
+}
+
+PosePrediction MotionModel::Predict(StampNs stamp_ns) const {
+  constexpr double kRadPerDeg = M_PI / 180.0;
+  // Of a clock that says nothing, as after another recording.
+  constexpr double kUnknownGapS = 1.0;
+  const double dt = Gap(stamp_ns);
+  Vector6d motion = Vector6d::Zero();
+  if (!interrupted_) {
+    motion << velocity_.head<3>() * Effective(dt, kTurnDecayS),
+        velocity_.tail<3>() * Effective(dt, kWayDecayS);
+  }
+  const double open_s = dt > 0.0 ? dt : kUnknownGapS;
+  const bool known = moving_known();
+  const double turn =
+      Sigma(kRadPerDeg * options_.turn_acceleration_sigma_deg_s2,
+            kRadPerDeg * options_.start_turn_sigma_deg_s, known, last_gap_s_, open_s);
+  const double way = Sigma(options_.acceleration_sigma_m_s2, options_.start_speed_sigma_m_s, known,
+                           last_gap_s_, open_s);
+  PosePrediction prediction;
+  prediction.T_world_lidar = T_world_last_ * TwistExp(motion);
+  prediction.covariance.diagonal() << Eigen::Vector3d::Constant(turn * turn),
+      Eigen::Vector3d::Constant(way * way);
+  return prediction;
+}
+
+void MotionModel::Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follows) {
+  const double dt = Gap(stamp_ns);
+  velocity_known_ = follows && dt > 0.0;
+  velocity_.setZero();
+  if (velocity_known_) {
+    velocity_ = TwistLog(T_world_last_.Inverse() * T_world_lidar) / dt;
+    last_gap_s_ = dt;
+  }
+  last_stamp_ns_ = stamp_ns;
+  T_world_last_ = T_world_lidar;
+  started_ = true;
+  interrupted_ = false;
+}
+
+void MotionModel::StartAt(const SE3& T_world_lidar) {
+  T_world_last_ = T_world_lidar;
+  velocity_.setZero();
+  velocity_known_ = false;
+  started_ = interrupted_ = true;
+}
+
+void MotionModel::Archive(StateArchive& a) {
+  a(&started_, &interrupted_, &velocity_known_, &last_stamp_ns_, &last_gap_s_, &T_world_last_,
+    &velocity_);
+}
+
+}  // namespace lamina

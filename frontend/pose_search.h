@@ -1,0 +1,87 @@
+// Search for a scan's pose over hypotheses about the prediction, for what matching alone cannot
+// bridge: quick turns, gaps, a start at speed, a finished map.
+//
+// Hypotheses are scored on the map's planes, a hash look-up for each cluster, and the best are
+// refined by matching. The winner must beat every other place that was found: hypotheses well apart
+// from it are refined, too, and compared with it cluster by cluster.
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <vector>
+
+#include "core/options.h"
+#include "core/point_cluster.h"
+#include "core/se3.h"
+#include "core/voxel_map.h"
+#include "frontend/scan_matcher.h"
+
+namespace lamina {
+
+struct PoseSearchOptions {
+  bool enabled = true;
+  // Started when match and prediction differ by more than this, or ...
+  double trigger_rotation_deg = 2.0;
+  double trigger_translation_m = 0.5;
+  // ... the share of inliers is below this part of its recent median.
+  double trigger_inlier_ratio = 0.7;
+  // Turns: -range, ..., -step, 0, step, ..., range about each axis.
+  double range_deg = 15.0;
+  double step_deg = 5.0;
+  // Clusters scored for each hypothesis, at most, and the scale of the score.
+  int clusters = 400;
+  double score_scale_m = 0.2;
+  // Hypotheses refined by matching.
+  int refined = 6;
+  // While no speed is known: offsets along x and y of the sensor, -range, ..., range.
+  double range_m = 3.0;
+  double step_m = 0.5;
+  // After a gap: offsets along the way, as far as the prediction is uncertain, but no farther.
+  double max_way_m = 30.0;
+
+  void Visit(OptionVisitor& v);
+};
+
+// Stateless; thread-safe while the map is only read. Same bits at any number of threads.
+class PoseSearch {
+ public:
+  // The matcher must outlive it.
+  PoseSearch(const PoseSearchOptions& options, const ScanMatcher* matcher)
+      : options_(options), matcher_(matcher) {}
+
+  // Turns of the sensor about each of these poses.
+  std::vector<SE3> TurnsAbout(const std::vector<SE3>& centres) const;
+  // Offsets along x and y of the sensor.
+  std::vector<SE3> OffsetsAbout(const SE3& centre) const;
+  // Offsets along the way (unit vector, world), to either side of it and turned about the sensor's
+  // z axis, as far as the prediction is uncertain; `way_m` is the way predicted since the last
+  // pose. Empty where matching reaches as far itself.
+  std::vector<SE3> AlongTheWay(const PosePrediction& prediction, const Eigen::Vector3d& way,
+                               double way_m) const;
+
+  // The best of the matches from the hypotheses and the given one, without a covariance.
+  MatchResult Best(const std::vector<PointCluster>& clusters, const std::vector<SE3>& hypotheses,
+                   const MatchResult& given, const PosePrediction& prediction,
+                   const VoxelMap& map) const;
+  // Whether no other place that the hypotheses lead to fits about as well.
+  bool Unique(const std::vector<PointCluster>& clusters, const std::vector<SE3>& hypotheses,
+              const MatchResult& best, const PosePrediction& prediction, const VoxelMap& map) const;
+
+ private:
+  // Matches from the `most` best of the hypotheses that are wanted.
+  using Wanted = std::function<bool(const SE3&)>;
+  std::vector<MatchResult> Refine(const std::vector<PointCluster>& clusters,
+                                  const std::vector<SE3>& hypotheses, std::size_t most,
+                                  const Wanted& wanted, const PosePrediction& prediction,
+                                  const VoxelMap& map) const;
+  // Whether r takes the place of the best match so far.
+  bool Beats(const std::vector<PointCluster>& clusters, const MatchResult& r,
+             const MatchResult& best, const VoxelMap& map) const;
+  bool ClearlyBetter(const std::vector<PointCluster>& clusters, const MatchResult& best,
+                     const MatchResult& other, const VoxelMap& map) const;
+
+  PoseSearchOptions options_;
+  const ScanMatcher* matcher_;
+};
+
+}  // namespace lamina

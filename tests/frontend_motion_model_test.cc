@@ -1,0 +1,63 @@
+#include "frontend/motion_model.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace lamina {
+namespace {
+
+constexpr StampNs kPeriodNs = 100000000;
+
+SE3 Along(double x) { return SE3(Eigen::Quaterniond::Identity(), {x, 0.0, 0.0}); }
+
+double WaySigma(const MotionModel& model, StampNs stamp_ns) {
+  return std::sqrt(model.Predict(stamp_ns).covariance(3, 3));
+}
+
+// At 15 m/s along x; the last pose at 15 m, one second after the first.
+MotionModel Driving() {
+  MotionModel model{MotionOptions()};
+  for (int i = 0; i <= 10; ++i) model.Accept(i * kPeriodNs, Along(1.5 * i), i > 0);
+  return model;
+}
+
+TEST(MotionModel, UncertaintyGrowsWithTheGap) {
+  const MotionModel model = Driving();
+  double last = 0.0;
+  for (int k = 1; k <= 50; ++k) {
+    const double sigma = WaySigma(model, (10 + k) * kPeriodNs);
+    EXPECT_GT(sigma, last);
+    last = sigma;
+  }
+  EXPECT_LT(WaySigma(model, 11 * kPeriodNs), 0.05);
+  // A car that brakes with 8 m/s^2 from the last pose on stays within two standard deviations.
+  EXPECT_GT(2.0 * WaySigma(model, 20 * kPeriodNs), 0.5 * 8.0);
+}
+
+TEST(MotionModel, AVehicleIsExpectedAheadAfterAGap) {
+  const MotionModel model = Driving();
+  EXPECT_NEAR(model.Predict(11 * kPeriodNs).T_world_lidar.t.x(), 16.5, 1e-9);
+  EXPECT_NEAR(model.Predict(25 * kPeriodNs).T_world_lidar.t.x(), 15.0 + 22.5, 1.5);
+}
+
+TEST(MotionModel, BeforeAnyMotionTheSpeedIsUnknown) {
+  MotionModel model{MotionOptions()};
+  model.Accept(0, Along(0.0), false);
+  EXPECT_FALSE(model.moving_known());
+  EXPECT_GT(WaySigma(model, kPeriodNs), 1.0);
+  model.Accept(kPeriodNs, Along(1.5), true);
+  EXPECT_TRUE(model.moving_known());
+  EXPECT_LT(WaySigma(model, 2 * kPeriodNs), 0.1);
+}
+
+TEST(MotionModel, AfterAnInterruptionItIsExpectedWhereItWas) {
+  MotionModel model = Driving();
+  model.Interrupt();
+  EXPECT_EQ(model.Predict(5).T_world_lidar.t.x(), 15.0);
+  EXPECT_EQ(model.Twist(5).norm(), 0.0);
+  EXPECT_GT(WaySigma(model, 5), 5.0);
+}
+
+}  // namespace
+}  // namespace lamina
