@@ -4,6 +4,10 @@
 // thread, and partial results are joined in the order of the chunks. Floating-point sums therefore
 // come out the same, bit for bit, at 1, 2 or 16 threads. Built on TBB, which nobody else needs to
 // see; nested calls are fine.
+//
+// What a call throws is thrown again to the caller when all calls have ended. If several throw, it
+// is the exception of the first chunk or item, in their order: what a failure looks like does not
+// depend on the number of threads either. No exception passes through TBB.
 #pragma once
 
 #include <algorithm>
@@ -50,7 +54,7 @@ Sum ParallelSum(size_t size, size_t chunk, const Sum& zero, const Body& body) {
 class Background {
  public:
   Background();
-  ~Background();  // waits
+  ~Background();  // waits; what the work threw is dropped
 
   // What was started before must have been waited for.
   void Start(std::function<void()> work);
@@ -74,7 +78,9 @@ class PipelineStages {
   virtual void End(size_t i) = 0;
 };
 
-// At most `most` items are between Begin and End: item i begins when item i - most has ended.
+// At most `most` items are between Begin and End: item i begins when item i - most has ended. When
+// a call throws for item i, the items before it are still taken to their End, no new ones begin,
+// and End is called neither for item i nor for any item after it.
 void RunPipeline(size_t most, PipelineStages* stages);
 
 }  // namespace lamina

@@ -2,10 +2,16 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <cmath>
 #include <cstring>
+#include <memory>
+#include <optional>
 #include <stdexcept>
+#include <string>
+#include <thread>
 
 #include "tests/random_scenes.h"
 
@@ -76,6 +82,49 @@ TEST(Background, HandsOverWhatItDidAndWhatItThrew) {
   EXPECT_TRUE(done.empty());
 }
 
+// An error that is on its way may meet work that fails as well: the first reaches its handler.
+TEST(Background, AnErrorOnItsWayIsNotEndedByWorkThatFails) {
+  const auto fail = [] {
+    Background background;
+    background.Start([] { throw std::runtime_error("out of memory"); });
+    throw std::runtime_error("disk is full");
+  };
+  for (int i = 0; i < 100; ++i) {
+    try {
+      fail();
+      FAIL();
+    } catch (const std::runtime_error& error) {
+      EXPECT_STREQ(error.what(), "disk is full");
+    }
+  }
+  // Nor is one that comes when nothing else is wrong: who wants to know it waits.
+  Background background;
+  background.Start([] { throw std::runtime_error("out of memory"); });
+}
+
+TEST(ParallelChunks, ThrowsWhatTheFirstChunkThrewAtAnyNumberOfThreads) {
+  Draws draws(3);
+  for (int round = 0; round < 300; ++round) {
+    const ThreadLimit limit(static_cast<std::size_t>(draws.Integer(1, 4)));
+    std::vector<char> bad(40);
+    for (char& b : bad) b = draws.Integer(0, 9) == 0;
+    const std::size_t first =
+        static_cast<std::size_t>(std::find(bad.begin(), bad.end(), 1) - bad.begin());
+    std::vector<std::atomic<int>> visits(bad.size());
+    std::optional<std::size_t> thrown;
+    try {
+      ParallelChunks(bad.size(), 1, [&](std::size_t i, std::size_t) {
+        ++visits[i];
+        if (bad[i] != 0) throw i;
+      });
+    } catch (const std::size_t i) {
+      thrown = i;
+    }
+    ASSERT_EQ(thrown.value_or(bad.size()), first);
+    for (std::size_t i = 0; i < first; ++i) ASSERT_EQ(visits[i], 1);
+  }
+}
+
 // Takes `items` numbers through three stages, and looks at the order of the calls.
 class CountingStages final : public PipelineStages {
  public:
@@ -122,6 +171,95 @@ TEST(RunPipeline, ThrowsWhatAStageThrew) {
   EXPECT_THROW(RunPipeline(4, &stages), std::runtime_error);
   EXPECT_EQ(stages.ended, 100U);
   EXPECT_LE(stages.begun, 105U);
+}
+
+// Which call of which item fails is drawn beforehand. Work has a parallel loop within, and beside
+// the items something runs in the background, as in the mapping.
+class FailingStages final : public PipelineStages {
+ public:
+  struct Failure {
+    std::size_t item = 0;
+    int stage = 0;
+
+    bool operator==(const Failure& o) const { return item == o.item && stage == o.stage; }
+  };
+
+  FailingStages(Draws* draws, std::size_t most) : slots_(most), failing_(kItems, 3) {
+    for (int i = draws->Integer(0, 3); i > 0; --i) {
+      failing_[static_cast<std::size_t>(draws->Integer(0, kItems - 1))] = draws->Integer(0, 2);
+    }
+    background_fails_ = draws->Integer(0, 3) == 0;
+  }
+
+  bool Begin(std::size_t i) override {
+    if (i >= kItems) return false;
+    slots_[i % slots_.size()] = std::make_unique<std::string>(std::to_string(i));
+    FailIf(i, 0);
+    return true;
+  }
+  void Work(std::size_t i) override {
+    ParallelChunks(4, 1, [&](std::size_t chunk, std::size_t) {
+      // Now and then long enough for other threads to take part.
+      if (i % 8 == chunk) std::this_thread::sleep_for(std::chrono::microseconds(10));
+      if (chunk % 2 == 1) FailIf(i, 1);
+    });
+    *slots_[i % slots_.size()] += "!";
+  }
+  void End(std::size_t i) override {
+    if (i != ended) throw std::logic_error("items end out of order");
+    if (*slots_[i % slots_.size()] != std::to_string(i) + "!") throw std::logic_error("not worked");
+    if (i % 3 == 0) {
+      if (i > 0 && !background_fails_) background_.Wait();
+      if (i == 0 || !background_fails_) background_.Start([this] { Solve(); });
+    }
+    FailIf(i, 2);
+    ++ended;
+  }
+
+  // What comes out, whatever the threads do.
+  std::optional<Failure> Expected() const {
+    for (std::size_t i = 0; i < failing_.size(); ++i) {
+      if (failing_[i] < 3) return Failure{i, failing_[i]};
+    }
+    return std::nullopt;
+  }
+
+  static constexpr int kItems = 12;
+  std::size_t ended = 0;
+
+ private:
+  void FailIf(std::size_t i, int stage) const {
+    if (failing_[i] == stage) throw Failure{i, stage};
+  }
+  void Solve() const {
+    ParallelChunks(3, 1, [&](std::size_t chunk, std::size_t) {
+      if (background_fails_ && chunk > 0)
+        throw std::runtime_error("solve " + std::to_string(chunk));
+    });
+  }
+
+  std::vector<std::unique_ptr<std::string>> slots_;
+  std::vector<int> failing_;  // the stage at which an item fails; 3: at none
+  bool background_fails_ = false;
+  Background background_;
+};
+
+TEST(RunPipeline, ThrowsTheFirstFailureByItemWhateverStagesThrow) {
+  Draws draws(4);
+  for (int round = 0; round < 10000; ++round) {
+    const ThreadLimit limit(static_cast<std::size_t>(round < 1000 ? 1 : draws.Integer(2, 4)));
+    const auto most = static_cast<std::size_t>(draws.Integer(1, 5));
+    FailingStages stages(&draws, most);
+    std::optional<FailingStages::Failure> thrown;
+    try {
+      RunPipeline(most, &stages);
+    } catch (const FailingStages::Failure& failure) {
+      thrown = failure;
+    }
+    ASSERT_EQ(thrown, stages.Expected()) << "round " << round;
+    const std::size_t whole = thrown ? thrown->item : FailingStages::kItems;
+    ASSERT_EQ(stages.ended, whole) << "items before the first failure end as if there were none";
+  }
 }
 
 }  // namespace
