@@ -1,7 +1,11 @@
 #include "backend/session_log.h"
 
+#include <spdlog/spdlog.h>
+
 #include <memory>
 #include <utility>
+
+#include "core/error.h"
 
 namespace lamina {
 
@@ -58,6 +62,15 @@ void SessionLog::Add(Entry entry) {
   changed_.notify_all();
 }
 
+// What it holds is durable whatever its length: not a reason to stop.
+void SessionLog::LimitDatabaseLog() {
+  try {
+    database_.LimitLog();
+  } catch (const OutputError& error) {
+    spdlog::error("{} (the stream goes on; this will be tried again)", error.what());
+  }
+}
+
 void SessionLog::Run() {
   std::unique_lock<std::mutex> lock(mutex_);
   while (true) {
@@ -77,6 +90,7 @@ void SessionLog::Run() {
     } catch (...) {
       failure = std::current_exception();
     }
+    if (!failure) LimitDatabaseLog();
     lock.lock();
     durable_ += entries.size();
     failure_ = failure;

@@ -40,6 +40,7 @@ class SessionLog {
   };
   void Add(Entry entry);
   void Run();
+  void LimitDatabaseLog();
   void ThrowIfFailed() const;
 
   SessionDatabase database_;

@@ -14,6 +14,10 @@ namespace lamina {
 namespace {
 
 constexpr const char* kVersion = "1";
+// More than is written between two checkpoints of a session: mostly Tidy() does it, beside the
+// writer.
+constexpr std::size_t kMostLogBytes = 8 << 20;
+
 }  // namespace
 
 struct SessionDatabase::Impl {
@@ -34,6 +38,7 @@ struct SessionDatabase::Impl {
                   "SELECT 1 FROM scans WHERE file = ?1 UNION ALL SELECT 1 FROM set_aside WHERE "
                   "file = ?1");
     put_aside.emplace(database, "INSERT OR REPLACE INTO set_aside VALUES(?,?)");
+    log_limit.emplace(&database, kMostLogBytes);
   }
 
   template <typename Work>
@@ -81,6 +86,7 @@ struct SessionDatabase::Impl {
   std::optional<SQLite::Statement> put_scan, put_solve, row_of, finalise, put_aside;
   mutable std::optional<SQLite::Statement> knows;
   std::optional<SQLite::Transaction> transaction;
+  std::optional<LogLimit> log_limit;
 };
 
 SessionDatabase::SessionDatabase(const std::string& path, bool check) {
@@ -224,6 +230,10 @@ void SessionDatabase::DropSolvesFrom(std::int64_t scan) {
 
 void SessionDatabase::Tidy() {
   impl_->Guarded("cannot be written", [&] { BringLogIntoFile(&impl_->database); });
+}
+
+void SessionDatabase::LimitLog() {
+  impl_->Guarded("cannot be written", [&] { impl_->log_limit->Keep(); });
 }
 
 void SessionDatabase::BackUpTo(const std::string& path) const {

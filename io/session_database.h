@@ -96,8 +96,11 @@ class SessionDatabase {
   // Forgets that solves before a scan or later happened: they are to be repeated.
   void DropSolvesFrom(std::int64_t scan);
 
-  // Brings the write-ahead log into the file.
+  // Brings the write-ahead log into the file, beside the writer.
   void Tidy();
+  // For the writer, between Commit and Begin: keeps the log below some MB where Tidy() cannot, that
+  // is while scans come without a pause.
+  void LimitLog();
   // A copy of the whole, as of one moment, on a temporary name and then renamed.
   void BackUpTo(const std::string& path) const;
 

@@ -3,6 +3,7 @@
 
 #include <SQLiteCpp/SQLiteCpp.h>
 
+#include <cstddef>
 #include <string>
 
 namespace lamina {
@@ -36,7 +37,30 @@ auto OnSqlite(const std::string& path, const char* doing, const Work& work) {
   }
 }
 
-// Brings the write-ahead log into the file, as far as nobody needs it.
+// Brings the write-ahead log into the file, as far as nobody needs it. The log begins anew only if
+// nobody writes while it does: under a writer that never pauses it grows on. See LogLimit.
 void BringLogIntoFile(SQLite::Database* database);
+
+// Bounds the write-ahead log that the only writer of a database makes. Not thread-safe: for the
+// thread that writes.
+class LogLimit {
+ public:
+  // Of an open database, which must not outlive this.
+  LogLimit(SQLite::Database* database, std::size_t most_bytes);
+  LogLimit(const LogLimit&) = delete;
+  LogLimit& operator=(const LogLimit&) = delete;
+
+  // To be called between two transactions. If the log has become longer than allowed, brings it
+  // into the file, after which it begins anew. Waits for no reader: if one still needs the log,
+  // this is tried again when as much again has been written. Throws SQLite::Exception.
+  void Keep();
+
+ private:
+  SQLite::Database* database_;
+  std::size_t most_bytes_;
+  std::size_t page_bytes_;
+  std::size_t log_bytes_ = 0;  // after the last commit
+  std::size_t limit_bytes_;    // at which it is tried next
+};
 
 }  // namespace lamina

@@ -2,6 +2,7 @@
 
 #include <SQLiteCpp/SQLiteCpp.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <limits>
@@ -399,6 +400,56 @@ TEST_F(SessionDatabaseTest, ABackupThatCannotBeWrittenLeavesTheOlderOne) {
   EXPECT_THROW(database->BackUpTo(Path("backup.db")), OutputError);
   EXPECT_EQ(Bytes(Path("backup.db")), before);
   EXPECT_THROW(database->BackUpTo(Path("none/backup.db")), OutputError);
+}
+
+// Writes scans with details of that size, each on its own, as the log of a session does.
+class EndlessWriter {
+ public:
+  explicit EndlessWriter(SessionDatabase* database) : database_(database) {}
+
+  void Write(int scans, std::size_t detail_bytes) {
+    for (int i = 0; i < scans; ++i, ++next_) {
+      SessionScan scan = Scan(next_, std::to_string(next_));
+      scan.detail = std::string(detail_bytes, 'd');
+      database_->Begin();
+      database_->Put(scan);
+      database_->Commit();
+      database_->LimitLog();
+    }
+  }
+
+ private:
+  SessionDatabase* database_;
+  std::int64_t next_ = 0;
+};
+
+TEST_F(SessionDatabaseTest, TheLogStaysShortWhileScansComeWithoutAPause) {
+  constexpr std::uintmax_t kMostBytes = 12 << 20;
+  const auto database = Open(), other = Open();
+  EndlessWriter writer(database.get());
+  std::uintmax_t longest = 0;
+  for (int i = 1; i <= 20; ++i) {
+    writer.Write(10, 200000);
+    EXPECT_EQ(other->scans(), 10 * i);
+    longest = std::max(longest, fs::file_size(File() + "-wal"));
+  }
+  EXPECT_GT(longest, kMostBytes / 4) << "too few scans to tell";
+  EXPECT_LT(longest, kMostBytes);
+  EXPECT_EQ(All(*other).size(), 200U);
+}
+
+// Who copies the whole, say, takes his time: the writer does not wait, and the log begins anew when
+// he is done.
+TEST_F(SessionDatabaseTest, TheLogBeginsAnewAfterALongReaderForWhomNobodyWaits) {
+  const auto database = Open(), reader = Open();
+  EndlessWriter writer(database.get());
+  writer.Write(1, 100);
+  reader->ForEach(0, 1, [&](const SessionScan&) { writer.Write(100, 300000); });
+  const std::uintmax_t under_reader = fs::file_size(File() + "-wal");
+  EXPECT_GT(under_reader, 30000000U);
+  writer.Write(100, 300000);
+  EXPECT_LT(fs::file_size(File() + "-wal"), under_reader + 12000000);
+  EXPECT_EQ(All(*reader).size(), 201U);
 }
 
 }  // namespace
