@@ -50,7 +50,7 @@ void SessionOptions::Visit(OptionVisitor& v) {
 }
 
 Session::Session(SessionSetup setup, SessionHooks hooks)
-    : setup_(std::move(setup)), hooks_(std::move(hooks)) {
+    : setup_(std::move(setup)), hooks_(std::move(hooks)), trajectory_(setup_.folder) {
   CheckOptions(setup_.session, "session");
   Lock();
   try {
@@ -74,15 +74,16 @@ Session::Session(SessionSetup setup, SessionHooks hooks)
         next_ - 1, to_repeat_.size());
   }
   log_ = std::make_unique<SessionLog>(Path("session.db"), hooks_.on_durable);
+  const auto failed = [](const std::exception& error) {
+    spdlog::error("{} (the stream goes on; this will be tried again)", error.what());
+  };
   constexpr std::size_t kMostWaiting = 256;
-  housekeeping_ = std::make_unique<WorkerThread>(
-      [](const std::exception& error) {
-        spdlog::error("{} (the stream goes on; this will be tried again)", error.what());
-      },
-      kMostWaiting);
+  housekeeping_ = std::make_unique<WorkerThread>(failed, kMostWaiting);
+  publisher_ = std::make_unique<WorkerThread>(failed, 1);
 }
 
 Session::~Session() {
+  publisher_.reset();
   housekeeping_.reset();
   log_.reset();
   pipeline_.reset();
@@ -308,6 +309,11 @@ void Session::CompleteCheckpoint() {
   housekeeping_->Wait();
 }
 
+void Session::WaitForHousekeeping() {
+  housekeeping_->Wait();
+  publisher_->Wait();
+}
+
 void Session::Finish() {
   if (next_ > newest_checkpoint_ || checkpoint_requested_) {
     CompleteCheckpoint();
@@ -315,7 +321,7 @@ void Session::Finish() {
     CompleteCheckpoint();
   }
   log_->WaitDurable();
-  housekeeping_->Wait();
+  WaitForHousekeeping();
   if (newest_checkpoint_ != next_) {
     throw OutputError(
         fmt::format("{}: the last checkpoint could not be written; {} scans will be "
@@ -325,7 +331,7 @@ void Session::Finish() {
   finished_ = true;
   tail_.clear();
   pipeline_->Finish();
-  WriteTrajectories(*database_, next_, tail_);
+  trajectory_.Publish(*database_, next_, tail_);
 }
 
 void Session::ForEachPose(const FinalPoses::Visit& visit) const {

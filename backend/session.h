@@ -5,7 +5,7 @@
 //     checkpoint-N.lmap       all of the pipeline after scan N - 1. The newest two are kept, and
 //                             the newest that session.db.backup knows all scans of
 //     map_tiles.db            what the map's budget does not hold in memory (io/tile_store.h)
-//     trajectory_kitti.txt, trajectory_tum.txt     kept current
+//     trajectory_kitti.txt, trajectory_tum.txt     kept current (backend/trajectory_files.h)
 //     lock                    held while a process works on the session
 //
 // A scan is *durable* when its row is on disk; its file may be called done. Poses follow when the
@@ -35,6 +35,7 @@
 
 #include "backend/mapping_pipeline.h"
 #include "backend/session_log.h"
+#include "backend/trajectory_files.h"
 #include "core/options.h"
 #include "core/worker_thread.h"
 #include "io/checkpoint_file.h"
@@ -120,7 +121,8 @@ class Session {
   void RequestCheckpoint() { checkpoint_requested_ = true; }
   // On the housekeeping thread, after what it has to do.
   void DoLater(std::function<void()> work) { housekeeping_->Do(std::move(work)); }
-  void WaitForHousekeeping() { housekeeping_->Wait(); }
+  // Until all that was begun so far is on disk, the trajectory files included.
+  void WaitForHousekeeping();
 
   // A last checkpoint; then the last solve, after which nothing more can be mapped. All files but
   // those of the trajectory are left as they are: the session can be continued.
@@ -151,8 +153,6 @@ class Session {
   std::int64_t RemoveOldCheckpoints() const;
   void BackUpDatabase();
   void PublishTrajectory();
-  void WriteTrajectories(const SessionDatabase& database, std::int64_t scans,
-                         const std::vector<FinalPose>& open) const;
   std::string Path(const std::string& name) const;
 
   SessionSetup setup_;
@@ -175,7 +175,9 @@ class Session {
   std::shared_ptr<StateArchive> state_ = std::make_shared<StateArchive>();
   std::shared_ptr<std::string> piece_ = std::make_shared<std::string>();
   double trajectory_due_s_ = 0.0;
-  std::int64_t published_ = 0;   // scans in the trajectory files
+  std::int64_t published_ = 0;  // scans in the trajectory files
+  std::atomic<bool> publishing_{false};
+  TrajectoryFiles trajectory_;   // of the publishing thread, while publishing_
   std::vector<FinalPose> tail_;  // poses that are final by Finish() alone
 
   // Of the housekeeping thread, for others to read: numbers of scans.
@@ -186,7 +188,9 @@ class Session {
   double backup_due_s_ = 0.0;
 
   std::unique_ptr<SessionLog> log_;
-  std::unique_ptr<WorkerThread> housekeeping_;  // ends first
+  // These end first, in this order. The trajectory has a thread of its own, with one publication at
+  // most: no piece of a checkpoint waits for it.
+  std::unique_ptr<WorkerThread> housekeeping_, publisher_;
 };
 
 }  // namespace lamina

@@ -16,7 +16,6 @@
 #include "backend/session.h"
 #include "core/error.h"
 #include "core/stopwatch.h"
-#include "io/trajectory_io.h"
 
 namespace lamina {
 namespace {
@@ -214,33 +213,22 @@ void Session::BackUpDatabase() {
   backup_due_s_ = end_s + (end_s - now_s) / kShare;
 }
 
+// Not while scans are repeated: the files hold these, and would lose the last of them for a time.
 void Session::PublishTrajectory() {
   const double now_s = SteadySeconds();
-  if (next_ == published_ || now_s < trajectory_due_s_) return;
+  const bool repeating = next_ < repeat_from_ + static_cast<std::int64_t>(to_repeat_.size());
+  if (next_ == published_ || now_s < trajectory_due_s_ || repeating || publishing_) return;
   published_ = next_;
+  publishing_ = true;
   trajectory_due_s_ = now_s + setup_.session.trajectory_period_s;
   const auto open = std::make_shared<std::vector<FinalPose>>();
   pipeline_->ShowOpenPoses([&](const FinalPose& pose) { open->push_back(pose); });
-  housekeeping_->Do([this, open, scans = next_] {
+  publisher_->Do([this, open, scans = next_] {
+    const auto end = [](std::atomic<bool>* publishing) { *publishing = false; };
+    const std::unique_ptr<std::atomic<bool>, decltype(end)> at_the_end(&publishing_, end);
     log_->WaitDurable();
-    SessionDatabase database(Path("session.db"), false);
-    WriteTrajectories(database, scans, *open);
+    trajectory_.Publish(SessionDatabase(Path("session.db"), false), scans, *open);
   });
-}
-
-void Session::WriteTrajectories(const SessionDatabase& database, std::int64_t scans,
-                                const std::vector<FinalPose>& open) const {
-  TrajectoryWriter kitti(Path("trajectory_kitti.txt"), TrajectoryWriter::Form::kKitti);
-  TrajectoryWriter tum(Path("trajectory_tum.txt"), TrajectoryWriter::Form::kTum);
-  const auto append = [&](const FinalPose& pose) {
-    kitti.Append(pose.pose);
-    if (!pose.skipped) tum.Append(pose.pose);
-  };
-  const std::int64_t final = open.empty() ? scans : static_cast<std::int64_t>(open.front().scan);
-  database.ForEach(0, final, [&](const SessionScan& scan) { append(PoseOf(scan)); });
-  for (const FinalPose& pose : open) append(AsRecorded(database, pose));
-  kitti.Commit();
-  tum.Commit();
 }
 
 }  // namespace lamina

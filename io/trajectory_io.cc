@@ -4,9 +4,11 @@
 
 #include <cmath>
 #include <filesystem>
+#include <iterator>
 
 #include "core/error.h"
 #include "io/ethz_csv.h"
+#include "io/file_writer.h"
 #include "io/text_input.h"
 
 namespace lamina {
@@ -93,14 +95,12 @@ Trajectory CameraToLidar(const Trajectory& cameras, const SE3& T_camera_lidar) {
   return lidars;
 }
 
-TrajectoryWriter::TrajectoryWriter(const std::string& path, Form form)
-    : writer_(path), form_(form) {}
-
-void TrajectoryWriter::Append(const StampedPose& pose) {
-  if (form_ == Form::kKitti) {
+void AppendPoseLine(const StampedPose& pose, TrajectoryForm form, std::string* text) {
+  if (form == TrajectoryForm::kKitti) {
     Eigen::Matrix<double, 3, 4, Eigen::RowMajor> T;
     T << pose.T_world_lidar.R(), pose.T_world_lidar.t;
-    writer_.Write(fmt::format("{}\n", fmt::join(T.data(), T.data() + T.size(), " ")));
+    fmt::format_to(std::back_inserter(*text), "{}\n",
+                   fmt::join(T.data(), T.data() + T.size(), " "));
     return;
   }
   // The magnitude as unsigned: the smallest StampNs has no positive counterpart.
@@ -109,21 +109,32 @@ void TrajectoryWriter::Append(const StampedPose& pose) {
   const std::uint64_t ns = negative ? 0 - bits : bits;
   const Eigen::Vector3d& t = pose.T_world_lidar.t;
   const Eigen::Quaterniond& q = pose.T_world_lidar.q;
-  writer_.Write(fmt::format("{}{}.{:09d} {} {} {} {} {} {} {}\n", negative ? "-" : "",
-                            ns / 1000000000, ns % 1000000000, t.x(), t.y(), t.z(), q.x(), q.y(),
-                            q.z(), q.w()));
+  fmt::format_to(std::back_inserter(*text), "{}{}.{:09d} {} {} {} {} {} {} {}\n",
+                 negative ? "-" : "", ns / 1000000000, ns % 1000000000, t.x(), t.y(), t.z(), q.x(),
+                 q.y(), q.z(), q.w());
 }
 
-void WriteKittiTrajectory(const std::string& path, const Trajectory& trajectory) {
-  TrajectoryWriter writer(path, TrajectoryWriter::Form::kKitti);
-  for (const StampedPose& pose : trajectory) writer.Append(pose);
+namespace {
+
+void WriteTrajectory(const std::string& path, const Trajectory& trajectory, TrajectoryForm form) {
+  FileWriter writer(path);
+  std::string line;
+  for (const StampedPose& pose : trajectory) {
+    line.clear();
+    AppendPoseLine(pose, form, &line);
+    writer.Write(line);
+  }
   writer.Commit();
+}
+
+}  // namespace
+
+void WriteKittiTrajectory(const std::string& path, const Trajectory& trajectory) {
+  WriteTrajectory(path, trajectory, TrajectoryForm::kKitti);
 }
 
 void WriteTumTrajectory(const std::string& path, const Trajectory& trajectory) {
-  TrajectoryWriter writer(path, TrajectoryWriter::Form::kTum);
-  for (const StampedPose& pose : trajectory) writer.Append(pose);
-  writer.Commit();
+  WriteTrajectory(path, trajectory, TrajectoryForm::kTum);
 }
 
 }  // namespace lamina

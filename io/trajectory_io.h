@@ -15,7 +15,6 @@
 #include <vector>
 
 #include "core/scan.h"
-#include "io/file_writer.h"
 
 namespace lamina {
 
@@ -30,21 +29,12 @@ Trajectory ReadTrajectory(const std::string& path, const std::vector<StampNs>& s
 // T_world_lidar(i) = T_camera_lidar^-1 * T_world_camera(i) * T_camera_lidar.
 Trajectory CameraToLidar(const Trajectory& cameras, const SE3& T_camera_lidar);
 
-// A trajectory written pose by pose, to a temporary name that Commit() renames. Not thread-safe.
-// Throws OutputError.
-class TrajectoryWriter {
- public:
-  enum class Form { kKitti, kTum };
-  TrajectoryWriter(const std::string& path, Form form);
-  void Append(const StampedPose& pose);
-  void Commit() { writer_.Commit(); }
+enum class TrajectoryForm { kKitti, kTum };
 
- private:
-  FileWriter writer_;
-  Form form_;
-};
+// Appends the line of a pose to a text.
+void AppendPoseLine(const StampedPose& pose, TrajectoryForm form, std::string* text);
 
-// The same in one call.
+// A whole file of such lines. Throw OutputError.
 void WriteKittiTrajectory(const std::string& path, const Trajectory& trajectory);
 void WriteTumTrajectory(const std::string& path, const Trajectory& trajectory);
 

@@ -1,6 +1,7 @@
 // Sessions: the same result as the pipeline alone, and however often they are left and continued.
 #include "backend/session.h"
 
+#include <algorithm>
 #include <atomic>
 
 #include "backend/session_checkpoint.h"
@@ -136,6 +137,22 @@ TEST_F(SessionContinueTest, ScansAreRepeatedFromTheLastCheckpointOn) {
   for (const SessionScan& row : session.to_repeat()) {
     EXPECT_EQ(row.file, recording.files[static_cast<std::size_t>(row.scan)].name);
   }
+}
+
+// Scans that are mapped again are in the trajectory files already: these stay as they were.
+TEST_F(SessionContinueTest, TrajectoryFilesLoseNothingWhileScansAreRepeated) {
+  const Recording recording = Record({});
+  SessionSetup setup = Setup("session");
+  setup.session.trajectory_period_s = 0.01;
+  setup.session.checkpoint_every_scans = 1000;
+  MapUntil(setup, recording, 16, Leave::kWhenDone);
+  const std::string kitti = Bytes(setup.folder + "/trajectory_kitti.txt");
+  EXPECT_GT(std::count(kitti.begin(), kitti.end(), '\n'), 10);
+  Session session(setup, {});
+  ASSERT_EQ(session.to_repeat().size(), 16U);
+  Map(&session, recording, 10);
+  session.WaitForHousekeeping();
+  EXPECT_EQ(Bytes(setup.folder + "/trajectory_kitti.txt"), kitti);
 }
 
 TEST_F(SessionContinueTest, HooksTellEachScanOnceAndInOrder) {

@@ -47,6 +47,17 @@ class FilesTest : public testing::Test {
   std::filesystem::path folder_;
 };
 
+// Bytes that this process has handed to write calls so far.
+inline std::uint64_t BytesWritten() {
+  std::ifstream io("/proc/self/io");
+  std::uint64_t value = 0;
+  for (std::string name; io >> name >> value;) {
+    if (name == "wchar:") return value;
+  }
+  ADD_FAILURE() << "the system does not count them";
+  return 0;
+}
+
 // The bytes of the values, one after the other, without padding.
 template <typename... T>
 std::string Pack(T... values) {
