@@ -129,6 +129,7 @@ void Session::OpenDatabase() {
     spdlog::error("{}; going back to the copy of the last checkpoint", error.what());
   }
   MoveAwayDamaged(path);
+  SessionDatabase::RollBackUnfinished(backup);
   std::error_code error;
   fs::copy_file(backup, path, error);
   if (error) throw OutputError(fmt::format("{}: cannot be copied: {}", backup, error.message()));
@@ -266,10 +267,13 @@ void Session::OnScan(const ScanReport& report) {
 }
 
 void Session::OnSettled() {
-  // What has gone to disk and come back is written out in small portions: all of it at the next
-  // checkpoint would be a pause.
+  // What has gone to disk and come back is written out, and what no checkpoint that is kept needs
+  // is removed, in small portions: all of it at the next checkpoint would be a pause.
   constexpr std::int64_t kScansPerCommit = 10;
-  if (next_ % kScansPerCommit == 0) tiles_->Commit();
+  if (next_ % kScansPerCommit == 0) {
+    tiles_->Forget(oldest_kept_ - 1);
+    tiles_->Commit();
+  }
   if (job_) {
     ContinueCheckpoint();
   } else if (checkpoint_requested_ ||

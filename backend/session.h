@@ -185,7 +185,7 @@ class Session {
   enum class Tidy { kDone, kFirst, kUnderWay, kLast };
   std::atomic<Tidy> tidy_{Tidy::kDone};
   std::int64_t backed_up_ = 0;
-  double backup_due_s_ = 0.0;
+  bool backup_current_ = false;  // it lacks only what has come since backed_up_
 
   std::unique_ptr<SessionLog> log_;
   // These end first, in this order. The trajectory has a thread of its own, with one publication at

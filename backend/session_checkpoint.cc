@@ -105,7 +105,6 @@ void Session::BeginCheckpoint() {
   checkpoint_requested_ = false;
   job_ = std::make_shared<SnapshotJob>();
   job_->scans = last_checkpoint_ = next_;
-  tiles_->Forget(oldest_kept_ - 1);
   tiles_->Commit();
   StateArchive head, counters;
   head(&job_->scans, &setup_.fixed_options);
@@ -199,18 +198,20 @@ std::int64_t Session::RemoveOldCheckpoints() const {
   return backed_up ? oldest : 0;
 }
 
-// As often as it takes a small part of the time: a session of days has a large database.
+// All of it once in a process, after that what has come since: the files of a session that goes on
+// for days are released, and what the tiles keep for the checkpoint that goes with the copy is
+// removed, as soon as the next checkpoint is there.
 void Session::BackUpDatabase() {
-  constexpr double kShare = 0.02;
   SessionDatabase database(Path("session.db"), false);
   database.Tidy();
-  const double now_s = SteadySeconds();
-  if (now_s < backup_due_s_) return;
   const std::int64_t scans = database.scans();
-  database.BackUpTo(Path("session.db.backup"));
+  if (std::exchange(backup_current_, false)) {
+    database.AddToBackUp(Path("session.db.backup"));
+  } else {
+    database.BackUpTo(Path("session.db.backup"));
+  }
+  backup_current_ = true;
   backed_up_ = scans;
-  const double end_s = SteadySeconds();
-  backup_due_s_ = end_s + (end_s - now_s) / kShare;
 }
 
 // Not while scans are repeated: the files hold these, and would lose the last of them for a time.

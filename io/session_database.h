@@ -104,6 +104,11 @@ class SessionDatabase {
   // A copy of the whole, as of one moment, on a temporary name and then renamed.
   void BackUpTo(const std::string& path) const;
 
+  // Brings such a copy, made by BackUpTo() or by this, up to what is here now. Costs what has come
+  // since. After an interruption the copy is to be had by RollBackUnfinished(), as it was.
+  void AddToBackUp(const std::string& path);
+  static void RollBackUnfinished(const std::string& path);
+
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;

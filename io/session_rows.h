@@ -3,12 +3,18 @@
 
 #include <SQLiteCpp/SQLiteCpp.h>
 
+#include <array>
+
 #include "io/session_database.h"
 
 namespace lamina {
 
 // Makes the tables that are not there.
 extern const char* const kSessionSchema;
+
+// Bring a copy of the database, attached as `copy`, up to date; with a place for the number of the
+// first scan that may have changed.
+extern const std::array<const char*, 5> kAddToCopy;
 
 // With a place for each column.
 extern const char* const kPutScan;

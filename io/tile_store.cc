@@ -4,10 +4,12 @@
 #include <SQLiteCpp/SQLiteCpp.h>
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <optional>
 #include <unordered_map>
+#include <utility>
 
 #include "core/error.h"
 #include "io/checksum.h"
@@ -30,7 +32,9 @@ constexpr const char* kScratch =
 // The journal is brought into the file by SyncToDisk(), on a thread that has time.
 constexpr const char* kKept =
     "PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL; PRAGMA wal_autocheckpoint=0;"
-    "PRAGMA journal_size_limit=67108864;";
+    "PRAGMA journal_size_limit=33554432;";
+// Where that thread cannot keep up with a writer that never pauses, Commit() has to.
+constexpr std::size_t kMostLogBytes = 32 << 20;
 
 // A database to be read without a trace. SQLite makes a log and an index of it beside each file
 // that it opens, unless told that nobody writes; which holds for a file without a log.
@@ -69,7 +73,8 @@ struct TileStore::Impl {
                       "NULL");
     forget.emplace(database,
                    "DELETE FROM voxels WHERE (tile, root, stored_at) IN (SELECT tile, root, "
-                   "stored_at FROM voxels WHERE taken_at <= ? LIMIT 400)");
+                   "stored_at FROM voxels WHERE taken_at <= ? LIMIT ?)");
+    if (lifetime == Lifetime::kKept) log_limit.emplace(&database, kMostLogBytes);
     CountTiles();
   }
 
@@ -108,8 +113,10 @@ struct TileStore::Impl {
   SQLite::Database database;
   std::optional<SQLite::Statement> put, show, take, show_root, take_root, forget;
   std::optional<SQLite::Transaction> transaction;
+  std::optional<LogLimit> log_limit;
   std::unordered_map<VoxelKey, std::size_t> tiles;  // those that have records, and how many
   std::size_t records = 0, damaged = 0;
+  std::size_t left = 0;  // records taken out since the last Forget()
 };
 
 TileStore::TileStore(std::string path, Lifetime lifetime)
@@ -182,6 +189,7 @@ void TileStore::Take(VoxelKey tile, const Visit& visit) {
     impl.take->reset();
   });
   impl.records -= impl.tiles.at(tile);
+  impl.left += impl.tiles.at(tile);
   impl.tiles.erase(tile);
 }
 
@@ -202,6 +210,7 @@ void TileStore::TakeRoot(VoxelKey tile, VoxelKey root, const Visit& visit) {
   });
   if (taken == 0) return;
   --impl.records;
+  ++impl.left;
   if (--impl.tiles.at(tile) == 0) impl.tiles.erase(tile);
 }
 
@@ -262,9 +271,12 @@ void TileStore::RollBackTo(std::int64_t scan) {
 
 void TileStore::Forget(std::int64_t scan) {
   if (!impl_) return;
+  constexpr std::size_t kLeast = 400;
+  const std::size_t most = std::max(kLeast, 2 * std::exchange(impl_->left, 0));
   Guarded("cannot be written", [&] {
     impl_->Begin();
     impl_->forget->bind(1, scan);
+    impl_->forget->bind(2, static_cast<std::int64_t>(most));
     impl_->forget->exec();
     impl_->forget->reset();
   });
@@ -275,6 +287,7 @@ void TileStore::Commit() {
   Guarded("cannot be written", [&] {
     impl_->transaction->commit();
     impl_->transaction.reset();
+    if (impl_->log_limit) impl_->log_limit->Keep();
   });
 }
 

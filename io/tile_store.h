@@ -48,8 +48,8 @@ class TileStore final : public VoxelStore {
 
   // Back to how it was after that scan (-1: empty).
   void RollBackTo(std::int64_t scan);
-  // Records that left at this scan or before go for good: at most some hundred in a call, so that
-  // no call takes long.
+  // Records that left at this scan or before go for good. So that no call takes long, at most some
+  // hundred do, or twice as many as have left since the last call: called often, it keeps up.
   void Forget(std::int64_t scan);
 
   // Writes out what has been put and taken, so that SyncToDisk() by any thread makes it durable.
