@@ -26,12 +26,12 @@ std::vector<SE3> Circle(std::size_t count) {
 // Each pose to the next three, with noise.
 std::vector<PoseGraphEdge> Edges(const std::vector<SE3>& poses, double noise) {
   std::mt19937 random(1);
-  std::normal_distribution<double> normal(0.0, noise);
+  std::normal_distribution<double> normal;
   std::vector<PoseGraphEdge> edges;
   for (std::size_t a = 0; a < poses.size(); ++a) {
     for (std::size_t b = a + 1; b < std::min(poses.size(), a + 4); ++b) {
       Vector6d delta;
-      for (int i = 0; i < 6; ++i) delta(i) = normal(random) * (i < 3 ? 0.1 : 1.0);
+      for (int i = 0; i < 6; ++i) delta(i) = noise * normal(random) * (i < 3 ? 0.1 : 1.0);
       edges.push_back({a, b, Retract(poses[a].Inverse() * poses[b], delta), 20.0});
     }
   }

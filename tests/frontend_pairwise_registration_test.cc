@@ -192,7 +192,7 @@ TEST(MaximumClique, IsFoundAmongRandomEdges) {
 std::vector<FeatureMatch> Matches(const SE3& truth, int count, double wrong, double noise_m) {
   std::mt19937 random(6);
   std::uniform_real_distribution<double> uniform(-10.0, 10.0);
-  std::normal_distribution<double> noise(0.0, noise_m);
+  std::normal_distribution<double> normal;
   const auto vector = [&](auto& distribution) {
     return Eigen::Vector3d(distribution(random), distribution(random), distribution(random));
   };
@@ -200,7 +200,7 @@ std::vector<FeatureMatch> Matches(const SE3& truth, int count, double wrong, dou
   for (int i = 0; i < count; ++i) {
     const Eigen::Vector3d p = vector(uniform);
     const bool bad = i < wrong * count;
-    matches.push_back({p, bad ? vector(uniform) : truth * p + vector(noise)});
+    matches.push_back({p, bad ? vector(uniform) : truth * p + noise_m * vector(normal)});
   }
   return matches;
 }
