@@ -50,7 +50,7 @@ LogLimit::LogLimit(SQLite::Database* database, std::size_t most_bytes)
 void LogLimit::Keep() {
   if (log_bytes_ < most_bytes_) limit_bytes_ = most_bytes_;
   if (log_bytes_ < limit_bytes_) return;
-  limit_bytes_ = log_bytes_ + most_bytes_;
+  limit_bytes_ = log_bytes_ + most_bytes_ / 8;
   const int timeout_ms = database_->execAndGet("PRAGMA busy_timeout").getInt();
   database_->setBusyTimeout(0);
   try {

@@ -56,7 +56,7 @@ class LogLimit {
 
   // To be called between two transactions. If the log has become longer than allowed, brings it
   // into the file, after which it begins anew. Waits for no reader: if one still needs the log,
-  // this is tried again when as much again has been written. Throws SQLite::Exception.
+  // this is tried again when an eighth more has been written. Throws SQLite::Exception.
   void Keep();
 
  private:
