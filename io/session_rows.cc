@@ -35,7 +35,8 @@ const std::array<const char*, 5> kAddToCopy = {
     "INSERT OR REPLACE INTO copy.meta SELECT * FROM main.meta",
     "INSERT OR REPLACE INTO copy.scans SELECT * FROM main.scans WHERE scan >= ? ORDER BY scan",
     "DELETE FROM copy.solves WHERE before_scan >= ?",
-    "INSERT INTO copy.solves SELECT * FROM main.solves WHERE before_scan >= ? ORDER BY rowid",
+    "INSERT INTO copy.solves SELECT * FROM main.solves WHERE before_scan >= ? ORDER BY "
+    "before_scan, rowid",
     "INSERT OR IGNORE INTO copy.set_aside SELECT * FROM main.set_aside"};
 
 const char* const kPutScan =
