@@ -22,7 +22,7 @@ namespace {
 struct SynthArguments {
   std::string directory;
   std::string sensor = "hdl64", scene = "street", route = "winding";
-  std::string layout = "kitti";
+  std::string layout = "kitti", profile = "constant";
   SynthOptions options;
   bool frames_given = false, noise_given = false, sensor_given = false;
   int lines = StationOptions().lines;
@@ -57,6 +57,8 @@ WrittenSequence WriteMovingScene(SynthArguments arguments, const SynthProgress& 
   options.sensor = ByName<synth::SensorKind>("--sensor", arguments.sensor, synth::SensorNames());
   options.scene = ByName<synth::SceneKind>("--scene", arguments.scene, synth::SceneNames());
   options.route = ByName<synth::RouteKind>("--route", arguments.route, synth::RouteNames());
+  options.profile.kind =
+      ByName<synth::ProfileKind>("--profile", arguments.profile, synth::ProfileNames());
   return WriteSequence(options, arguments.directory, progress);
 }
 
@@ -84,6 +86,44 @@ int RunSynth(const SynthArguments& arguments) {
              written.frames, written.points, written.points / written.frames, elapsed.count(),
              static_cast<double>(written.frames) / elapsed.count(), written.truth_path);
   return 0;
+}
+
+void AddErrorOptions(CLI::App* command, synth::SensorErrorOptions* o) {
+  command
+      ->add_option("--beam-elevation-offset-deg", o->beam_elevation_offset_deg,
+                   "every beam points higher than reported by this angle")
+      ->capture_default_str();
+  command
+      ->add_option("--beam-elevation-sigma-deg", o->beam_elevation_sigma_deg,
+                   "standard deviation of each beam's error of elevation")
+      ->capture_default_str();
+  command
+      ->add_option("--beam-range-sigma-m", o->beam_range_sigma_m,
+                   "standard deviation of each beam's constant error of range")
+      ->capture_default_str();
+  command
+      ->add_option("--incidence-bias-m", o->incidence_bias_m,
+                   "error of the range at grazing incidence; with 1 - cosine of the angle")
+      ->capture_default_str();
+  command
+      ->add_option("--time-offset-s", o->time_offset_s,
+                   "error of the points' times; shows with --sweep")
+      ->capture_default_str();
+  command
+      ->add_option("--dropped-packets", o->dropped_packets,
+                   "share of the packets, 75 a scan, that never arrive")
+      ->capture_default_str();
+}
+
+void AddMotionOptions(CLI::App* command, SynthArguments* a) {
+  synth::ProfileOptions& o = a->options.profile;
+  command
+      ->add_option("--profile", a->profile,
+                   OneOf("how the sensor moves along its way", synth::ProfileNames()))
+      ->capture_default_str();
+  command->add_option("--gap-s", o.gap_s, "gaps: how long each lasts; 0: 0.5 to 3 s")
+      ->capture_default_str();
+  command->add_option("--turn-deg", o.turn_deg, "spin: degrees a scan")->capture_default_str();
 }
 
 void AddOptions(CLI::App* command, SynthArguments* a) {
@@ -130,6 +170,14 @@ void AddOptions(CLI::App* command, SynthArguments* a) {
       ->add_option("--loop-blocks", o.loop_blocks,
                    "street: blocks (96 x 64 m) along each side of a loop")
       ->capture_default_str();
+  command
+      ->add_option("--points", o.points,
+                   "rays a scan, most of which return a point; 0: as many as the sensor has")
+      ->capture_default_str();
+  command->add_option("--rings", o.rings, "beams of --sensor spinning; 0: 64")
+      ->capture_default_str();
+  AddMotionOptions(command, a);
+  AddErrorOptions(command, &o.errors);
   AddThreadsOption(command, ". The bytes are the same", &a->threads);
 }
 

@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "tools/synth_block_models.h"
 #include "tools/synth_furniture.h"
 #include "tools/synth_random.h"
 #include "tools/synth_stairs.h"
@@ -24,56 +25,29 @@ float Draw(HashStream* random, double low, double high) {
   return static_cast<float>(random->Uniform(low, high));
 }
 
-// A scene of one block, filled once.
-class SingleBlock final : public SceneModel {
- public:
-  using Fill = std::function<void(const ShapeBuilder& at)>;
-  SingleBlock(const Eigen::Vector2d& size, Fill fill) : size_(size), fill_(std::move(fill)) {}
+using Fill = std::function<void(const ShapeBuilder& at)>;
 
-  Eigen::Vector2d BlockSize() const override { return size_; }
-
-  std::unique_ptr<const Block> MakeBlock(const BlockIndex& index) const override {
-    if (index.x != 0 || index.y != 0) return nullptr;
-    std::vector<Primitive> primitives;
-    fill_(ShapeBuilder(&primitives, {kMargin, kMargin, 0.0F}, 0.0F));
-    auto block = std::make_unique<Block>();
-    block->tree = PrimitiveTree(std::move(primitives));
-    return block;
-  }
-
- private:
-  Eigen::Vector2d size_;
-  Fill fill_;
-};
-
-std::unique_ptr<SceneModel> MakeSingleBlock(const Vector3f& room, SingleBlock::Fill fill) {
+std::unique_ptr<SceneModel> MakeSingleBlock(const Vector3f& room, const Fill& fill) {
   const Eigen::Vector2d size = room.head<2>().cast<double>().array() + 2.0 * kMargin;
-  return std::make_unique<SingleBlock>(size, std::move(fill));
+  return std::make_unique<RowOfBlocks>(size, RowOfBlocks::Extent::kOne,
+                                       [fill](std::int64_t, std::vector<Primitive>* out) {
+                                         fill(ShapeBuilder(out, {kMargin, kMargin, 0.0F}, 0.0F));
+                                       });
 }
 
-class CorridorModel final : public SceneModel {
- public:
-  Eigen::Vector2d BlockSize() const override { return {kCorridorBlock, 16.0}; }
-
-  std::unique_ptr<const Block> MakeBlock(const BlockIndex& index) const override {
-    if (index.y != 0) return nullptr;
-    constexpr auto kWidth = static_cast<float>(kCorridorWidth);
-    constexpr auto kHeight = static_cast<float>(kCorridorHeight);
-    constexpr float kOverlap = 0.01F;  // no gap for rays at the seams
-    std::vector<Primitive> primitives;
-    const ShapeBuilder at(&primitives, {-kOverlap, kMargin, 0.0F}, 0.0F);
-    const Vector3f along(static_cast<float>(kCorridorBlock) + 2.0F * kOverlap, 0.0F, 0.0F);
-    const Vector3f across(0.0F, kWidth, 0.0F);
-    const Vector3f up(0.0F, 0.0F, kHeight);
-    at.Quad(Vector3f::Zero(), along, across, Material::kPavement);
-    at.Quad(up, along, across, Material::kPlaster);
-    at.Quad(Vector3f::Zero(), along, up, Material::kPlaster);
-    at.Quad(across, along, up, Material::kPlaster);
-    auto block = std::make_unique<Block>();
-    block->tree = PrimitiveTree(std::move(primitives));
-    return block;
-  }
-};
+void FillCorridor(const ShapeBuilder& at) {
+  constexpr auto kWidth = static_cast<float>(kCorridorWidth);
+  constexpr auto kHeight = static_cast<float>(kCorridorHeight);
+  constexpr float kOverlap = 0.01F;  // no gap for rays at the seams
+  const Vector3f corner(-kOverlap, 0.0F, 0.0F);
+  const Vector3f along(static_cast<float>(kCorridorBlock) + 2.0F * kOverlap, 0.0F, 0.0F);
+  const Vector3f across(0.0F, kWidth, 0.0F);
+  const Vector3f up(0.0F, 0.0F, kHeight);
+  at.Quad(corner, along, across, Material::kPavement);
+  at.Quad(corner + up, along, across, Material::kPlaster);
+  at.Quad(corner, along, up, Material::kPlaster);
+  at.Quad(corner + across, along, up, Material::kPlaster);
+}
 
 constexpr float kHalfTurn = 3.14159265F;
 
@@ -180,7 +154,13 @@ std::unique_ptr<SceneModel> MakeRoom(std::int64_t seed) {
   return MakeSingleBlock(kRoomSize, [seed](const ShapeBuilder& at) { FillRoom(at, seed); });
 }
 
-std::unique_ptr<SceneModel> MakeCorridor() { return std::make_unique<CorridorModel>(); }
+std::unique_ptr<SceneModel> MakeCorridor() {
+  return std::make_unique<RowOfBlocks>(
+      Eigen::Vector2d(kCorridorBlock, 16.0), RowOfBlocks::Extent::kEndless,
+      [](std::int64_t, std::vector<Primitive>* out) {
+        FillCorridor(ShapeBuilder(out, {0.0F, kMargin, 0.0F}, 0.0F));
+      });
+}
 
 std::unique_ptr<SceneModel> MakeStairs(std::int64_t seed) {
   return MakeSingleBlock(StairwellSize(),

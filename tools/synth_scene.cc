@@ -68,7 +68,8 @@ bool CastInBlock(const Block& block, const Ray& ray, float enter, float leave, f
 }  // namespace
 
 const std::vector<std::string>& SceneNames() {
-  static const std::vector<std::string> names = {"street", "room", "corridor", "stairs", "hall"};
+  static const std::vector<std::string> names = {"street", "room", "corridor",
+                                                 "stairs", "hall", "bays"};
   return names;
 }
 

@@ -25,7 +25,7 @@
 
 namespace lamina::synth {
 
-enum class SceneKind { kStreet, kRoom, kCorridor, kStairs, kHall };
+enum class SceneKind { kStreet, kRoom, kCorridor, kStairs, kHall, kBays };
 // In the order of SceneKind.
 const std::vector<std::string>& SceneNames();
 

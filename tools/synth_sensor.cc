@@ -1,7 +1,12 @@
 #include "tools/synth_sensor.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
+
+#include "core/error.h"
+#include "tools/synth_random.h"
 
 namespace lamina::synth {
 namespace {
@@ -50,11 +55,15 @@ float IntensityOf(Material material, double cosine) {
 }
 
 const std::vector<std::string>& SensorNames() {
-  static const std::vector<std::string> names = {"hdl64", "avia", "os1", "vlp16"};
+  static const std::vector<std::string> names = {"hdl64", "avia", "os1", "vlp16", "spinning"};
   return names;
 }
 
-SensorModel::SensorModel(SensorKind kind) : kind_(kind) {
+SensorModel::SensorModel(SensorKind kind, int rays, int beams) : kind_(kind) {
+  if (beams != 0 && kind != SensorKind::kSpinning) {
+    throw OptionError(fmt::format("rings = {}: the sensor {} has its own; give --sensor spinning",
+                                  beams, SensorNames()[static_cast<std::size_t>(kind)]));
+  }
   switch (kind) {
     case SensorKind::kHdl64: {
       std::vector<double> elevations = EvenlySpaced(2.0, -8.0 - 1.0 / 3.0, 32);
@@ -84,6 +93,16 @@ SensorModel::SensorModel(SensorKind kind) : kind_(kind) {
       max_range_m_ = 190.0;
       stamp_fraction_ = 0.0;
       break;
+    case SensorKind::kSpinning:
+      groups_ = 1024;
+      min_range_m_ = 0.3;
+      max_range_m_ = 120.0;
+      SetElevations(EvenlySpaced(15.0, -25.0, beams == 0 ? 64 : beams));
+      break;
+  }
+  if (rays != 0) {
+    const auto per_group = static_cast<double>(rays_per_group_);
+    groups_ = static_cast<std::size_t>(std::max(1.0, std::round(rays / per_group)));
   }
 }
 
@@ -92,25 +111,28 @@ void SensorModel::SetElevations(std::vector<double> degrees) {
   rays_per_group_ = beams_.size();
 }
 
-double SensorModel::TimeOf(std::size_t group) const {
-  // Spinning sensors fire in the middle of their azimuth step.
-  const double within = kind_ == SensorKind::kAvia ? 0.0 : 0.5;
-  const double fraction = (static_cast<double>(group) + within) / static_cast<double>(groups_);
-  return (fraction - stamp_fraction_) * period_s();
+double SensorModel::FractionOf(std::int64_t frame, std::size_t group) const {
+  // Spinning sensors fire in the middle of their azimuth step, if not anywhere in it.
+  double within = kind_ == SensorKind::kAvia ? 0.0 : 0.5;
+  if (kind_ == SensorKind::kSpinning) within = UniformFrom(HashOf({0x591, frame}));
+  return (static_cast<double>(group) + within) / static_cast<double>(groups_);
+}
+
+double SensorModel::TimeOf(std::int64_t frame, std::size_t group) const {
+  return (FractionOf(frame, group) - stamp_fraction_) * period_s();
 }
 
 void SensorModel::Directions(std::int64_t frame, std::size_t group,
                              std::vector<Eigen::Vector3d>* directions) const {
   directions->clear();
   if (kind_ == SensorKind::kAvia) {
-    const double t = static_cast<double>(frame) * period_s() + TimeOf(group);
+    const double t = static_cast<double>(frame) * period_s() + TimeOf(frame, group);
     for (std::size_t beam = 0; beam < rays_per_group_; ++beam) {
       directions->push_back(RosetteDirection(t, beam));
     }
     return;
   }
-  const double fraction = (static_cast<double>(group) + 0.5) / static_cast<double>(groups_);
-  const double azimuth = M_PI * (1.0 - 2.0 * fraction);
+  const double azimuth = M_PI * (1.0 - 2.0 * FractionOf(frame, group));
   const double c = std::cos(azimuth);
   const double s = std::sin(azimuth);
   for (const Eigen::Vector2d& beam : beams_) {

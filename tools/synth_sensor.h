@@ -9,6 +9,10 @@
 //   avia    two prisms turn against one another and draw a rosette of 70.4 x 77.2 deg with six
 //           beams at once; its phase runs on from scan to scan, so no scan repeats another.
 //           24000 rays, 190 m
+//   spinning  64 beams, evenly from +15 to -25 deg, 1024 steps, 120 m; where in its first step a
+//           scan begins is drawn anew for each
+//
+// Each of them can have another number of rays a scan, `spinning` another number of beams.
 //
 // The spinning sensors turn clockwise as seen from above and are cut at the rear. With f the
 // fraction of the sweep, azimuth = pi (1 - 2 f); the stamp is the instant when they face forward,
@@ -33,13 +37,15 @@ bool IsReturned(Material material, double range_m, double cosine, double max_ran
 // As KITTI has it: in steps of 0.01.
 float IntensityOf(Material material, double cosine);
 
-enum class SensorKind { kHdl64, kAvia, kOs1, kVlp16 };
+enum class SensorKind { kHdl64, kAvia, kOs1, kVlp16, kSpinning };
 // In the order of SensorKind.
 const std::vector<std::string>& SensorNames();
 
 class SensorModel {
  public:
-  explicit SensorModel(SensorKind kind);
+  // `rays` a scan, rounded to whole azimuth steps, and `beams`; 0: those above.
+  // Throws OptionError for `beams` of a sensor that has its own.
+  explicit SensorModel(SensorKind kind, int rays = 0, int beams = 0);
 
   std::size_t groups() const { return groups_; }
   std::size_t rays_per_group() const { return rays_per_group_; }
@@ -48,7 +54,7 @@ class SensorModel {
   double period_s() const { return 0.1; }
 
   // Seconds from the scan's stamp to the firing of a group.
-  double TimeOf(std::size_t group) const;
+  double TimeOf(std::int64_t frame, std::size_t group) const;
 
   // Unit vectors in the LiDAR frame, one for each ray of the group.
   void Directions(std::int64_t frame, std::size_t group,
@@ -56,6 +62,8 @@ class SensorModel {
 
  private:
   void SetElevations(std::vector<double> degrees);
+  // Share of the sweep that has passed when the group is fired.
+  double FractionOf(std::int64_t frame, std::size_t group) const;
 
   SensorKind kind_;
   std::size_t groups_ = 0, rays_per_group_ = 0;

@@ -10,6 +10,7 @@
 #include "tools/synth_indoor.h"
 #include "tools/synth_random.h"
 #include "tools/synth_street.h"
+#include "tools/synth_trial_scenes.h"
 
 namespace lamina {
 
@@ -26,6 +27,8 @@ double DefaultSpeed(SceneKind scene) {
   switch (scene) {
     case SceneKind::kStreet:
       return 10.0;
+    case SceneKind::kBays:
+      return 15.0;
     case SceneKind::kRoom:
       return 0.6;
     case SceneKind::kStairs:
@@ -60,6 +63,10 @@ void SynthOptions::Visit(OptionVisitor& v) {
   v.Number("speed_m_per_s", &speed_m_per_s, 0.0, 40.0);
   v.EnumChoice("route", &route, synth::RouteNames());
   v.Integer("loop_blocks", &loop_blocks, 1, 50);
+  v.Integer("points", &points, 0, 1000000);
+  v.Integer("rings", &rings, 0, 512);
+  v.Group("profile", &profile);
+  v.Group("errors", &errors);
 }
 
 // What one chunk of groups measured.
@@ -77,13 +84,22 @@ struct SynthSequence::FrameContext {
 };
 
 SynthSequence::SynthSequence(const SynthOptions& options)
-    : options_(options), sensor_(options.sensor) {
+    : options_(options), sensor_(options.sensor, options.points, options.rings) {
   CheckOptions(options, "synth");
   if (options_.speed_m_per_s == 0.0) options_.speed_m_per_s = DefaultSpeed(options_.scene);
+  errors_ = std::make_unique<synth::SensorErrors>(options_.errors, sensor_.rays_per_group(),
+                                                  options_.seed);
+  profile_ = std::make_shared<const synth::Profile>(options_.profile, options_.speed_m_per_s,
+                                                    options_.frames, options_.seed);
   if (options_.scene == SceneKind::kStreet) {
     BuildStreet();
+  } else if (synth::IsTrialScene(options_.scene)) {
+    BuildTrial();
   } else {
     BuildIndoors();
+  }
+  if (options_.profile.kind != synth::ProfileKind::kConstant) {
+    motion_ = std::make_unique<synth::ProfiledMotion>(std::move(motion_), profile_);
   }
   T_scene_world_ = motion_->T_scene_lidar(0.0);
   T_world_scene_ = T_scene_world_.Inverse();
@@ -125,8 +141,16 @@ void SynthSequence::BuildIndoors() {
                                options_.seed);
 }
 
+void SynthSequence::BuildTrial() {
+  synth::TrialScene trial =
+      synth::MakeTrialScene(options_.scene, options_.speed_m_per_s, options_.seed);
+  scene_ = std::make_unique<synth::SyntheticScene>(std::move(trial.model), kMaxCachedBlocks);
+  motion_ = std::make_unique<synth::HandheldMotion>(trial.path, trial.shake, options_.seed);
+  movers_ = std::move(trial.movers);
+}
+
 StampNs SynthSequence::Stamp(std::size_t i) const {
-  return static_cast<StampNs>(i) * std::llround(1e9 * sensor_.period_s());
+  return static_cast<StampNs>(i) * std::llround(1e9 * sensor_.period_s()) + profile_->Missed(i);
 }
 
 SE3 SynthSequence::TruePose(std::size_t i) const {
@@ -144,16 +168,18 @@ synth::SceneView SynthSequence::ViewAround(const Eigen::Vector3d& p_world, doubl
 
 void SynthSequence::CastGroup(const FrameContext& frame, std::size_t group,
                               std::vector<Eigen::Vector3d>* directions, Returns* out) const {
-  const double since_stamp = options_.sweep ? sensor_.TimeOf(group) : 0.0;
+  if (errors_->IsDropped(frame.index, group, sensor_.groups())) return;
+  const double since_stamp = options_.sweep ? sensor_.TimeOf(frame.index, group) : 0.0;
   const double t = frame.stamp_s + since_stamp;
   const SE3 T_scene_lidar = motion_->T_scene_lidar(t);
   const Eigen::Matrix3d R = T_scene_lidar.R();
   sensor_.Directions(frame.index, group, directions);
   std::vector<synth::UprightPose> mover_poses;
   mover_poses.reserve(frame.movers.size());
-  for (const synth::Mover* mover : frame.movers) mover_poses.push_back(mover->At(t));
+  for (const synth::Mover* mover : frame.movers)
+    mover_poses.push_back(mover->At(profile_->DriveTime(t)));
   for (std::size_t ray = 0; ray < directions->size(); ++ray) {
-    const Eigen::Vector3d direction = R * (*directions)[ray];
+    const Eigen::Vector3d direction = R * errors_->Fired(ray, (*directions)[ray]);
     std::optional<SceneHit> hit =
         frame.view.Cast(T_scene_lidar.t, direction, sensor_.max_range_m());
     for (std::size_t m = 0; m < frame.movers.size(); ++m) {
@@ -169,10 +195,13 @@ void SynthSequence::CastGroup(const FrameContext& frame, std::size_t group,
                            synth::UniformFrom(synth::ScrambleBits(key)))) {
       continue;
     }
-    const double range = hit->range_m + options_.noise_m * synth::GaussianFrom(key);
+    const double range = hit->range_m + errors_->RangeBias(ray, cosine) +
+                         options_.noise_m * synth::GaussianFrom(key);
     const Eigen::Vector3f p = (range * (*directions)[ray]).cast<float>();
     out->points.push_back({p.x(), p.y(), p.z(), synth::IntensityOf(hit->material, cosine)});
-    if (options_.sweep) out->time_s.push_back(static_cast<float>(since_stamp));
+    if (options_.sweep) {
+      out->time_s.push_back(static_cast<float>(since_stamp + errors_->time_offset_s()));
+    }
   }
 }
 
@@ -185,7 +214,7 @@ Scan SynthSequence::Generate(std::size_t i) const {
   const double reach = sensor_.max_range_m() + 5.0;
   frame.view = scene_->ViewAround(here, reach);
   for (const synth::Mover& mover : movers_) {
-    if ((mover.At(frame.stamp_s).position - here).norm() < reach + 10.0) {
+    if ((mover.At(profile_->DriveTime(frame.stamp_s)).position - here).norm() < reach + 10.0) {
       frame.movers.push_back(&mover);
     }
   }

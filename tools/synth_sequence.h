@@ -20,9 +20,11 @@
 #include "io/scan_source.h"
 #include "tools/synth_motion.h"
 #include "tools/synth_movers.h"
+#include "tools/synth_profile.h"
 #include "tools/synth_route.h"
 #include "tools/synth_scene.h"
 #include "tools/synth_sensor.h"
+#include "tools/synth_sensor_errors.h"
 
 namespace lamina {
 
@@ -37,11 +39,16 @@ struct SynthOptions {
   int movers = 0;
   // Fire each ray from where the sensor is at that ray's instant, at things where they are then.
   bool sweep = false;
-  // Mean speed of the sensor; 0: the scene's own (street 10, hall 1.2, others less).
+  // Mean speed of the sensor; 0: the scene's own (street 10, bays 15, hall 1.2, others less).
   double speed_m_per_s = 0.0;
   // Street: where to drive, and the number of blocks along each side of a loop.
   synth::RouteKind route = synth::RouteKind::kWinding;
   int loop_blocks = 2;
+  // Rays a scan, and beams of the sensor `spinning`; 0: the sensor's own.
+  int points = 0;
+  int rings = 0;
+  synth::ProfileOptions profile;
+  synth::SensorErrorOptions errors;
 
   void Visit(OptionVisitor& v);
 };
@@ -79,11 +86,14 @@ class SynthSequence {
   struct FrameContext;
   void BuildStreet();
   void BuildIndoors();
+  void BuildTrial();
   void CastGroup(const FrameContext& frame, std::size_t group,
                  std::vector<Eigen::Vector3d>* directions, Returns* out) const;
 
   SynthOptions options_;
   synth::SensorModel sensor_;
+  std::unique_ptr<synth::SensorErrors> errors_;
+  std::shared_ptr<const synth::Profile> profile_;
   std::unique_ptr<synth::SyntheticScene> scene_;
   std::unique_ptr<synth::Motion> motion_;
   std::vector<synth::Mover> movers_;
