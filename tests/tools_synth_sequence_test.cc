@@ -107,10 +107,14 @@ TEST_P(SynthSetups, MostRaysReturnWithinTheSensorsRange) {
 
 std::vector<Setup> AllSetups() {
   std::vector<Setup> setups;
-  for (int scene = 0; scene < static_cast<int>(synth::SceneNames().size()); ++scene) {
+  for (int scene = 0; scene < static_cast<int>(SceneKind::kBays); ++scene) {
     for (int sensor = 0; sensor < static_cast<int>(synth::SensorNames().size()); ++sensor) {
       setups.push_back({static_cast<SceneKind>(scene), static_cast<SensorKind>(sensor)});
     }
+  }
+  for (const SceneKind scene :
+       {SceneKind::kBays, SceneKind::kField, SceneKind::kTunnel, SceneKind::kForest}) {
+    setups.push_back({scene, SensorKind::kSpinning});
   }
   return setups;
 }

@@ -190,5 +190,84 @@ TEST(SynthSensorErrors, TimesAreReportedOff) {
   }
 }
 
+SynthOptions InScene(SceneKind scene) {
+  SynthOptions options = Bays(10000);
+  options.scene = scene;
+  return options;
+}
+
+// Share of a scan's points that are not on what stands still.
+double ShareOff(const SynthSequence& sequence, std::size_t frame) {
+  const Scan scan = sequence.Generate(frame);
+  const SE3 T_scene_lidar = sequence.T_scene_world() * sequence.TruePose(frame);
+  const synth::SceneView view = sequence.ViewAround(sequence.TruePose(frame).t, 130.0);
+  int off = 0;
+  for (const ScanPoint& p : scan.points) {
+    off += view.SurfaceDistance(T_scene_lidar * Position(p), 0.2) > 0.02 ? 1 : 0;
+  }
+  return off / static_cast<double>(scan.points.size());
+}
+
+struct MovingShare {
+  SceneKind scene;
+  double least, most;
+};
+
+class SynthMovingShare : public ::testing::TestWithParam<MovingShare> {};
+
+TEST_P(SynthMovingShare, IsThatOfTheScene) {
+  const SynthSequence sequence(InScene(GetParam().scene));
+  double share = 0.0;
+  for (const std::size_t frame : {0, 20, 40, 60, 80}) share += 0.2 * ShareOff(sequence, frame);
+  EXPECT_GE(share, GetParam().least);
+  EXPECT_LE(share, GetParam().most);
+}
+
+INSTANTIATE_TEST_SUITE_P(All, SynthMovingShare,
+                         ::testing::Values(MovingShare{SceneKind::kBays, 0.0, 0.0},
+                                           MovingShare{SceneKind::kLorry, 0.15, 0.4},
+                                           MovingShare{SceneKind::kCarPark, 0.35, 0.45},
+                                           MovingShare{SceneKind::kPavement, 0.02, 0.15},
+                                           MovingShare{SceneKind::kLift, 0.1, 0.35}),
+                         [](const auto& p) {
+                           return synth::SceneNames()[static_cast<std::size_t>(p.param.scene)];
+                         });
+
+// What a pane mirrors seems to be behind it, where nothing is.
+TEST(SynthScenes, PanesLetPassMirrorAndReturn) {
+  const SynthSequence sequence(InScene(SceneKind::kGlass));
+  const Scan scan = sequence.Generate(4);
+  const SE3 T_scene_lidar = sequence.T_scene_world() * sequence.TruePose(4);
+  int on_pane = 0, behind = 0;
+  for (const ScanPoint& p : scan.points) {
+    const double left = (T_scene_lidar * Position(p)).y() - T_scene_lidar.t.y();
+    on_pane += std::abs(left - 1.5) < 0.05 ? 1 : 0;
+    behind += left > 1.6 ? 1 : 0;
+  }
+  EXPECT_GT(on_pane, 200);
+  EXPECT_GT(behind, 3 * on_pane / 2);
+  EXPECT_GT(ShareOff(sequence, 4), 0.03);
+}
+
+TEST(SynthWeather, SprayIsNoiseAndRainIsSome) {
+  SynthOptions options = Bays(10000);
+  options.weather.spray_first = 3;
+  options.weather.spray_scans = 2;
+  options.weather.rain = 0.05;
+  const SynthSequence sequence(options);
+  for (std::size_t i = 1; i < 7; ++i) {
+    const Scan scan = sequence.Generate(i);
+    double farthest = 0.0;
+    for (const ScanPoint& p : scan.points) farthest = std::max(farthest, Position(p).norm());
+    if (i == 3 || i == 4) {
+      EXPECT_LT(farthest, 8.01);
+      EXPECT_GT(ShareOff(sequence, i), 0.9);
+    } else {
+      EXPECT_GT(farthest, 50.0);
+      EXPECT_NEAR(ShareOff(sequence, i), 0.035, 0.02);
+    }
+  }
+}
+
 }  // namespace
 }  // namespace lamina

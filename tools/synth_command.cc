@@ -23,6 +23,7 @@ struct SynthArguments {
   std::string directory;
   std::string sensor = "hdl64", scene = "street", route = "winding";
   std::string layout = "kitti", profile = "constant";
+  std::vector<int> spray;  // first scan, number of scans
   SynthOptions options;
   bool frames_given = false, noise_given = false, sensor_given = false;
   int lines = StationOptions().lines;
@@ -59,6 +60,10 @@ WrittenSequence WriteMovingScene(SynthArguments arguments, const SynthProgress& 
   options.route = ByName<synth::RouteKind>("--route", arguments.route, synth::RouteNames());
   options.profile.kind =
       ByName<synth::ProfileKind>("--profile", arguments.profile, synth::ProfileNames());
+  if (!arguments.spray.empty()) {
+    options.weather.spray_first = arguments.spray[0];
+    options.weather.spray_scans = arguments.spray[1];
+  }
   return WriteSequence(options, arguments.directory, progress);
 }
 
@@ -113,6 +118,18 @@ void AddErrorOptions(CLI::App* command, synth::SensorErrorOptions* o) {
       ->add_option("--dropped-packets", o->dropped_packets,
                    "share of the packets, 75 a scan, that never arrive")
       ->capture_default_str();
+}
+
+void AddWeatherOptions(CLI::App* command, SynthArguments* a) {
+  command
+      ->add_option("--rain", a->options.weather.rain,
+                   "share of the rays that a drop within 15 m returns")
+      ->capture_default_str();
+  command
+      ->add_option("--spray", a->spray,
+                   "FIRST,COUNT: so many scans from this one on are nothing but noise at 1 to 8 m")
+      ->delimiter(',')
+      ->expected(2);
 }
 
 void AddMotionOptions(CLI::App* command, SynthArguments* a) {
@@ -177,6 +194,7 @@ void AddOptions(CLI::App* command, SynthArguments* a) {
   command->add_option("--rings", o.rings, "beams of --sensor spinning; 0: 64")
       ->capture_default_str();
   AddMotionOptions(command, a);
+  AddWeatherOptions(command, a);
   AddErrorOptions(command, &o.errors);
   AddThreadsOption(command, ". The bytes are the same", &a->threads);
 }

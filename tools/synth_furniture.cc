@@ -7,10 +7,6 @@ namespace {
 
 using Eigen::Vector3f;
 
-float Draw(HashStream* random, double low, double high) {
-  return static_cast<float>(random->Uniform(low, high));
-}
-
 }  // namespace
 
 void AddTable(const ShapeBuilder& at, float length, float width, float height) {

@@ -21,10 +21,6 @@ const Vector3f kHallSize(60.0F, 30.0F, 8.0F);
 
 constexpr double kCorridorBlock = 64.0, kCorridorWidth = 2.4, kCorridorHeight = 2.6;
 
-float Draw(HashStream* random, double low, double high) {
-  return static_cast<float>(random->Uniform(low, high));
-}
-
 using Fill = std::function<void(const ShapeBuilder& at)>;
 
 std::unique_ptr<SceneModel> MakeSingleBlock(const Vector3f& room, const Fill& fill) {

@@ -14,10 +14,6 @@ constexpr float kRecess = 0.18F;  // depth of windows behind the facade
 constexpr float kSill = 0.9F, kLintel = 2.25F;
 constexpr float kPi = 3.14159265F;
 
-float Draw(HashStream* random, double low, double high) {
-  return static_cast<float>(random->Uniform(low, high));
-}
-
 // One storey of the facade: sills, piers and a lintel band in front of the core, glass in between.
 void AddFacadeStorey(const ShapeBuilder& at, float width, int windows, int door, Material wall) {
   const float cell = width / static_cast<float>(windows);

@@ -152,8 +152,9 @@ float EllipsoidDistance(const Primitive& p, const Vector3f& point) {
 }  // namespace
 
 float Reflectivity(Material material) {
-  static constexpr std::array<float, 13> kReflectivity = {
-      0.18F, 0.35F, 0.30F, 0.55F, 0.40F, 0.38F, 0.10F, 0.45F, 0.32F, 0.50F, 0.42F, 1.0F, 0.36F};
+  static constexpr std::array<float, 14> kReflectivity = {0.18F, 0.35F, 0.30F, 0.55F, 0.40F,
+                                                          0.38F, 0.10F, 0.45F, 0.32F, 0.50F,
+                                                          0.42F, 1.0F,  0.36F, 0.30F};
   return kReflectivity[static_cast<std::size_t>(material)];
 }
 

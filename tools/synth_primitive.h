@@ -27,6 +27,7 @@ enum class Material : std::uint8_t {
   kCarPaint,
   kRetroreflector,
   kCloth,
+  kPane,  // glass that most rays pass or are mirrored by; kGlass lets rays vanish
 };
 
 // Share of the light that a surface returns at normal incidence, in [0, 1].

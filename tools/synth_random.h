@@ -53,4 +53,8 @@ class HashStream {
   std::uint64_t state_;
 };
 
+inline float Draw(HashStream* random, double low, double high) {
+  return static_cast<float>(random->Uniform(low, high));
+}
+
 }  // namespace lamina::synth

@@ -68,8 +68,9 @@ bool CastInBlock(const Block& block, const Ray& ray, float enter, float leave, f
 }  // namespace
 
 const std::vector<std::string>& SceneNames() {
-  static const std::vector<std::string> names = {"street", "room", "corridor",
-                                                 "stairs", "hall", "bays"};
+  static const std::vector<std::string> names = {
+      "street", "room",   "corridor", "stairs",  "hall",     "bays",  "lorry",
+      "field",  "tunnel", "forest",   "carpark", "pavement", "glass", "lift"};
   return names;
 }
 

@@ -25,7 +25,23 @@
 
 namespace lamina::synth {
 
-enum class SceneKind { kStreet, kRoom, kCorridor, kStairs, kHall, kBays };
+enum class SceneKind {
+  kStreet,
+  kRoom,
+  kCorridor,
+  kStairs,
+  kHall,
+  // Those of synth_trial_scenes.h:
+  kBays,
+  kLorry,
+  kField,
+  kTunnel,
+  kForest,
+  kCarPark,
+  kPavement,
+  kGlass,
+  kLift,
+};
 // In the order of SceneKind.
 const std::vector<std::string>& SceneNames();
 

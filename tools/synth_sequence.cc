@@ -22,19 +22,22 @@ namespace {
 constexpr std::size_t kGroupsPerChunk = 48;
 // Scans in the making may be some apart; the street needs up to 30 blocks around each.
 constexpr std::size_t kMaxCachedBlocks = 64;
+// Shares of the rays that a pane returns, and that it mirrors; it lets the others pass.
+constexpr double kPaneReturns = 0.2, kPaneMirrors = 0.25;
 
 double DefaultSpeed(SceneKind scene) {
   switch (scene) {
     case SceneKind::kStreet:
       return 10.0;
-    case SceneKind::kBays:
-      return 15.0;
     case SceneKind::kRoom:
       return 0.6;
     case SceneKind::kStairs:
       return 0.8;
-    default:
+    case SceneKind::kCorridor:
+    case SceneKind::kHall:
       return 1.2;
+    default:
+      return synth::TrialSpeed(scene);
   }
 }
 
@@ -67,6 +70,7 @@ void SynthOptions::Visit(OptionVisitor& v) {
   v.Integer("rings", &rings, 0, 512);
   v.Group("profile", &profile);
   v.Group("errors", &errors);
+  v.Group("weather", &weather);
 }
 
 // What one chunk of groups measured.
@@ -166,6 +170,41 @@ synth::SceneView SynthSequence::ViewAround(const Eigen::Vector3d& p_world, doubl
   return scene_->ViewAround(T_scene_world_ * p_world, radius_m);
 }
 
+std::optional<SceneHit> SynthSequence::CastRay(const FrameContext& frame,
+                                               const std::vector<synth::UprightPose>& mover_poses,
+                                               const Eigen::Vector3d& origin,
+                                               const Eigen::Vector3d& direction,
+                                               std::uint64_t key) const {
+  const double max_range = sensor_.max_range_m();
+  constexpr int kMostPanes = 4;
+  Eigen::Vector3d from = origin, along = direction;
+  double way = 0.0;
+  for (int panes = 0;; ++panes) {
+    std::optional<SceneHit> hit = frame.view.Cast(from, along, max_range - way);
+    for (std::size_t m = 0; m < frame.movers.size(); ++m) {
+      const double nearer = hit ? hit->range_m : max_range - way;
+      const auto closer = frame.movers[m]->Cast(mover_poses[m], from, along, nearer);
+      if (closer) hit = closer;
+    }
+    if (!hit) return std::nullopt;
+    const bool is_pane = hit->material == synth::Material::kPane;
+    const double chance =
+        is_pane ? synth::UniformFrom(synth::HashOf({static_cast<std::int64_t>(key), 0x9a4e, panes}))
+                : 0.0;
+    if (!is_pane || chance < kPaneReturns || panes == kMostPanes) {
+      hit->range_m += way;
+      return hit;
+    }
+    // Beyond the pane, or back from it.
+    constexpr double kClearM = 1e-3;
+    const Eigen::Vector3d normal = hit->normal.cast<double>();
+    way += hit->range_m;
+    from += hit->range_m * along;
+    if (chance < kPaneReturns + kPaneMirrors) along -= 2.0 * along.dot(normal) * normal;
+    from += kClearM * along;
+  }
+}
+
 void SynthSequence::CastGroup(const FrameContext& frame, std::size_t group,
                               std::vector<Eigen::Vector3d>* directions, Returns* out) const {
   if (errors_->IsDropped(frame.index, group, sensor_.groups())) return;
@@ -176,32 +215,36 @@ void SynthSequence::CastGroup(const FrameContext& frame, std::size_t group,
   sensor_.Directions(frame.index, group, directions);
   std::vector<synth::UprightPose> mover_poses;
   mover_poses.reserve(frame.movers.size());
-  for (const synth::Mover* mover : frame.movers)
+  for (const synth::Mover* mover : frame.movers) {
     mover_poses.push_back(mover->At(profile_->DriveTime(t)));
+  }
+  const auto add = [&](const Eigen::Vector3d& direction, double range, float intensity) {
+    const Eigen::Vector3f p = (range * direction).cast<float>();
+    out->points.push_back({p.x(), p.y(), p.z(), intensity});
+    if (!options_.sweep) return;
+    out->time_s.push_back(static_cast<float>(since_stamp + errors_->time_offset_s()));
+  };
   for (std::size_t ray = 0; ray < directions->size(); ++ray) {
-    const Eigen::Vector3d direction = R * errors_->Fired(ray, (*directions)[ray]);
-    std::optional<SceneHit> hit =
-        frame.view.Cast(T_scene_lidar.t, direction, sensor_.max_range_m());
-    for (std::size_t m = 0; m < frame.movers.size(); ++m) {
-      const double nearer = hit ? hit->range_m : sensor_.max_range_m();
-      const auto closer = frame.movers[m]->Cast(mover_poses[m], T_scene_lidar.t, direction, nearer);
-      if (closer) hit = closer;
-    }
-    if (!hit || hit->range_m < sensor_.min_range_m()) continue;
     const auto number = static_cast<std::int64_t>(group * directions->size() + ray);
     const std::uint64_t key = synth::HashOf({options_.seed, frame.index, number});
+    const Eigen::Vector3d direction = R * errors_->Fired(ray, (*directions)[ray]);
+    const std::optional<SceneHit> hit =
+        CastRay(frame, mover_poses, T_scene_lidar.t, direction, key);
+    const auto drop = synth::DropRange(options_.weather, frame.index, key);
+    if (drop && (!hit || *drop < hit->range_m || options_.weather.IsSpray(frame.index))) {
+      add((*directions)[ray], *drop, 0.0F);
+      continue;
+    }
+    if (!hit || hit->range_m < sensor_.min_range_m()) continue;
     const double cosine = std::abs(hit->normal.cast<double>().dot(direction));
     if (!synth::IsReturned(hit->material, hit->range_m, cosine, sensor_.max_range_m(),
                            synth::UniformFrom(synth::ScrambleBits(key)))) {
       continue;
     }
-    const double range = hit->range_m + errors_->RangeBias(ray, cosine) +
-                         options_.noise_m * synth::GaussianFrom(key);
-    const Eigen::Vector3f p = (range * (*directions)[ray]).cast<float>();
-    out->points.push_back({p.x(), p.y(), p.z(), synth::IntensityOf(hit->material, cosine)});
-    if (options_.sweep) {
-      out->time_s.push_back(static_cast<float>(since_stamp + errors_->time_offset_s()));
-    }
+    add((*directions)[ray],
+        hit->range_m + errors_->RangeBias(ray, cosine) +
+            options_.noise_m * synth::GaussianFrom(key),
+        synth::IntensityOf(hit->material, cosine));
   }
 }
 

@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -25,6 +26,7 @@
 #include "tools/synth_scene.h"
 #include "tools/synth_sensor.h"
 #include "tools/synth_sensor_errors.h"
+#include "tools/synth_weather.h"
 
 namespace lamina {
 
@@ -35,11 +37,11 @@ struct SynthOptions {
   int seed = 1;
   // Standard deviation of the range. Metres.
   double noise_m = 0.02;
-  // Moving cars and people.
+  // Moving cars and people, beside those that belong to the scene.
   int movers = 0;
   // Fire each ray from where the sensor is at that ray's instant, at things where they are then.
   bool sweep = false;
-  // Mean speed of the sensor; 0: the scene's own (street 10, bays 15, hall 1.2, others less).
+  // Mean speed of the sensor; 0: the scene's own (street 10, hall 1.2; TrialSpeed).
   double speed_m_per_s = 0.0;
   // Street: where to drive, and the number of blocks along each side of a loop.
   synth::RouteKind route = synth::RouteKind::kWinding;
@@ -49,6 +51,7 @@ struct SynthOptions {
   int rings = 0;
   synth::ProfileOptions profile;
   synth::SensorErrorOptions errors;
+  synth::WeatherOptions weather;
 
   void Visit(OptionVisitor& v);
 };
@@ -87,6 +90,11 @@ class SynthSequence {
   void BuildStreet();
   void BuildIndoors();
   void BuildTrial();
+  // What a ray brings back, if anything; its range is that of the whole way.
+  std::optional<synth::SceneHit> CastRay(const FrameContext& frame,
+                                         const std::vector<synth::UprightPose>& mover_poses,
+                                         const Eigen::Vector3d& origin,
+                                         const Eigen::Vector3d& direction, std::uint64_t key) const;
   void CastGroup(const FrameContext& frame, std::size_t group,
                  std::vector<Eigen::Vector3d>* directions, Returns* out) const;
 

@@ -16,10 +16,6 @@ using Eigen::Vector3f;
 constexpr float kHalfTurn = 3.14159265F;
 constexpr double kTripod = 1.1;  // metres above the floor
 
-float Draw(HashStream* random, double low, double high) {
-  return static_cast<float>(random->Uniform(low, high));
-}
-
 constexpr float kDoor = 0.95F, kDoorHeight = 2.05F, kWall = 0.12F, kCeiling = 2.6F;
 
 // Along x from 0 to `length`, on y in [0, kWall], with doors that begin at these places.

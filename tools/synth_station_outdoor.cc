@@ -15,10 +15,6 @@ using Eigen::Vector3f;
 constexpr float kHalfTurn = 3.14159265F;
 constexpr double kTripod = 1.1;
 
-float Draw(HashStream* random, double low, double high) {
-  return static_cast<float>(random->Uniform(low, high));
-}
-
 // Waves of ground, the longest `amplitude_m` high, shorter ones in proportion.
 class Slopes {
  public:

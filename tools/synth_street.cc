@@ -50,10 +50,6 @@ class Frontage {
   float length_ = 0.0F;
 };
 
-float Draw(HashStream* random, double low, double high) {
-  return static_cast<float>(random->Uniform(low, high));
-}
-
 // What separates a front garden from the pavement.
 void AddBorder(const Frontage& side, float u, float length, float v, HashStream* random) {
   // In short pieces, which follow the ground.
