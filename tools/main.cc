@@ -12,6 +12,7 @@
 #include <new>
 
 #include "core/error.h"
+#include "tools/adverse_command.h"
 #include "tools/compare_command.h"
 #include "tools/eval_command.h"
 #include "tools/export_command.h"
@@ -44,6 +45,7 @@ int main(int argc, char** argv) {
   lamina::AddSynthCommand(&app, &run);
   lamina::AddSimulateCommand(&app, &run);
   lamina::AddCompareCommand(&app, &run);
+  lamina::AddAdverseCommand(&app, &run);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -52,9 +52,9 @@ WrittenSequence WriteStationScene(const SynthArguments& arguments, const SynthPr
   return WriteStations(options, layout, arguments.directory, progress);
 }
 
-// Scenes of a sensor that is carried on all the while.
-WrittenSequence WriteMovingScene(SynthArguments arguments, const SynthProgress& progress) {
-  SynthOptions& options = arguments.options;
+// Of scenes of a sensor that is carried on all the while.
+SynthOptions MovingSceneOptions(const SynthArguments& arguments) {
+  SynthOptions options = arguments.options;
   options.sensor = ByName<synth::SensorKind>("--sensor", arguments.sensor, synth::SensorNames());
   options.scene = ByName<synth::SceneKind>("--scene", arguments.scene, synth::SceneNames());
   options.route = ByName<synth::RouteKind>("--route", arguments.route, synth::RouteNames());
@@ -64,7 +64,7 @@ WrittenSequence WriteMovingScene(SynthArguments arguments, const SynthProgress& 
     options.weather.spray_first = arguments.spray[0];
     options.weather.spray_scans = arguments.spray[1];
   }
-  return WriteSequence(options, arguments.directory, progress);
+  return options;
 }
 
 int RunSynth(const SynthArguments& arguments) {
@@ -85,7 +85,8 @@ int RunSynth(const SynthArguments& arguments) {
                       fmt::format("{}", fmt::join(StationSceneNames(), ", ")));
   }
   const WrittenSequence written =
-      stations ? WriteStationScene(arguments, progress) : WriteMovingScene(arguments, progress);
+      stations ? WriteStationScene(arguments, progress)
+               : WriteSequence(MovingSceneOptions(arguments), arguments.directory, progress);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   fmt::print("{} frames, {} points ({} a frame) in {:.1f} s, {:.1f} frames/s; truth: {}\n",
              written.frames, written.points, written.points / written.frames, elapsed.count(),
@@ -145,8 +146,6 @@ void AddMotionOptions(CLI::App* command, SynthArguments* a) {
 
 void AddOptions(CLI::App* command, SynthArguments* a) {
   SynthOptions& o = a->options;
-  command->add_option("--out", a->directory, "directory to write into; created if need be")
-      ->required();
   command
       ->add_option(
           "--frames", o.frames,
@@ -196,16 +195,32 @@ void AddOptions(CLI::App* command, SynthArguments* a) {
   AddMotionOptions(command, a);
   AddWeatherOptions(command, a);
   AddErrorOptions(command, &o.errors);
-  AddThreadsOption(command, ". The bytes are the same", &a->threads);
 }
 
 }  // namespace
+
+SynthOptions ParseSynthOptions(const std::vector<std::string>& texts) {
+  SynthArguments arguments;
+  for (const std::string& text : texts) {
+    CLI::App app;
+    AddOptions(&app, &arguments);
+    try {
+      app.parse(text, false);
+    } catch (const CLI::ParseError& error) {
+      throw OptionError(fmt::format("options of lamina synth '{}': {}", text, error.what()));
+    }
+  }
+  return MovingSceneOptions(arguments);
+}
 
 void AddSynthCommand(CLI::App* app, std::function<int()>* run) {
   CLI::App* command = app->add_subcommand(
       "synth", "Write a synthetic recording (layout of KITTI odometry) with exact ground truth");
   const auto arguments = std::make_shared<SynthArguments>();
+  command->add_option("--out", arguments->directory, "directory to write into; created if need be")
+      ->required();
   AddOptions(command, arguments.get());
+  AddThreadsOption(command, ". The bytes are the same", &arguments->threads);
   command->callback([arguments, run, command] {
     arguments->frames_given = command->count("--frames") > 0;
     arguments->noise_given = command->count("--noise") > 0;

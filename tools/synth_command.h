@@ -2,6 +2,10 @@
 #pragma once
 
 #include <functional>
+#include <string>
+#include <vector>
+
+#include "tools/synth_sequence.h"
 
 namespace CLI {
 class App;
@@ -13,5 +17,9 @@ namespace lamina {
 // the work; it returns the exit code and throws OptionError or OutputError. `run` must outlive the
 // parsing.
 void AddSynthCommand(CLI::App* app, std::function<int()>* run);
+
+// The options of a moving sensor as the command line has them ("--scene bays --points 2000"); a
+// later text overrides an earlier one. Throws OptionError.
+SynthOptions ParseSynthOptions(const std::vector<std::string>& texts);
 
 }  // namespace lamina

@@ -1,0 +1,104 @@
+#include "tools/adverse_promises.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <fstream>
+#include <sstream>
+
+#include "core/error.h"
+
+namespace lamina {
+namespace {
+
+constexpr std::size_t kColumns = 7;
+constexpr const char* kForAll = "(all)";
+
+std::string Trimmed(std::string text) {
+  text.erase(std::remove(text.begin(), text.end(), '`'), text.end());
+  const auto begin = text.find_first_not_of(" \t\r");
+  if (begin == std::string::npos) return "";
+  return text.substr(begin, text.find_last_not_of(" \t\r") - begin + 1);
+}
+
+// The cells of a line of a table; none for other lines.
+std::vector<std::string> Cells(const std::string& line) {
+  std::vector<std::string> cells;
+  std::istringstream stream(Trimmed(line));
+  std::string cell;
+  if (!std::getline(stream, cell, '|') || !cell.empty()) return {};
+  while (std::getline(stream, cell, '|')) cells.push_back(Trimmed(cell));
+  return cells;
+}
+
+std::vector<std::string> Words(const std::string& text) {
+  std::istringstream stream(text);
+  std::vector<std::string> words;
+  for (std::string word; stream >> word;) words.push_back(word);
+  return words;
+}
+
+// Where a row stands, for messages.
+struct Row {
+  std::string place;
+  std::vector<std::string> cells;
+
+  template <typename T>
+  T Number(std::size_t column, const char* name) const {
+    const std::string& text = cells[column];
+    T value = 0;
+    const auto [rest, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+    if (error != std::errc() || rest != text.data() + text.size() || !(value >= 0)) {
+      throw InputError(fmt::format("{}: {} = '{}': must be a number >= 0", place, name, text));
+    }
+    return value;
+  }
+  std::optional<int> Most(std::size_t column, const char* name) const {
+    if (cells[column] == "any") return std::nullopt;
+    return Number<int>(column, name);
+  }
+};
+
+bool IsHeading(const std::vector<std::string>& cells) {
+  return cells[0] == "name" || cells[0].find_first_not_of("-:") == std::string::npos;
+}
+
+}  // namespace
+
+std::vector<Promise> ReadPromises(const std::string& path) {
+  std::ifstream file(path);
+  if (!file) throw InputError(path + ": cannot be read");
+  std::vector<Promise> promises;
+  Promise for_all;
+  std::string line;
+  for (int number = 1; std::getline(file, line); ++number) {
+    const Row row{fmt::format("{}:{}", path, number), Cells(line)};
+    if (row.cells.empty() || IsHeading(row.cells)) continue;
+    if (row.cells.size() != kColumns) {
+      throw InputError(
+          fmt::format("{}: {} columns; a promise has {}", row.place, row.cells.size(), kColumns));
+    }
+    Promise promise = for_all;
+    promise.name = row.cells[0];
+    promise.synth.push_back(row.cells[1]);
+    for (const std::string& word : Words(row.cells[2])) promise.set.push_back(word);
+    if (promise.name == kForAll) {
+      for_all = promise;
+      continue;
+    }
+    promise.within_m = row.Number<double>(3, "within m");
+    promise.lost = row.Most(4, "lost");
+    promise.degenerate = row.Most(5, "degenerate");
+    promise.tried = row.cells[6];
+    const auto same = [&](const Promise& p) { return p.name == promise.name; };
+    if (std::any_of(promises.begin(), promises.end(), same)) {
+      throw InputError(fmt::format("{}: a second promise named {}", row.place, promise.name));
+    }
+    promises.push_back(promise);
+  }
+  if (promises.empty()) throw InputError(path + ": no promise in it");
+  return promises;
+}
+
+}  // namespace lamina

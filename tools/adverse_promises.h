@@ -1,0 +1,37 @@
+// What is promised for adverse scenes: a Markdown table that a person reads and `lamina adverse`
+// tries.
+//
+// Rows of seven columns count; the heading, its line of dashes and all text around the table do
+// not:
+//
+//   name         of the trial
+//   lamina synth options of the scene, as on its command line; `code` quotes are dropped
+//   lamina run   key=value pairs of the configuration
+//   within m     of the truth: every frame that is reported neither lost nor degenerate
+//   lost         so many frames at most are lost or skipped, and the map stays in one piece; any:
+//                both are free
+//   degenerate   so many frames at most are degenerate; any
+//   tried        what it is about, in words
+//
+// A row named (all) comes first, if there is one: its options precede those of each other row.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace lamina {
+
+struct Promise {
+  std::string name;
+  std::vector<std::string> synth;  // for ParseSynthOptions
+  std::vector<std::string> set;    // key=value, for LoadConfig
+  double within_m = 0.1;
+  std::optional<int> lost, degenerate;  // at most; none: any number
+  std::string tried;
+};
+
+// Throws InputError, naming file, line and rule.
+std::vector<Promise> ReadPromises(const std::string& path);
+
+}  // namespace lamina
