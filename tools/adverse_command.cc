@@ -88,7 +88,8 @@ class Trials {
     const Promise& promise = promises_[k / seeds_];
     const int seed = arguments_.first_seed + static_cast<int>(k % seeds_);
     const Trial trial = MapTrial(promise, seed, arguments_.set);
-    SeedResult result{seed, JudgeTrial(trial.frames, promise), trial.cpu_s, trial.frames.size()};
+    SeedResult result{seed, JudgeTrial(trial.frames, promise), CheckCovariance(trial.frames),
+                      trial.cpu_s, trial.frames.size()};
     const fs::path path =
         fs::path(arguments_.out) / "frames" / fmt::format("{}_{}.csv", promise.name, seed);
     WriteTextFile(path.string(), FramesCsv(trial.frames, result.verdict));

@@ -28,6 +28,9 @@ struct TrialFrame {
   std::string status;      // as in frames.csv
   std::int64_t piece = 0;  // of the map; its poses have one frame
   SE3 T_world_lidar, T_world_lidar_true;
+  // As the match reported them: the pose before any adjustment, and its covariance.
+  SE3 T_world_matched;
+  Matrix6d covariance = Matrix6d::Zero();
   double worst_sigma_m = 0.0;
 };
 

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <filesystem>
 #include <fstream>
 #include <sstream>
 
@@ -37,6 +38,10 @@ std::vector<std::string> Words(const std::string& text) {
   std::vector<std::string> words;
   for (std::string word; stream >> word;) words.push_back(word);
   return words;
+}
+
+bool IsConfiguration(const std::string& word) {
+  return std::filesystem::path(word).extension() == ".yaml";
 }
 
 // Where a row stands, for messages.
@@ -82,7 +87,13 @@ std::vector<Promise> ReadPromises(const std::string& path) {
     Promise promise = for_all;
     promise.name = row.cells[0];
     promise.synth.push_back(row.cells[1]);
-    for (const std::string& word : Words(row.cells[2])) promise.set.push_back(word);
+    for (const std::string& word : Words(row.cells[2])) {
+      if (IsConfiguration(word)) {
+        promise.config = (std::filesystem::path(path).parent_path() / word).string();
+      } else {
+        promise.set.push_back(word);
+      }
+    }
     if (promise.name == kForAll) {
       for_all = promise;
       continue;

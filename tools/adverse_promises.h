@@ -6,7 +6,7 @@
 //
 //   name         of the trial
 //   lamina synth options of the scene, as on its command line; `code` quotes are dropped
-//   lamina run   key=value pairs of the configuration
+//   lamina run   a configuration, NAME.yaml relative to the file, then key=value pairs
 //   within m     of the truth: every frame that is reported neither lost nor degenerate
 //   lost         so many frames at most are lost or skipped, and the map stays in one piece; any:
 //                both are free
@@ -25,7 +25,8 @@ namespace lamina {
 struct Promise {
   std::string name;
   std::vector<std::string> synth;  // for ParseSynthOptions
-  std::vector<std::string> set;    // key=value, for LoadConfig
+  std::string config;              // both for LoadConfig
+  std::vector<std::string> set;
   double within_m = 0.1;
   std::optional<int> lost, degenerate;  // at most; none: any number
   std::string tried;

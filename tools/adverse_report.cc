@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 
 namespace lamina {
 namespace {
@@ -18,6 +19,10 @@ std::string Most(std::size_t count, const std::optional<int>& most) {
   return most ? fmt::format("{} / {}", count, *most) : fmt::format("{} / any", count);
 }
 
+std::string IfAny(double figure) {
+  return std::isnan(figure) ? "-" : fmt::format("{:.1f}", figure);
+}
+
 std::string Row(const PromiseResults& results) {
   const Promise& promise = results.promise;
   double cpu_s = 0.0, frames = 0.0;
@@ -27,7 +32,7 @@ std::string Row(const PromiseResults& results) {
   }
   const std::size_t all = results.trials.size();
   return fmt::format(
-      "| {} | {} | {:.3f} / {} | {:.2f} | {} | {} | {} | {:.1f} |\n", promise.name,
+      "| {} | {} | {:.3f} / {} | {:.2f} | {} | {} | {} | {} | {} | {:.1f} |\n", promise.name,
       results.kept() == all ? fmt::format("all {}", all)
                             : fmt::format("**{} of {}**", results.kept(), all),
       Largest(results, [](const SeedResult& t) { return t.verdict.worst_m; }), promise.within_m,
@@ -35,7 +40,10 @@ std::string Row(const PromiseResults& results) {
       Most(Largest(results, [](const SeedResult& t) { return t.verdict.lost; }), promise.lost),
       Most(Largest(results, [](const SeedResult& t) { return t.verdict.degenerate; }),
            promise.degenerate),
-      Largest(results, [](const SeedResult& t) { return t.verdict.pieces; }), 1e3 * cpu_s / frames);
+      Largest(results, [](const SeedResult& t) { return t.verdict.pieces; }),
+      IfAny(Largest(results, [](const SeedResult& t) { return t.covariance.nees_per_dof; })),
+      IfAny(Largest(results, [](const SeedResult& t) { return t.covariance.worst_ratio; })),
+      1e3 * cpu_s / frames);
 }
 
 }  // namespace
@@ -48,7 +56,8 @@ std::size_t PromiseResults::kept() const {
 std::string PromiseTable(const std::vector<PromiseResults>& results) {
   std::string text =
       "| scene | kept | worst m / promised | worst deg | lost / promised | degenerate / promised | "
-      "pieces | CPU ms a frame |\n|---|---|---|---|---|---|---|---|\n";
+      "pieces | NEES / 6 | error / sigma | CPU ms a frame |\n"
+      "|---|---|---|---|---|---|---|---|---|---|\n";
   for (const PromiseResults& r : results) text += Row(r);
   std::string broken;
   for (const PromiseResults& r : results) {
@@ -64,13 +73,15 @@ std::string PromiseTable(const std::vector<PromiseResults>& results) {
 
 std::string TrialsCsv(const std::vector<PromiseResults>& results) {
   std::string text =
-      "name,seed,kept,worst_m,worst_deg,worst_frame,judged,lost,degenerate,pieces,cpu_s\n";
+      "name,seed,kept,worst_m,worst_deg,worst_frame,judged,lost,degenerate,pieces,"
+      "nees_per_dof,sigma_ratio,cpu_s\n";
   for (const PromiseResults& r : results) {
     for (const SeedResult& t : r.trials) {
       const Verdict& v = t.verdict;
-      text += fmt::format("{},{},{},{:.5f},{:.4f},{},{},{},{},{},{:.3f}\n", r.promise.name, t.seed,
-                          v.kept ? 1 : 0, v.worst_m, v.worst_deg, v.worst_frame, v.judged, v.lost,
-                          v.degenerate, v.pieces, t.cpu_s);
+      text += fmt::format("{},{},{},{:.5f},{:.4f},{},{},{},{},{},{:.3f},{:.3f},{:.3f}\n",
+                          r.promise.name, t.seed, v.kept ? 1 : 0, v.worst_m, v.worst_deg,
+                          v.worst_frame, v.judged, v.lost, v.degenerate, v.pieces,
+                          t.covariance.nees_per_dof, t.covariance.worst_ratio, t.cpu_s);
     }
   }
   return text;

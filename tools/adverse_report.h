@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "tools/adverse_covariance.h"
 #include "tools/adverse_judge.h"
 
 namespace lamina {
@@ -11,6 +12,7 @@ namespace lamina {
 struct SeedResult {
   int seed = 0;
   Verdict verdict;
+  CovarianceCheck covariance;
   double cpu_s = 0.0;
   std::size_t frames = 0;
 };

@@ -53,7 +53,7 @@ std::shared_ptr<const SynthSequence> MakeSequence(const Promise& promise, int se
 MappingOptions OptionsOf(const Promise& promise, const std::vector<std::string>& set) {
   std::vector<std::string> key_values = promise.set;
   key_values.insert(key_values.end(), set.begin(), set.end());
-  return LoadConfig("", key_values).Mapping();
+  return LoadConfig(promise.config, key_values).Mapping();
 }
 
 }  // namespace
@@ -84,6 +84,8 @@ Trial MapTrial(const Promise& promise, int seed, const std::vector<std::string>&
     TrialFrame& frame = trial.frames[report.index];
     frame.status = record.status;
     frame.piece = static_cast<std::int64_t>(running->counts().restarts);
+    frame.T_world_matched = record.T_world_lidar;
+    frame.covariance = record.covariance;
     frame.worst_sigma_m = record.worst_sigma_m;
   };
   callbacks.on_final_pose = [&](const FinalPose& pose) {
