@@ -1,4 +1,4 @@
-// tools/soak as far as it can be tried without a trial, which would take long.
+// tools/soak and tools/adverse as far as they can be tried without a trial, which would take long.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -30,6 +30,13 @@ TEST_F(SoakTest, IsWellFormedAndExplainsItself) {
   EXPECT_EQ(Bash(script_ + " --help"), 0);
   EXPECT_THAT(Bytes(Path("out")), AllOf(HasSubstr("tools/soak kills"), HasSubstr("route"),
                                         HasSubstr("overload"), HasSubstr("latency")));
+}
+
+TEST_F(SoakTest, TheScriptForAdverseScenesExplainsItself) {
+  const std::string script = "'" LAMINA_SOURCE_DIR "/tools/adverse'";
+  EXPECT_EQ(Bash("-n " + script), 0) << Bytes(Path("out"));
+  EXPECT_EQ(Bash(script + " --help"), 0);
+  EXPECT_THAT(Bytes(Path("out")), AllOf(HasSubstr("adverse_promises.md"), HasSubstr("--seeds 3")));
 }
 
 TEST_F(SoakTest, RefusesWhatItDoesNotKnow) {
