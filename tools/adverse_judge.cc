@@ -35,12 +35,28 @@ SE3 FitPiece(const std::vector<TrialFrame>& frames, const std::vector<std::size_
   return AlignTrajectories(estimate, truth, Alignment::kSe3);
 }
 
+// Over stretches of 100 m; 0 if there is none.
+double DriftPercent(const std::vector<TrialFrame>& frames, const std::vector<std::size_t>& judged) {
+  if (judged.size() < 2) return 0.0;
+  Trajectory estimate, truth;
+  for (const std::size_t i : judged) {
+    estimate.push_back({frames[i].stamp_ns, frames[i].T_world_lidar});
+    truth.push_back({frames[i].stamp_ns, frames[i].T_world_lidar_true});
+  }
+  const SegmentError error =
+      CompareTrajectories(estimate, truth, Alignment::kFirst).kitti_segments.front();
+  return error.segments > 0 ? error.translation_percent : 0.0;
+}
+
 std::string WhatIsBroken(const Verdict& verdict, const Promise& promise) {
   std::vector<std::string> broken;
   if (!(verdict.worst_m <= promise.within_m)) {
     broken.push_back(fmt::format("{:.3f} m off", verdict.worst_m));
   }
-  if (!(verdict.worst_deg <= kMostTurnDeg)) {
+  if (!(verdict.drift_percent <= promise.drift_percent)) {
+    broken.push_back(fmt::format("{:.2f} % drift", verdict.drift_percent));
+  }
+  if (std::isfinite(promise.within_m) && !(verdict.worst_deg <= kMostTurnDeg)) {
     broken.push_back(fmt::format("{:.2f} deg off", verdict.worst_deg));
   }
   if (promise.lost && verdict.lost > static_cast<std::size_t>(*promise.lost)) {
@@ -74,6 +90,7 @@ Verdict JudgeTrial(const std::vector<TrialFrame>& frames, const Promise& promise
   }
   verdict.pieces = pieces.size();
   for (const auto& [piece, judged] : pieces) {
+    verdict.drift_percent = std::max(verdict.drift_percent, DriftPercent(frames, judged));
     const SE3 fit = FitPiece(frames, judged);
     for (const std::size_t i : judged) {
       const SE3 error = (fit * frames[i].T_world_lidar).Inverse() * frames[i].T_world_lidar_true;

@@ -6,7 +6,8 @@
 // along the three axes of each sensor frame (so that a sensor that only turns has a fit, too).
 // What remains is the error of a frame: the distance of its position, and the angle.
 //
-// Kept means: no judged frame is farther off than promised, or turned by more than kMostTurnDeg;
+// Kept means: no judged frame is farther off than promised, or turned by more than kMostTurnDeg
+// (where a drift is promised: no piece drifts more than that, and frames may be anywhere);
 // no more frames are lost or degenerate than promised; and, where losing it is a failure, all
 // judged frames belong to one piece.
 #pragma once
@@ -38,6 +39,7 @@ struct Verdict {
   bool kept = false;
   std::string broken;                     // what was not kept, in words; empty if all was
   double worst_m = 0.0, worst_deg = 0.0;  // of the judged frames
+  double drift_percent = 0.0;             // of the worst piece; 0 if none goes over 100 m
   std::size_t worst_frame = 0;            // the farthest off
   std::size_t judged = 0, lost = 0, degenerate = 0, pieces = 0;
   // Of each frame; NaN for frames that are not judged.

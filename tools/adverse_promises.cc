@@ -51,7 +51,10 @@ struct Row {
 
   template <typename T>
   T Number(std::size_t column, const char* name) const {
-    const std::string& text = cells[column];
+    return Number<T>(cells[column], name);
+  }
+  template <typename T>
+  T Number(const std::string& text, const char* name) const {
     T value = 0;
     const auto [rest, error] = std::from_chars(text.data(), text.data() + text.size(), value);
     if (error != std::errc() || rest != text.data() + text.size() || !(value >= 0)) {
@@ -67,6 +70,16 @@ struct Row {
 
 bool IsHeading(const std::vector<std::string>& cells) {
   return cells[0] == "name" || cells[0].find_first_not_of("-:") == std::string::npos;
+}
+
+void ReadBound(const Row& row, Promise* promise) {
+  const std::string& text = row.cells[3];
+  if (text.empty() || text.back() != '%') {
+    promise->within_m = row.Number<double>(text, "within m");
+    return;
+  }
+  promise->within_m = std::numeric_limits<double>::infinity();
+  promise->drift_percent = row.Number<double>(Trimmed(text.substr(0, text.size() - 1)), "within m");
 }
 
 }  // namespace
@@ -98,7 +111,7 @@ std::vector<Promise> ReadPromises(const std::string& path) {
       for_all = promise;
       continue;
     }
-    promise.within_m = row.Number<double>(3, "within m");
+    ReadBound(row, &promise);
     promise.lost = row.Most(4, "lost");
     promise.degenerate = row.Most(5, "degenerate");
     promise.tried = row.cells[6];

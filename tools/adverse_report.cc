@@ -23,6 +23,16 @@ std::string IfAny(double figure) {
   return std::isnan(figure) ? "-" : fmt::format("{:.1f}", figure);
 }
 
+// What was promised of the poses, after what came of it.
+std::string Bound(const PromiseResults& results) {
+  if (std::isfinite(results.promise.drift_percent)) {
+    const auto drift = [](const SeedResult& t) { return t.verdict.drift_percent; };
+    return fmt::format("{:.2f} % / {} %", Largest(results, drift), results.promise.drift_percent);
+  }
+  const auto worst = [](const SeedResult& t) { return t.verdict.worst_m; };
+  return fmt::format("{:.3f} / {}", Largest(results, worst), results.promise.within_m);
+}
+
 std::string Row(const PromiseResults& results) {
   const Promise& promise = results.promise;
   double cpu_s = 0.0, frames = 0.0;
@@ -32,11 +42,10 @@ std::string Row(const PromiseResults& results) {
   }
   const std::size_t all = results.trials.size();
   return fmt::format(
-      "| {} | {} | {:.3f} / {} | {:.2f} | {} | {} | {} | {} | {} | {:.1f} |\n", promise.name,
+      "| {} | {} | {} | {:.2f} | {} | {} | {} | {} | {} | {:.1f} |\n", promise.name,
       results.kept() == all ? fmt::format("all {}", all)
                             : fmt::format("**{} of {}**", results.kept(), all),
-      Largest(results, [](const SeedResult& t) { return t.verdict.worst_m; }), promise.within_m,
-      Largest(results, [](const SeedResult& t) { return t.verdict.worst_deg; }),
+      Bound(results), Largest(results, [](const SeedResult& t) { return t.verdict.worst_deg; }),
       Most(Largest(results, [](const SeedResult& t) { return t.verdict.lost; }), promise.lost),
       Most(Largest(results, [](const SeedResult& t) { return t.verdict.degenerate; }),
            promise.degenerate),
@@ -73,14 +82,14 @@ std::string PromiseTable(const std::vector<PromiseResults>& results) {
 
 std::string TrialsCsv(const std::vector<PromiseResults>& results) {
   std::string text =
-      "name,seed,kept,worst_m,worst_deg,worst_frame,judged,lost,degenerate,pieces,"
+      "name,seed,kept,worst_m,drift_percent,worst_deg,worst_frame,judged,lost,degenerate,pieces,"
       "nees_per_dof,sigma_ratio,cpu_s\n";
   for (const PromiseResults& r : results) {
     for (const SeedResult& t : r.trials) {
       const Verdict& v = t.verdict;
-      text += fmt::format("{},{},{},{:.5f},{:.4f},{},{},{},{},{},{:.3f},{:.3f},{:.3f}\n",
-                          r.promise.name, t.seed, v.kept ? 1 : 0, v.worst_m, v.worst_deg,
-                          v.worst_frame, v.judged, v.lost, v.degenerate, v.pieces,
+      text += fmt::format("{},{},{},{:.5f},{:.4f},{:.4f},{},{},{},{},{},{:.3f},{:.3f},{:.3f}\n",
+                          r.promise.name, t.seed, v.kept ? 1 : 0, v.worst_m, v.drift_percent,
+                          v.worst_deg, v.worst_frame, v.judged, v.lost, v.degenerate, v.pieces,
                           t.covariance.nees_per_dof, t.covariance.worst_ratio, t.cpu_s);
     }
   }
