@@ -50,7 +50,10 @@ void SessionOptions::Visit(OptionVisitor& v) {
 }
 
 Session::Session(SessionSetup setup, SessionHooks hooks)
-    : setup_(std::move(setup)), hooks_(std::move(hooks)), trajectory_(setup_.folder) {
+    : setup_(std::move(setup)),
+      hooks_(std::move(hooks)),
+      trajectory_(setup_.folder),
+      backup_(Path("session.db"), Path("session.db.backup")) {
   CheckOptions(setup_.session, "session");
   Lock();
   try {
@@ -129,7 +132,7 @@ void Session::OpenDatabase() {
     spdlog::error("{}; going back to the copy of the last checkpoint", error.what());
   }
   MoveAwayDamaged(path);
-  SessionDatabase::RollBackUnfinished(backup);
+  SessionBackup::RollBack(backup);
   std::error_code error;
   fs::copy_file(backup, path, error);
   if (error) throw OutputError(fmt::format("{}: cannot be copied: {}", backup, error.message()));
@@ -276,12 +279,20 @@ void Session::OnSettled() {
   }
   if (job_) {
     ContinueCheckpoint();
-  } else if (checkpoint_requested_ ||
+  } else if (checkpoint_requested_ || TilesTurnedOver() ||
              next_ - last_checkpoint_ >= setup_.session.checkpoint_every_scans) {
     BeginCheckpoint();
   }
   TidyTiles();
   PublishTrajectory();
+}
+
+// What has come back from disk stays in the file of the tiles until two more checkpoints are there:
+// with one for each quarter of the map that comes back, that is less than what is alive.
+bool Session::TilesTurnedOver() const {
+  constexpr std::size_t kLeast = 400;
+  const std::size_t alive = tiles_->records() + pipeline_->map().roots();
+  return tiles_->taken() - taken_at_checkpoint_ > std::max(kLeast, alive / 4);
 }
 
 // Whether a scan that is repeated could be read the first time, and cannot now.

@@ -39,6 +39,7 @@
 #include "core/options.h"
 #include "core/worker_thread.h"
 #include "io/checkpoint_file.h"
+#include "io/session_backup.h"
 #include "io/session_database.h"
 #include "io/streamed_scans.h"
 #include "io/tile_store.h"
@@ -46,7 +47,8 @@
 namespace lamina {
 
 struct SessionOptions {
-  // A checkpoint is begun every so many scans. After an interruption as many are mapped again.
+  // A checkpoint is begun every so many scans, earlier where much of the map has come back from
+  // disk. After an interruption as many are mapped again.
   int checkpoint_every_scans = 300;
   // The trajectory files are at most so old.
   double trajectory_period_s = 5.0;
@@ -143,6 +145,7 @@ class Session {
   MappingCallbacks Callbacks();
   void OnScan(const ScanReport& report);
   void OnSettled();
+  bool TilesTurnedOver() const;
   bool FileIsGone(const ScanReport& report) const;
   void BeginCheckpoint();
   void ContinueCheckpoint();
@@ -162,7 +165,8 @@ class Session {
   std::unique_ptr<TileStore> tiles_;
   std::unique_ptr<MappingPipeline> pipeline_;
   std::int64_t next_ = 0;
-  std::int64_t last_checkpoint_ = 0;  // scans in the last one that was begun
+  std::int64_t last_checkpoint_ = 0;     // scans in the last one that was begun
+  std::size_t taken_at_checkpoint_ = 0;  // tiles' records until then
   std::int64_t repeat_from_ = 0;
   std::vector<SessionScan> to_repeat_;
   const StreamedScans* scans_ = nullptr;  // those being mapped
@@ -184,8 +188,8 @@ class Session {
   std::atomic<std::int64_t> newest_checkpoint_{0}, oldest_kept_{0};
   enum class Tidy { kDone, kFirst, kUnderWay, kLast };
   std::atomic<Tidy> tidy_{Tidy::kDone};
-  std::int64_t backed_up_ = 0;
-  bool backup_current_ = false;  // it lacks only what has come since backed_up_
+  std::int64_t backed_up_ = 0;  // scans in the copy of the database
+  SessionBackup backup_;
 
   std::unique_ptr<SessionLog> log_;
   // These end first, in this order. The trajectory has a thread of its own, with one publication at

@@ -105,6 +105,7 @@ void Session::BeginCheckpoint() {
   checkpoint_requested_ = false;
   job_ = std::make_shared<SnapshotJob>();
   job_->scans = last_checkpoint_ = next_;
+  taken_at_checkpoint_ = tiles_->taken();
   tiles_->Commit();
   StateArchive head, counters;
   head(&job_->scans, &setup_.fixed_options);
@@ -198,20 +199,11 @@ std::int64_t Session::RemoveOldCheckpoints() const {
   return backed_up ? oldest : 0;
 }
 
-// All of it once in a process, after that what has come since: the files of a session that goes on
-// for days are released, and what the tiles keep for the checkpoint that goes with the copy is
-// removed, as soon as the next checkpoint is there.
+// With each checkpoint: before, the files of scans cannot be released, and what has left the tiles
+// cannot be forgotten.
 void Session::BackUpDatabase() {
-  SessionDatabase database(Path("session.db"), false);
-  database.Tidy();
-  const std::int64_t scans = database.scans();
-  if (std::exchange(backup_current_, false)) {
-    database.AddToBackUp(Path("session.db.backup"));
-  } else {
-    database.BackUpTo(Path("session.db.backup"));
-  }
-  backup_current_ = true;
-  backed_up_ = scans;
+  SessionDatabase(Path("session.db"), false).Tidy();
+  backed_up_ = backup_.Update();
 }
 
 // Not while scans are repeated: the files hold these, and would lose the last of them for a time.

@@ -228,24 +228,18 @@ void SessionDatabase::DropSolvesFrom(std::int64_t scan) {
   });
 }
 
-void SessionDatabase::Tidy() {
-  impl_->Guarded("cannot be written", [&] { BringLogIntoFile(&impl_->database); });
-}
-
 void SessionDatabase::LimitLog() {
   impl_->Guarded("cannot be written", [&] { impl_->log_limit->Keep(); });
+}
+
+void SessionDatabase::Tidy() {
+  impl_->Guarded("cannot be written", [&] { BringLogIntoFile(&impl_->database); });
 }
 
 void SessionDatabase::BackUpTo(const std::string& path) const {
   const std::string partial = path + ".partial";
   std::error_code error;
   std::filesystem::remove(partial, error);
-  try {
-    RollBackUnfinished(path);
-  } catch (const InputError&) {
-    // It is of no use, and its journal must not be taken for that of its successor.
-    std::filesystem::remove(path + "-journal", error);
-  }
   impl_->Guarded("cannot be copied", [&] {
     SQLite::Database copy(partial, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE);
     SQLite::Backup backup(copy, impl_->database);
@@ -255,43 +249,6 @@ void SessionDatabase::BackUpTo(const std::string& path) const {
   });
   std::filesystem::rename(partial, path, error);
   if (error) throw OutputError(fmt::format("{}: cannot be renamed to: {}", path, error.message()));
-}
-
-void SessionDatabase::AddToBackUp(const std::string& path) {
-  if (!std::filesystem::exists(path)) throw OutputError(fmt::format("{}: is not there", path));
-  impl_->Guarded("cannot be copied", [&] {
-    SQLite::Database& database = impl_->database;
-    SQLite::Statement attach(database, "ATTACH ? AS copy");
-    attach.bind(1, path);
-    attach.exec();
-    try {
-      SQLite::Transaction transaction(database);
-      // Scans become final in their order. An open one may have become so since.
-      SQLite::Statement final(database,
-                              "SELECT scan FROM copy.scans WHERE final ORDER BY scan DESC LIMIT 1");
-      const std::int64_t from = final.executeStep() ? final.getColumn(0).getInt64() + 1 : 0;
-      final.reset();
-      for (const char* statement : kAddToCopy) {
-        SQLite::Statement add(database, statement);
-        if (add.getBindParameterCount() > 0) add.bind(1, from);
-        add.exec();
-      }
-      transaction.commit();
-    } catch (...) {
-      database.tryExec("DETACH copy");
-      throw;
-    }
-    database.exec("DETACH copy");
-  });
-}
-
-void SessionDatabase::RollBackUnfinished(const std::string& path) {
-  const std::string journal = path + "-journal";
-  if (!std::filesystem::exists(journal)) return;
-  RollBackJournal(path);
-  // What is left of it now was not begun in earnest.
-  std::error_code ignored;
-  std::filesystem::remove(journal, ignored);
 }
 
 }  // namespace lamina

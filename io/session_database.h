@@ -96,18 +96,13 @@ class SessionDatabase {
   // Forgets that solves before a scan or later happened: they are to be repeated.
   void DropSolvesFrom(std::int64_t scan);
 
-  // Brings the write-ahead log into the file, beside the writer.
-  void Tidy();
   // For the writer, between Commit and Begin: keeps the log below some MB where Tidy() cannot, that
   // is while scans come without a pause.
   void LimitLog();
+  // Brings the write-ahead log into the file, beside the writer.
+  void Tidy();
   // A copy of the whole, as of one moment, on a temporary name and then renamed.
   void BackUpTo(const std::string& path) const;
-
-  // Brings such a copy, made by BackUpTo() or by this, up to what is here now. Costs what has come
-  // since. After an interruption the copy is to be had by RollBackUnfinished(), as it was.
-  void AddToBackUp(const std::string& path);
-  static void RollBackUnfinished(const std::string& path);
 
  private:
   struct Impl;

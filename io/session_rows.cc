@@ -32,12 +32,12 @@ const char* const kSessionSchema =
     " WITHOUT ROWID;";
 
 const std::array<const char*, 5> kAddToCopy = {
-    "INSERT OR REPLACE INTO copy.meta SELECT * FROM main.meta",
-    "INSERT OR REPLACE INTO copy.scans SELECT * FROM main.scans WHERE scan >= ? ORDER BY scan",
-    "DELETE FROM copy.solves WHERE before_scan >= ?",
-    "INSERT INTO copy.solves SELECT * FROM main.solves WHERE before_scan >= ? ORDER BY "
+    "INSERT OR REPLACE INTO main.meta SELECT * FROM session.meta",
+    "INSERT OR REPLACE INTO main.scans SELECT * FROM session.scans WHERE scan >= ? ORDER BY scan",
+    "DELETE FROM main.solves WHERE before_scan >= ?",
+    "INSERT INTO main.solves SELECT * FROM session.solves WHERE before_scan >= ? ORDER BY "
     "before_scan, rowid",
-    "INSERT OR IGNORE INTO copy.set_aside SELECT * FROM main.set_aside"};
+    "INSERT OR IGNORE INTO main.set_aside SELECT * FROM session.set_aside"};
 
 const char* const kPutScan =
     "INSERT OR REPLACE INTO scans "

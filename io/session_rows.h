@@ -12,8 +12,8 @@ namespace lamina {
 // Makes the tables that are not there.
 extern const char* const kSessionSchema;
 
-// Bring a copy of the database, attached as `copy`, up to date; with a place for the number of the
-// first scan that may have changed.
+// Bring a copy of the database up to date with the one that is attached to it as `session`; with a
+// place for the number of the first scan that may have changed.
 extern const std::array<const char*, 5> kAddToCopy;
 
 // With a place for each column.

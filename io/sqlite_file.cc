@@ -23,12 +23,6 @@ void ThrowFailed(const std::string& path, const char* doing, const SQLite::Excep
   throw OutputError(fmt::format("{}: {}: {}", path, doing, error.what()));
 }
 
-void RollBackJournal(const std::string& path) {
-  OpenSqlite(path, [&] {
-    SQLite::Database(path, SQLite::OPEN_READWRITE).execAndGet("SELECT COUNT(*) FROM sqlite_master");
-  });
-}
-
 void BringLogIntoFile(SQLite::Database* database) {
   SQLite::Statement statement(*database, "PRAGMA wal_checkpoint(PASSIVE)");
   while (statement.executeStep()) {

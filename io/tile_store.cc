@@ -116,7 +116,8 @@ struct TileStore::Impl {
   std::optional<LogLimit> log_limit;
   std::unordered_map<VoxelKey, std::size_t> tiles;  // those that have records, and how many
   std::size_t records = 0, damaged = 0;
-  std::size_t left = 0;  // records taken out since the last Forget()
+  std::size_t taken = 0;            // records, since the beginning
+  std::size_t taken_at_forget = 0;  // ... and until the last Forget()
 };
 
 TileStore::TileStore(std::string path, Lifetime lifetime)
@@ -159,6 +160,7 @@ TileStore::Impl& TileStore::Open() const {
 bool TileStore::Has(VoxelKey tile) const { return impl_ && impl_->tiles.count(tile) > 0; }
 bool TileStore::Empty() const { return !impl_ || impl_->tiles.empty(); }
 std::size_t TileStore::records() const { return impl_ ? impl_->records : 0; }
+std::size_t TileStore::taken() const { return impl_ ? impl_->taken : 0; }
 std::size_t TileStore::damaged() const { return impl_ ? impl_->damaged : 0; }
 
 void TileStore::Put(VoxelKey tile, VoxelKey root, std::string_view record) {
@@ -189,7 +191,7 @@ void TileStore::Take(VoxelKey tile, const Visit& visit) {
     impl.take->reset();
   });
   impl.records -= impl.tiles.at(tile);
-  impl.left += impl.tiles.at(tile);
+  impl.taken += impl.tiles.at(tile);
   impl.tiles.erase(tile);
 }
 
@@ -210,7 +212,7 @@ void TileStore::TakeRoot(VoxelKey tile, VoxelKey root, const Visit& visit) {
   });
   if (taken == 0) return;
   --impl.records;
-  ++impl.left;
+  ++impl.taken;
   if (--impl.tiles.at(tile) == 0) impl.tiles.erase(tile);
 }
 
@@ -272,7 +274,8 @@ void TileStore::RollBackTo(std::int64_t scan) {
 void TileStore::Forget(std::int64_t scan) {
   if (!impl_) return;
   constexpr std::size_t kLeast = 400;
-  const std::size_t most = std::max(kLeast, 2 * std::exchange(impl_->left, 0));
+  const std::size_t before = std::exchange(impl_->taken_at_forget, impl_->taken);
+  const std::size_t most = std::max(kLeast, 2 * (impl_->taken - before));
   Guarded("cannot be written", [&] {
     impl_->Begin();
     impl_->forget->bind(1, scan);

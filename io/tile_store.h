@@ -41,6 +41,8 @@ class TileStore final : public VoxelStore {
   void Show(VoxelKey tile, const Visit& visit) const override;
   void ShowAll(const Visit& visit) const override;
   std::size_t records() const override;
+  // Records that have been taken out since the store was opened.
+  std::size_t taken() const;
 
   // In the place of all that is here, what another kept store had after a scan of its own; here it
   // has been from the beginning.

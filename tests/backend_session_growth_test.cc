@@ -30,10 +30,10 @@ class SessionGrowthTest : public SessionTest {
 TEST_F(SessionGrowthTest, TilesOnDiskStayAsManyAsAreAliveLapAfterLap) {
   mapping_.mapper.map.budget_mb = 1.0;
   mapping_.mapper.map.root_size_m = 0.4;
-  constexpr int kLaps = 10, kScans = 40, kFirstWholeLap = 4, kStep = 5;
+  constexpr int kLaps = 8, kScans = 40, kFirstWholeLap = 4, kStep = 5;
   const Recording recording = Laps(kLaps, kScans, 16.0);
   SessionSetup setup = Setup("session");
-  setup.session.checkpoint_every_scans = 10;
+  setup.session.checkpoint_every_scans = 1000;
   Session session(setup, {});
   const std::string file = setup.folder + "/map_tiles.db";
   std::uintmax_t first_bytes = 0;

@@ -1,13 +1,10 @@
 #include "io/session_database.h"
 
 #include <SQLiteCpp/SQLiteCpp.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <csignal>
 #include <limits>
 #include <memory>
 #include <thread>
@@ -453,143 +450,6 @@ TEST_F(SessionDatabaseTest, TheLogBeginsAnewAfterALongReaderForWhomNobodyWaits) 
   writer.Write(100, 300000);
   EXPECT_LT(fs::file_size(File() + "-wal"), under_reader + 12000000);
   EXPECT_EQ(All(*reader).size(), 201U);
-}
-
-// A session at work: scans, of which the last ones are open, solves and files set aside.
-class SessionAtWork {
- public:
-  explicit SessionAtWork(SessionDatabase* database) : database_(database) {}
-
-  void Go(int scans) {
-    database_->Begin();
-    for (int i = 0; i < scans; ++i, ++next_) {
-      database_->Put(Scan(next_, std::to_string(next_)));
-      SE3 T;
-      T.t.x() = static_cast<double>(next_);
-      if (next_ >= 9) database_->Finalise({next_ - 9, T, false});
-      if (next_ % 3 == 0) {
-        SessionSolve solve;
-        solve.before_scan = next_;
-        database_->Put(solve);
-      }
-      if (next_ % 40 == 0) database_->SetAside("late " + std::to_string(next_), "late");
-    }
-    database_->SetMeta("done", std::to_string(next_));
-    database_->Commit();
-  }
-
- private:
-  SessionDatabase* database_;
-  std::int64_t next_ = 0;
-};
-
-// Every row of every table.
-std::string AllRows(const std::string& path) {
-  std::string rows;
-  SQLite::Database database(path, SQLite::OPEN_READWRITE);
-  for (const char* table : {"meta", "scans", "solves", "set_aside"}) {
-    SQLite::Statement all(database, std::string("SELECT * FROM ") + table + " ORDER BY 1");
-    while (all.executeStep()) {
-      for (int i = 0; i < all.getColumnCount(); ++i) rows += all.getColumn(i).getString() + "|";
-      rows += "\n";
-    }
-  }
-  return rows;
-}
-
-TEST_F(SessionDatabaseTest, ABackupIsBroughtUpToDateAgainAndAgain) {
-  const auto database = Open();
-  SessionAtWork session(database.get());
-  session.Go(5);
-  database->BackUpTo(Path("backup"));
-  for (const int scans : {0, 1, 3, 100, 7, 1, 30}) {
-    session.Go(scans);
-    database->AddToBackUp(Path("backup"));
-    ASSERT_EQ(AllRows(Path("backup")), AllRows(File())) << scans;
-  }
-  EXPECT_FALSE(fs::exists(Path("backup-journal")));
-  EXPECT_FALSE(fs::exists(Path("backup-wal")));
-  // It can take the place of the other.
-  EXPECT_EQ(SessionDatabase(Path("backup"), true).scans(), 147);
-}
-
-TEST_F(SessionDatabaseTest, WhatABackupIsBroughtCostsWhatHasCome) {
-  const auto database = Open();
-  SessionAtWork session(database.get());
-  session.Go(4000);
-  database->BackUpTo(Path("backup"));
-  session.Go(20);
-  const std::uint64_t before = BytesWritten();
-  database->AddToBackUp(Path("backup"));
-  EXPECT_LT(BytesWritten() - before, fs::file_size(Path("backup")) / 10);
-  EXPECT_EQ(AllRows(Path("backup")), AllRows(File()));
-}
-
-TEST_F(SessionDatabaseTest, ABackupThatIsNotThereCannotBeAddedTo) {
-  EXPECT_THAT(MessageOf<OutputError>([&] { Open()->AddToBackUp(Path("backup")); }),
-              HasSubstr(Path("backup")));
-  EXPECT_FALSE(fs::exists(Path("backup")));
-}
-
-class SessionDatabaseBackupTest : public SessionDatabaseTest {
- protected:
-  // In a process of its own.
-  [[noreturn]] void KeepBackingUp() const {
-    const auto database = Open();
-    SessionAtWork session(database.get());
-    session.Go(300);
-    database->BackUpTo(Path("backup"));
-    while (true) {
-      session.Go(100);
-      database->AddToBackUp(Path("backup"));
-    }
-  }
-  // From a new database on, until some time after its first backup.
-  void EndWithin(pid_t child, Draws* draws) const {
-    while (!fs::exists(Path("backup"))) usleep(1000);
-    usleep(static_cast<useconds_t>(draws->Integer(1000, 80000)));
-    kill(child, SIGKILL);
-    waitpid(child, nullptr, 0);
-  }
-  void RemoveAll() const {
-    for (const auto& entry : fs::directory_iterator(folder_)) fs::remove(entry.path());
-  }
-};
-
-// Whenever the process is killed, the backup is that of a moment, after what it had begun is
-// undone.
-TEST_F(SessionDatabaseBackupTest, ABackupIsWholeWheneverTheProcessIsKilled) {
-  Draws draws(9);
-  for (int round = 0; round < 12; ++round) {
-    RemoveAll();
-    const pid_t child = fork();
-    if (child == 0) KeepBackingUp();
-    EndWithin(child, &draws);
-    SessionDatabase::RollBackUnfinished(Path("backup"));
-    ASSERT_FALSE(fs::exists(Path("backup-journal")));
-    fs::copy_file(Path("backup"), Path("copy"), fs::copy_options::overwrite_existing);
-    const SessionDatabase copy(Path("copy"), true);
-    EXPECT_EQ(copy.scans() % 100, 0);
-    EXPECT_EQ(copy.Meta("done"), std::to_string(copy.scans()));
-    EXPECT_EQ(All(copy).size(), static_cast<std::size_t>(copy.scans()));
-  }
-}
-
-TEST_F(SessionDatabaseBackupTest, ABackupInThePlaceOfOneThatWasInterruptedIsWhole) {
-  Draws draws(10);
-  int interrupted = 0;
-  for (int round = 0; round < 30 && interrupted < 3; ++round) {
-    RemoveAll();
-    const pid_t child = fork();
-    if (child == 0) KeepBackingUp();
-    EndWithin(child, &draws);
-    if (fs::exists(Path("backup-journal"))) ++interrupted;
-    const auto database = Open();
-    database->BackUpTo(Path("backup"));
-    EXPECT_FALSE(fs::exists(Path("backup-journal")));
-    EXPECT_EQ(AllRows(Path("backup")), AllRows(File()));
-  }
-  EXPECT_GT(interrupted, 0);
 }
 
 }  // namespace
