@@ -138,9 +138,11 @@ bool PoseSearch::Beats(const std::vector<PointCluster>& clusters, const MatchRes
   if (r.overlap() < kLeastOverlap) return false;
   if (best.overlap() < kLeastOverlap) return true;
   if (r.evidence() <= best.evidence()) return false;
+  if (!Apart(r.T_world_lidar, best.T_world_lidar)) return true;
   // Where one place is as good as another, along a corridor, the one met first stays: that of the
-  // prediction.
-  return !Apart(r.T_world_lidar, best.T_world_lidar) || ClearlyBetter(clusters, r, best, map);
+  // prediction. A place that planes hold is better than one that the prediction holds.
+  const bool held_by_planes = best.degenerate > 0 && r.worst_sigma_m < 0.5 * best.worst_sigma_m;
+  return held_by_planes || r.degenerate == 0 || ClearlyBetter(clusters, r, best, map);
 }
 
 MatchResult PoseSearch::Best(const std::vector<PointCluster>& clusters,
