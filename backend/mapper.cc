@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string>
 #include <utility>
 
+#include "core/error.h"
 #include "frontend/scan_agreement.h"
 
 namespace lamina {
@@ -14,10 +16,28 @@ void BackendOptions::Visit(OptionVisitor& v) {
   v.Integer("hand_over_lag_frames", &hand_over_lag_frames, 0, 100);
   v.Number("keyframe_translation_m", &keyframe_translation_m, 0.0, 100.0);
   v.Number("keyframe_rotation_deg", &keyframe_rotation_deg, 0.0, 180.0);
+  v.Integer("keyframe_after_frames", &keyframe_after_frames, 0, 1000000);
+  v.Integer("final_after_frames", &final_after_frames, 1, 1000000);
   v.Integer("restart_after_lost_frames", &restart_after_lost_frames, 0, 1000000);
   v.Integer("min_surfel_frames", &min_surfel_frames, 1, 1000);
   v.Group("window", &window);
   v.Group("solver", &solver);
+}
+
+void BackendOptions::CheckTogether() const {
+  if (!enabled) return;
+  const std::string frames = "backend.window.frames = " + std::to_string(window.frames);
+  if (window.frames < kLeastSolved) {
+    throw OptionError(frames + ": must be at least " + std::to_string(kLeastSolved) +
+                      " while backend.enabled = true: bundle adjustment of fewer frames is never "
+                      "begun");
+  }
+  if (hand_over_lag_frames >= window.frames) {
+    throw OptionError(
+        "backend.hand_over_lag_frames = " + std::to_string(hand_over_lag_frames) +
+        ": must be less than " + frames +
+        ": all frames of a solve could have left the window before its result takes effect");
+  }
 }
 
 Mapper::Mapper(const MapperOptions& options, VoxelStore* store)
@@ -26,9 +46,11 @@ Mapper::Mapper(const MapperOptions& options, VoxelStore* store)
       odometry_(options.odometry),
       window_(options.backend.window, &map_) {
   CheckOptions(options.backend, "backend");
+  options.backend.CheckTogether();
 }
 
-MappedFrame Mapper::Process(StampNs stamp_ns, std::vector<TimedCluster> clusters) {
+MappedFrame Mapper::Process(std::int64_t scan, StampNs stamp_ns,
+                            std::vector<TimedCluster> clusters) {
   MappedFrame result;
   if (odometry_.started()) RecallAround(odometry_.Predict(stamp_ns), clusters);
   result.odometry = Register(stamp_ns, clusters);
@@ -41,15 +63,17 @@ MappedFrame Mapper::Process(StampNs stamp_ns, std::vector<TimedCluster> clusters
     lost_in_a_row_ = 0;
     lost_scan_.clear();
     odometry_.Accept(frame);
+    ++frames_since_keyframe_;
     result.keyframe = !localising_ && (result.restarted || IsKeyframe(frame.T_world_lidar));
     if (result.keyframe) AddKeyframe(frame, std::move(clusters));
   }
   // The last keyframe's clusters may have moved though nothing new entered the map.
   map_.Refresh();
   if (localising_) {
-    open_.push_back({stamp_ns, OpenFrame::kNoKeyframe, frame.T_world_lidar});
+    open_.push_back({scan, stamp_ns, OpenFrame::kNoKeyframe, frame.T_world_lidar});
   } else {
-    open_.push_back({stamp_ns, NextId() - 1, keyframes_.back().Inverse() * frame.T_world_lidar});
+    open_.push_back(
+        {scan, stamp_ns, NextId() - 1, keyframes_.back().Inverse() * frame.T_world_lidar});
   }
   return result;
 }
@@ -103,6 +127,8 @@ OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>
 
 bool Mapper::IsKeyframe(const SE3& T) const {
   if (keyframes_.empty()) return true;
+  const int most = options_.backend.keyframe_after_frames;
+  if (most > 0 && frames_since_keyframe_ >= most) return true;
   const SE3& last = keyframes_.back();
   return (T.t - last.t).norm() >= options_.backend.keyframe_translation_m ||
          RotationAngle(last, T) >= options_.backend.keyframe_rotation_deg * M_PI / 180.0;
@@ -138,10 +164,12 @@ void Mapper::AddKeyframe(const OdometryFrame& odometry, std::vector<TimedCluster
   map_.Refresh();
   map_.EvictToBudget();
   ++keyframes_since_solve_;
+  frames_since_keyframe_ = 0;
 }
 
 bool Mapper::SolvePossible() const {
-  return options_.backend.enabled && solving_.empty() && window_.frames().size() >= 3;
+  return options_.backend.enabled && solving_.empty() &&
+         window_.frames().size() >= static_cast<std::size_t>(BackendOptions::kLeastSolved);
 }
 
 bool Mapper::SolveDue() const {
@@ -155,14 +183,14 @@ BundleProblem Mapper::PrepareSolve() {
   return window_.BuildProblem();
 }
 
-void Mapper::ApplySolve(const BundleResult& result) {
+bool Mapper::ApplySolve(const BundleResult& result) {
   const std::vector<std::int64_t> ids = std::move(solving_);
   solving_.clear();
-  if (!result.usable()) return;
+  if (!result.usable()) return false;
   // Frames that have left the window since are part of the map as they stood, and stay there: what
   // the map shows and the trajectory says must not part.
   const std::int64_t first = window_.frames().front().id;
-  if (ids.back() < first) return;
+  if (ids.back() < first) return false;
   // Frames that have joined since move with the last one that was solved.
   const SE3 correction = result.poses.back() * Keyframe(ids.back()).Inverse();
   for (std::size_t k = 0; k < ids.size(); ++k) {
@@ -179,6 +207,7 @@ void Mapper::ApplySolve(const BundleResult& result) {
     window_.Move(i, window_.frames()[i].T_world_lidar, window_.CentralTwist(i));
   }
   map_.Refresh();
+  return true;
 }
 
 void Mapper::StartLocalising(const SE3& T_world_lidar) {
@@ -191,11 +220,13 @@ StampedPose Mapper::PoseOf(const OpenFrame& frame) const {
   return {frame.stamp_ns, Keyframe(frame.keyframe_id) * frame.T_keyframe_lidar};
 }
 
-Trajectory Mapper::TakeFinal() {
+Trajectory Mapper::TakeFinal(std::int64_t before_scan) {
   Trajectory trajectory;
   const std::int64_t first = window_.frames().empty() ? 0 : window_.frames().front().id;
-  for (; !open_.empty() && open_.front().keyframe_id < first; open_.pop_front()) {
+  while (!open_.empty() &&
+         (open_.front().keyframe_id < first || open_.front().scan < before_scan)) {
     trajectory.push_back(PoseOf(open_.front()));
+    open_.pop_front();
   }
   if (keyframes_.empty()) return trajectory;
   const std::int64_t needed = open_.empty() ? first : std::min(first, open_.front().keyframe_id);
@@ -217,10 +248,12 @@ std::vector<Eigen::Vector3d> Mapper::NewestKeyframe() const {
 }
 
 void Mapper::Archive(StateArchive& a) {
-  a(&odometry_, &window_, &keyframes_, &first_id_, &keyframes_since_solve_, &solving_,
-    &lost_in_a_row_, &lost_scan_, &T_world_lost_, &localising_);
+  a(&odometry_, &window_, &keyframes_, &first_id_, &keyframes_since_solve_, &frames_since_keyframe_,
+    &solving_, &lost_in_a_row_, &lost_scan_, &T_world_lost_, &localising_);
   open_.resize(a.Size(open_.size(), 1));
-  for (OpenFrame& frame : open_) a(&frame.stamp_ns, &frame.keyframe_id, &frame.T_keyframe_lidar);
+  for (OpenFrame& frame : open_) {
+    a(&frame.scan, &frame.stamp_ns, &frame.keyframe_id, &frame.T_keyframe_lidar);
+  }
 }
 
 }  // namespace lamina

@@ -2,6 +2,7 @@
 // window, hand-over of bundle adjustment.
 //
 //   Process(scan)      pose from odometry; a keyframe enters window and map
+//   TakeFinal(...)     poses that nothing will change any more
 //   SolveDue()         whether a bundle adjustment of the window is to start now
 //   PrepareSolve()     its problem, a self-contained copy: AdjustBundle may run on any thread
 //   ApplySolve(...)    takes its result in: moves the window's frames, the map, the present pose.
@@ -34,6 +35,11 @@ struct BackendOptions {
   // A frame becomes a keyframe when it moved or turned so far from the last one. 0: every frame.
   double keyframe_translation_m = 0.03;
   double keyframe_rotation_deg = 0.3;
+  // Also when so many frames have come since the last one: a sensor that stands still makes a map
+  // of the place, too. 0: never for that reason.
+  int keyframe_after_frames = 100;
+  // A pose is final when so many scans have come after it, wherever the window stands.
+  int final_after_frames = 300;
   // Lost for so many frames in a row: the next one enters the map at its predicted pose after all.
   int restart_after_lost_frames = 20;
   // Frames that must have seen a plane before it counts as part of the map that is written out.
@@ -41,7 +47,12 @@ struct BackendOptions {
   SlidingWindowOptions window;
   BundleAdjusterOptions solver;
 
+  // Frames that a solve needs at least.
+  static constexpr int kLeastSolved = 3;
+
   void Visit(OptionVisitor& v);
+  // Throws OptionError, naming both, for options that contradict one another.
+  void CheckTogether() const;
 };
 
 struct MapperOptions {
@@ -60,6 +71,7 @@ struct MappedFrame {
 
 // A frame whose pose bundle adjustment may still move.
 struct OpenFrame {
+  std::int64_t scan = 0;
   StampNs stamp_ns = 0;
   // The keyframe that it hangs on (itself, if it is one). kNoKeyframe: none, T_keyframe_lidar is
   // T_world_lidar.
@@ -73,14 +85,15 @@ class Mapper {
   // `store` gets the parts of the map that leave memory (VoxelMap).
   explicit Mapper(const MapperOptions& options, VoxelStore* store = nullptr);
 
-  // Stamps must increase. A lost frame leaves the map as it is.
-  MappedFrame Process(StampNs stamp_ns, std::vector<TimedCluster> clusters);
+  // Numbers of scans and stamps must increase. A lost frame leaves the map as it is.
+  MappedFrame Process(std::int64_t scan, StampNs stamp_ns, std::vector<TimedCluster> clusters);
 
   bool SolveDue() const;
   // Whether there is anything to solve at all, due or not.
   bool SolvePossible() const;
   BundleProblem PrepareSolve();
-  void ApplySolve(const BundleResult& result);
+  // False if nothing of it could be used: it failed, or all of its frames have left the window.
+  bool ApplySolve(const BundleResult& result);
 
   // From now on scans are matched to the map and leave it as it is, the first one near this pose.
   // Before any scan.
@@ -89,9 +102,11 @@ class Mapper {
   // The next scan is of another recording, whose clock may be another one.
   void Interrupt() { odometry_.Interrupt(); }
 
-  // Frames whose pose nothing will change any more, since the last call; memory holds no more of
-  // the trajectory than what is open.
-  Trajectory TakeFinal();
+  // Poses that have become final since the last call: of the frames behind the window, and of all
+  // scans with a number below `before_scan`. A sensor that stands still, or whose scans have ceased
+  // to come, gives the window no reason to move on, but what is open is in memory, in every
+  // checkpoint, and in what is shown; and the keyframe that such a frame hangs on hardly moves.
+  Trajectory TakeFinal(std::int64_t before_scan);
   // Poses of the frames after those, as known now.
   Trajectory OpenFrames() const;
 
@@ -131,6 +146,7 @@ class Mapper {
   std::deque<SE3> keyframes_;
   std::int64_t first_id_ = 0;  // of the first of them
   int keyframes_since_solve_ = 0;
+  int frames_since_keyframe_ = 0;
   std::vector<std::int64_t> solving_;  // ids of the frames of the problem under way
   int lost_in_a_row_ = 0;
   // The last lost scan, deskewed, while the next may restart the map, and where it was expected.

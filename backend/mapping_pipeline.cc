@@ -37,8 +37,8 @@ class SolveInFlight {
   SolveReport TakeIn() {
     background_.Wait();
     pending_ = false;
-    mapper_->ApplySolve(result_);
     SolveReport report;
+    report.discarded = !mapper_->ApplySolve(result_) && result_.usable();
     report.frames = problem_.poses.size();
     report.planes = problem_.planes.size();
     report.observations = problem_.observations.size();
@@ -98,7 +98,8 @@ class SolveInFlight {
 class MappingPipeline::SerialStage {
  public:
   SerialStage(const MappingOptions& options, MappingCallbacks callbacks, VoxelStore* store)
-      : mapper_(options.mapper, store),
+      : options_(options),
+        mapper_(options.mapper, store),
         solve_(&mapper_, options.mapper.backend),
         callbacks_(std::move(callbacks)) {}
 
@@ -122,7 +123,7 @@ class MappingPipeline::SerialStage {
       Map(decoded);
     }
     if (callbacks_.on_scan) callbacks_.on_scan(report);
-    HandOnFinalPoses();
+    HandOnFinalPoses(report.index);
     // Somebody may be waiting for the pose of this scan, and nobody yet for the next.
     if (!report.skipped) StartDueSolve();
     if (solve_.Solved()) TakeInDueSolve();
@@ -179,7 +180,8 @@ class MappingPipeline::SerialStage {
     CountSolve(report.index);
     report.map_ms = std::exchange(hand_over_ms_, 0.0);
     const Stopwatch watch;
-    const MappedFrame frame = mapper_.Process(report.stamp_ns, std::move(decoded->clusters));
+    const MappedFrame frame = mapper_.Process(static_cast<std::int64_t>(report.index),
+                                              report.stamp_ns, std::move(decoded->clusters));
     report.odometry_ms = watch.Milliseconds();
     report.odometry = frame.odometry;
     report.keyframe = frame.keyframe;
@@ -195,6 +197,7 @@ class MappingPipeline::SerialStage {
     report.before_scan = before_scan;
     ++counts_.solves;
     if (!report.result.usable()) ++counts_.failed_solves;
+    if (report.discarded) ++counts_.discarded_solves;
     if (callbacks_.on_solve) callbacks_.on_solve(report);
   }
 
@@ -204,8 +207,13 @@ class MappingPipeline::SerialStage {
     };
   }
 
-  void HandOnFinalPoses() { poses_.AddPoses(mapper_.TakeFinal(), Visitor()); }
+  void HandOnFinalPoses(std::size_t scan) {
+    const std::int64_t before =
+        static_cast<std::int64_t>(scan) + 1 - options_.mapper.backend.final_after_frames;
+    poses_.AddPoses(mapper_.TakeFinal(before), Visitor());
+  }
 
+  const MappingOptions& options_;
   Mapper mapper_;
   SolveInFlight solve_;
   MappingCallbacks callbacks_;
@@ -256,12 +264,13 @@ class MappingPipeline::ScanStages final : public PipelineStages {
 };
 
 void SolveReport::Archive(StateArchive& a) {
-  a(&before_scan, &frames, &planes, &observations, &result.status, &result.poses,
+  a(&before_scan, &frames, &planes, &observations, &discarded, &result.status, &result.poses,
     &result.initial_cost, &result.final_cost, &result.iterations, &result.solve_ms);
 }
 
 void MappingCounts::Archive(StateArchive& a) {
-  a(&scans, &frames, &keyframes, &lost, &restarts, &degenerate, &searched, &solves, &failed_solves);
+  a(&scans, &frames, &keyframes, &lost, &restarts, &degenerate, &searched, &solves, &failed_solves,
+    &discarded_solves);
   std::vector<SkipReason> reasons;
   std::vector<std::size_t> numbers;
   for (const auto& [reason, number] : skipped) {

@@ -47,6 +47,7 @@ struct ScanReport : ScanDecodeReport {
 struct SolveReport {
   std::size_t before_scan = 0;  // took effect before this scan
   std::size_t frames = 0, planes = 0, observations = 0;
+  bool discarded = false;  // solved in vain: its frames had left the window
   BundleResult result;
 
   void Archive(StateArchive& a);
@@ -56,7 +57,7 @@ struct MappingCounts {
   std::size_t scans = 0, frames = 0;  // with and without those skipped
   std::size_t keyframes = 0, lost = 0, restarts = 0, degenerate = 0, searched = 0;
   std::map<SkipReason, std::size_t> skipped;
-  std::size_t solves = 0, failed_solves = 0;
+  std::size_t solves = 0, failed_solves = 0, discarded_solves = 0;
 
   void Archive(StateArchive& a);
 };

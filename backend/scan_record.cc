@@ -54,7 +54,7 @@ SessionSolve RecordOf(const SolveReport& report) {
   s.planes = static_cast<std::int64_t>(report.planes);
   s.observations = static_cast<std::int64_t>(report.observations);
   s.iterations = report.result.iterations;
-  s.usable = report.result.usable();
+  s.usable = report.result.usable() && !report.discarded;
   s.initial_cost = report.result.initial_cost;
   s.final_cost = report.result.final_cost;
   s.solve_ms = report.result.solve_ms;

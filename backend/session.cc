@@ -229,6 +229,7 @@ MappingCallbacks Session::Callbacks() {
     } else {
       log_->Finalise({static_cast<std::int64_t>(pose.scan), pose.pose.T_world_lidar, pose.skipped});
     }
+    if (hooks_.on_final) hooks_.on_final(pose);
   };
   callbacks.on_solve = [this](const SolveReport& report) {
     if (!finished_) log_->Put(RecordOf(report));

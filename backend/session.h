@@ -85,6 +85,8 @@ struct SessionHooks {
   // Before on_durable can be called for that scan; exactly for those for which it will be.
   std::function<void(const ScanReport&, const SessionScan&)> on_mapped;
   std::function<void(const ScanReport&, const SessionScan&)> on_scan;
+  // A pose that nothing will change any more; the scan may not be durable yet.
+  std::function<void(const FinalPose&)> on_final;
   std::function<void(const SessionScan&)> on_durable;
   // The files of scans before `released` will not be needed again, whatever happens.
   std::function<void(const SessionCheckpoint&, std::int64_t released)> on_checkpoint;

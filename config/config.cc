@@ -226,6 +226,7 @@ LaminaConfig LoadConfig(const std::string& path, const std::vector<std::string>&
     pairs[pair.substr(0, equals)] = {pair.substr(equals + 1), "--set " + pair};
   }
   Apply(pairs, &config);
+  config.backend.CheckTogether();
   return config;
 }
 

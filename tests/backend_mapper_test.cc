@@ -1,7 +1,10 @@
 #include "backend/mapper.h"
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 
+#include <string>
+
+#include "core/error.h"
 #include "tests/random_rooms.h"
 
 namespace lamina {
@@ -19,7 +22,7 @@ class Walk {
     for (int i = 0; i < scans; ++i, ++count_) {
       const SE3 T(Eigen::Quaterniond::Identity(), {0.02 * count_, 0.0, 0.0});
       const MappedFrame frame =
-          mapper_.Process(count_ * StampNs{100000000},
+          mapper_.Process(count_, count_ * StampNs{100000000},
                           ScanFrom(T, World::Room().Sample(2000, 0.005, &draws_), kLeafM));
       EXPECT_TRUE(frame.keyframe);
     }
@@ -31,10 +34,10 @@ class Walk {
     for (const SE3& T : mapper_.PrepareSolve().poses) result.poses.emplace_back(T.q, T.t + kShift);
     return result;
   }
-  // How far each frame moves when the result is taken in.
-  std::vector<double> Apply(const BundleResult& result) {
+  // How far each frame moves when the result is taken in, which must be told whether it is of use.
+  std::vector<double> Apply(const BundleResult& result, bool of_use = true) {
     const Trajectory before = mapper_.OpenFrames();
-    mapper_.ApplySolve(result);
+    EXPECT_EQ(mapper_.ApplySolve(result), of_use);
     const Trajectory after = mapper_.OpenFrames();
     std::vector<double> moved;
     for (std::size_t i = 0; i < before.size(); ++i) {
@@ -48,6 +51,7 @@ class Walk {
   static MapperOptions Options() {
     MapperOptions options;
     options.backend.window.frames = kWindow;
+    options.backend.hand_over_lag_frames = kWindow - 1;
     options.backend.keyframe_translation_m = 0.0;
     EXPECT_EQ(options.map.LeafSize(), kLeafM);
     return options;
@@ -77,12 +81,106 @@ TEST(Mapper, FramesThatLeftDuringASolveStayWhereTheMapHasThem) {
   }
 }
 
-TEST(Mapper, ASolveOfFramesThatHaveAllLeftChangesNothing) {
+TEST(Mapper, ASolveOfFramesThatHaveAllLeftChangesNothingAndSaysSo) {
   Walk walk;
   walk.Process(kWindow);
   const BundleResult result = walk.Shifted();
   walk.Process(kWindow);
-  for (const double moved : walk.Apply(result)) EXPECT_EQ(moved, 0.0);
+  for (const double moved : walk.Apply(result, false)) EXPECT_EQ(moved, 0.0);
+}
+
+// The clusters of one sight of a room, as often as wanted: a sensor that stands still.
+class Parked {
+ public:
+  explicit Parked(const BackendOptions& backend) : mapper_(Options(backend)) {
+    Draws draws(2);
+    clusters_ = ScanFrom(SE3(), World::Room().Sample(400, 0.005, &draws),
+                         mapper_.map().options().LeafSize());
+  }
+
+  void Stand(int scans) {
+    for (int i = 0; i < scans; ++i, ++count_) {
+      const MappedFrame frame = mapper_.Process(count_, count_ * StampNs{100000000}, clusters_);
+      keyframes_ += frame.keyframe ? 1 : 0;
+      final_ += mapper_.TakeFinal(count_ + 1 - kFinalAfter).size();
+    }
+  }
+  std::size_t StateBytes() {
+    StateArchive a;
+    a(&mapper_);
+    return a.written().size();
+  }
+  int Surfels() const {
+    int surfels = 0;
+    mapper_.map().ForEachSurface(BackendOptions().min_surfel_frames,
+                                 [&](const Surfel&) { ++surfels; });
+    return surfels;
+  }
+
+  static constexpr int kFinalAfter = 40;
+  Mapper mapper_;
+  int count_ = 0, keyframes_ = 0;
+  std::size_t final_ = 0;
+
+ private:
+  static MapperOptions Options(const BackendOptions& backend) {
+    MapperOptions options;
+    options.backend = backend;
+    return options;
+  }
+  std::vector<TimedCluster> clusters_;
+};
+
+TEST(Mapper, WhatAStandingSensorKeepsDoesNotGrow) {
+  BackendOptions options;
+  options.keyframe_after_frames = 30;
+  Parked parked(options);
+  parked.Stand(600);
+  const std::size_t bytes = parked.StateBytes(), map_bytes = parked.mapper_.map().bytes();
+  EXPECT_EQ(parked.mapper_.OpenFrames().size(), std::size_t{Parked::kFinalAfter});
+  parked.Stand(3000);
+  EXPECT_EQ(parked.mapper_.OpenFrames().size(), std::size_t{Parked::kFinalAfter});
+  EXPECT_EQ(parked.final_, 3600U - Parked::kFinalAfter);
+  EXPECT_EQ(parked.StateBytes(), bytes);
+  EXPECT_EQ(parked.mapper_.map().bytes(), map_bytes);
+}
+
+TEST(Mapper, AStandingSensorMakesAMap) {
+  BackendOptions options;
+  Parked parked(options);
+  parked.Stand(options.keyframe_after_frames);
+  EXPECT_EQ(parked.keyframes_, 1);
+  EXPECT_EQ(parked.Surfels(), 0);
+  parked.Stand(1);
+  EXPECT_EQ(parked.keyframes_, 2);
+  EXPECT_GT(parked.Surfels(), 10);
+}
+
+TEST(Mapper, OptionsThatSwitchBundleAdjustmentOffAreRefused) {
+  using testing::AllOf;
+  using testing::HasSubstr;
+  const auto complaint = [](int frames, int lag, bool enabled) -> std::string {
+    MapperOptions options;
+    options.backend.window.frames = frames;
+    options.backend.hand_over_lag_frames = lag;
+    options.backend.enabled = enabled;
+    try {
+      const Mapper mapper(options);
+    } catch (const OptionError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  for (const int lag : {15, 40}) {
+    EXPECT_THAT(complaint(15, lag, true),
+                AllOf(HasSubstr("backend.hand_over_lag_frames = " + std::to_string(lag)),
+                      HasSubstr("backend.window.frames = 15")));
+  }
+  EXPECT_THAT(complaint(2, 0, true),
+              AllOf(HasSubstr("backend.window.frames = 2"), HasSubstr("backend.enabled")));
+  EXPECT_EQ(complaint(15, 14, true), "");
+  EXPECT_EQ(complaint(3, 2, true), "");
+  EXPECT_EQ(complaint(2, 40, false), "");
 }
 
 }  // namespace

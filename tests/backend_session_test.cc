@@ -79,7 +79,7 @@ TEST_F(SessionContinueTest, LeftWhereAnotherSequenceBegins) {
 
 TEST_F(SessionContinueTest, LeftWithBundleAdjustmentUnderWay) {
   mapping_.mapper.backend.solve_every_keyframes = 1;
-  mapping_.mapper.backend.hand_over_lag_frames = 6;
+  mapping_.mapper.backend.hand_over_lag_frames = 4;
   Scene scene;
   scene.scans = 17;
   CheckStops(scene, {5, 7, 8, 11, 13});

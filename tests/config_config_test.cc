@@ -96,6 +96,14 @@ TEST_F(Config, MisspeltKeyIsRefusedWithPlaceAndSuggestion) {
   EXPECT_THAT(Complaint("root_size_m: 2.0\n"), HasSubstr("unknown option 'root_size_m'"));
 }
 
+TEST_F(Config, OptionsThatContradictOneAnotherAreBothNamed) {
+  const std::string complaint = Complaint("backend:\n  hand_over_lag_frames: 20\n");
+  EXPECT_THAT(complaint, HasSubstr("backend.hand_over_lag_frames = 20"));
+  EXPECT_THAT(complaint, HasSubstr("backend.window.frames = 15"));
+  // Together they are checked when all are known.
+  EXPECT_NO_THROW(LoadConfig("", {"backend.hand_over_lag_frames=20", "backend.window.frames=30"}));
+}
+
 TEST_F(Config, WrongTypesAreRefused) {
   EXPECT_THAT(Complaint("map:\n  root_size_m: big\n"),
               testing::AllOf(HasSubstr(":2:"), HasSubstr("map.root_size_m = big"),

@@ -233,6 +233,24 @@ TEST_F(HttpServerTest, TrajectoryComesInPagesAndThenWhatHasChanged) {
   EXPECT_THAT(x, ElementsAre(-5.0, -6.0, 20000.0));
 }
 
+TEST_F(HttpServerTest, OpenPosesAreWantedWhileSomebodyAsksAndFinalOnesAreNeverMissed) {
+  Serve();
+  EXPECT_FALSE(view_.PosesWanted());
+  view_.AddFrame(FrameAt(1));
+  view_.RevisePoses({PoseAt(1, 7.0)});
+  view_.RevisePoses({PoseAt(2, 8.0)});  // final before it is durable
+  view_.AddFrame(FrameAt(2));
+  Client().Get("/api/trajectory");
+  EXPECT_TRUE(view_.PosesWanted());
+  const TrajectoryPage page = view_.Trajectory(-1, -1);
+  ASSERT_EQ(page.poses.size(), 2U);
+  EXPECT_EQ(page.poses[0].T_world_lidar.t.x(), 7.0);
+  EXPECT_EQ(page.poses[1].T_world_lidar.t.x(), 8.0);
+  // What stays where it was is no news.
+  view_.RevisePoses({PoseAt(1, 7.0), PoseAt(2, 9.0)});
+  EXPECT_EQ(view_.Trajectory(page.version, -1).poses.size(), 1U);
+}
+
 TEST_F(HttpServerTest, ScanIsEmptyUntilSomebodyAsksAndOneIsThere) {
   Serve();
   EXPECT_FALSE(view_.ScanWanted());

@@ -13,8 +13,25 @@ namespace {
 
 // Poses that one page of the trajectory holds at most: a copy of them takes well under 1 ms.
 constexpr std::size_t kPagePoses = 8192;
-constexpr std::chrono::seconds kScanInterest{5};
+constexpr std::chrono::seconds kInterest{5};
 constexpr double kRateSpanS = 10.0;
+
+// Whether somebody asked within the last seconds.
+bool AskedLately(const std::atomic<std::chrono::steady_clock::rep>& asked) {
+  using Clock = std::chrono::steady_clock;
+  const Clock::rep at = asked.load(std::memory_order_relaxed);
+  return at != 0 && Clock::now().time_since_epoch() - Clock::duration(at) < kInterest;
+}
+
+void NoteAsked(std::atomic<std::chrono::steady_clock::rep>* asked) {
+  asked->store(std::chrono::steady_clock::now().time_since_epoch().count(),
+               std::memory_order_relaxed);
+}
+
+bool SamePlace(const LivePose& a, const LivePose& b) {
+  return a.T_world_lidar.t == b.T_world_lidar.t &&
+         a.T_world_lidar.q.coeffs() == b.T_world_lidar.q.coeffs();
+}
 
 double Seconds(std::chrono::steady_clock::duration d) {
   return std::chrono::duration<double>(d).count();
@@ -73,6 +90,10 @@ void LiveView::Keep(const LivePose& pose) {
                                        recent_.back().pose.index));
   }
   recent_.push_back({pose, ++version_});
+  while (!early_.empty() && early_.begin()->first <= pose.index) {
+    if (early_.begin()->first == pose.index) recent_.back().pose = early_.begin()->second;
+    early_.erase(early_.begin());
+  }
   if (recent_.size() <= full_poses_) return;
   KeepThinned(recent_.front());
   recent_.pop_front();
@@ -94,7 +115,11 @@ void LiveView::RevisePoses(const std::vector<LivePose>& poses) {
     const auto at = std::lower_bound(
         recent_.begin(), recent_.end(), pose.index,
         [](const Kept& kept, std::int64_t index) { return kept.pose.index < index; });
-    if (at != recent_.end() && at->pose.index == pose.index) *at = {pose, version_};
+    if (at == recent_.end()) {
+      early_[pose.index] = pose;
+    } else if (at->pose.index == pose.index && !SamePlace(at->pose, pose)) {
+      *at = {pose, version_};
+    }
   }
 }
 
@@ -105,14 +130,12 @@ void LiveView::SetScan(LiveScan scan) {
   scan_.swap(shared);
 }
 
-bool LiveView::ScanWanted() const {
-  const Clock::rep asked = scan_asked_.load(std::memory_order_relaxed);
-  return asked != 0 &&
-         Clock::now().time_since_epoch() - Clock::duration(asked) < Clock::duration(kScanInterest);
-}
+bool LiveView::ScanWanted() const { return AskedLately(scan_asked_); }
+
+bool LiveView::PosesWanted() const { return AskedLately(poses_asked_); }
 
 std::shared_ptr<const LiveScan> LiveView::Scan() const {
-  scan_asked_.store(Clock::now().time_since_epoch().count(), std::memory_order_relaxed);
+  NoteAsked(&scan_asked_);
   const std::lock_guard lock(mutex_);
   return scan_;
 }
@@ -166,6 +189,7 @@ std::string LiveView::Ailment(std::chrono::seconds stale_after) const {
 }
 
 TrajectoryPage LiveView::Trajectory(std::int64_t since_version, std::int64_t from_index) const {
+  NoteAsked(&poses_asked_);
   TrajectoryPage page;
   // Returns false when the page is full.
   const auto take = [&](const auto& list) {

@@ -10,7 +10,8 @@
 //     for each scan {
 //       ... map it, make it durable ...
 //       view.AddFrame({index, stamp_ns, T_world_lidar, times});
-//       view.RevisePoses(poses_that_the_window_moved);
+//       view.RevisePoses(poses_that_are_final_now);
+//       if (view.PosesWanted()) view.RevisePoses(poses_that_the_window_may_still_move);
 //       if (view.ScanWanted()) view.SetScan({index, origin, points});
 //       view.SetStatus(status);  // also every few seconds while idle: it is the sign of life
 //     }
@@ -26,6 +27,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -121,11 +123,14 @@ class LiveView {
   void AddFrame(const LiveFrame& frame);
   // A frame of an earlier life, which has no times. Before any AddFrame.
   void AddPast(const LivePose& pose);
-  // New poses of frames, by index. Those that are no longer kept in full are passed over.
+  // New poses of frames, by index. Those that are no longer kept in full are passed over; those of
+  // frames that are still to be added wait for them.
   void RevisePoses(const std::vector<LivePose>& poses);
   void SetScan(LiveScan scan);
   // Whether anybody has asked for a scan within the last seconds: else there is no need for one.
   bool ScanWanted() const;
+  // The same of the trajectory, for poses that are not final: there may be thousands of them.
+  bool PosesWanted() const;
 
   LiveReport Report() const;
   // Why the daemon is not well; empty: it is. No SetStatus for `stale_after` counts as not well.
@@ -156,7 +161,7 @@ class LiveView {
   const std::size_t full_poses_;
   const std::string run_id_;
   const Clock::time_point start_ = Clock::now();
-  mutable std::atomic<Clock::rep> scan_asked_{0};
+  mutable std::atomic<Clock::rep> scan_asked_{0}, poses_asked_{0};
 
   mutable std::mutex mutex_;  // guards all below
   LiveStatus status_;
@@ -164,6 +169,7 @@ class LiveView {
   std::deque<Kept> recent_;
   std::vector<Kept> old_;
   std::uint64_t old_stride_ = 1, old_seen_ = 0;
+  std::map<std::int64_t, LivePose> early_;  // revisions of frames that are still to be added
   std::int64_t version_ = 0;
   std::array<Timed, kTimings> timings_{};
   std::uint64_t timed_ = 0;

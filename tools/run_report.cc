@@ -104,6 +104,7 @@ nlohmann::json Summarise(const MappingCounts& counts, const VoxelMap& map,
       {"map_surfels", figures.map_surfels},
       {"ba_solves", counts.solves},
       {"ba_failed_solves", counts.failed_solves},
+      {"ba_discarded_solves", counts.discarded_solves},
   };
   if (errors != nullptr) {
     json["ape_rmse_m"] = NumberOrNull(errors->ape_rmse_m);

@@ -42,6 +42,10 @@ InboxFile FileOf(const SessionScan& row, const WatchFiles& files) {
           row.stamp_ns, row.recorded_stamp,   row.next_stamp_ns};
 }
 
+LivePose LivePoseOf(const FinalPose& pose) {
+  return {static_cast<std::int64_t>(pose.scan), pose.pose.stamp_ns, pose.pose.T_world_lidar};
+}
+
 }  // namespace
 
 WatchDaemon::WatchDaemon(WatchSetup setup)
@@ -95,6 +99,9 @@ SessionHooks WatchDaemon::Hooks() {
   SessionHooks hooks;
   hooks.on_mapped = [this](const ScanReport& report, const SessionScan&) { OnMapped(report); };
   hooks.on_scan = [this](const ScanReport& report, const SessionScan& row) { OnScan(report, row); };
+  hooks.on_final = [this](const FinalPose& pose) {
+    if (setup_.http && !pose.skipped) view_.RevisePoses({LivePoseOf(pose)});
+  };
   hooks.on_durable = [this](const SessionScan& row) { OnDurable(row); };
   hooks.on_checkpoint = [this](const SessionCheckpoint& checkpoint, std::int64_t released) {
     OnCheckpoint(checkpoint, released);
@@ -136,6 +143,7 @@ void WatchDaemon::Run(const std::atomic<bool>& stop) {
     if (setup_.once) break;
     const bool asked =
         queries_.AnswerOne(session_->pipeline().map(), setup_.config.backend.min_surfel_frames);
+    ShowOpenPoses();
     ShowStatus(LiveState::kIdle);
     NotifyWatchdog();
     // Pieces of a checkpoint follow one another as fast as they are written.
@@ -210,14 +218,17 @@ void WatchDaemon::OnScan(const ScanReport& report, const SessionScan& row) {
   NotifyWatchdog();
 }
 
-void WatchDaemon::ShowScan(const ScanReport& report) {
+void WatchDaemon::ShowOpenPoses() {
+  if (!view_.PosesWanted()) return;
   std::vector<LivePose> poses;
   session_->pipeline().ShowOpenPoses([&](const FinalPose& pose) {
-    if (pose.skipped) return;
-    poses.push_back(
-        {static_cast<std::int64_t>(pose.scan), pose.pose.stamp_ns, pose.pose.T_world_lidar});
+    if (!pose.skipped) poses.push_back(LivePoseOf(pose));
   });
   view_.RevisePoses(poses);
+}
+
+void WatchDaemon::ShowScan(const ScanReport& report) {
+  ShowOpenPoses();
   if (!view_.ScanWanted() || report.skipped) return;
   LiveScan scan;
   scan.index = static_cast<std::int64_t>(report.index);

@@ -68,6 +68,7 @@ class WatchDaemon {
   void OnDurable(const SessionScan& row);
   void OnCheckpoint(const SessionCheckpoint& checkpoint, std::int64_t released);
   void ShowStatus(LiveState state);
+  void ShowOpenPoses();
   void ShowScan(const ScanReport& report);
   void Reload();
   void WriteOutputs();
