@@ -40,35 +40,40 @@ void BackendOptions::CheckTogether() const {
   }
 }
 
-Mapper::Mapper(const MapperOptions& options, VoxelStore* store)
+Mapper::Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
+               const SE3& T_world_start)
     : options_(options),
-      map_(options.map, store),
+      map_(map),
+      piece_(piece),
+      T_world_start_(T_world_start),
       odometry_(options.odometry),
-      window_(options.backend.window, &map_) {
+      window_(options.backend.window, map) {
   CheckOptions(options.backend, "backend");
   options.backend.CheckTogether();
 }
 
 MappedFrame Mapper::Process(std::int64_t scan, StampNs stamp_ns,
-                            std::vector<TimedCluster> clusters) {
+                            std::vector<TimedCluster>* clusters, bool may_restart) {
   MappedFrame result;
-  if (odometry_.started()) RecallAround(odometry_.Predict(stamp_ns), clusters);
-  result.odometry = Register(stamp_ns, clusters);
+  map_->SelectPiece(piece_);
+  if (odometry_.started()) RecallAround(odometry_.Predict(stamp_ns), *clusters);
+  result.odometry = Register(stamp_ns, *clusters);
   OdometryFrame& frame = result.odometry;
   if (frame.status == OdometryFrame::Status::kLost) {
     odometry_.Lose();
-    result.restarted = !localising_ && MayRestart(frame, clusters);
-  }
-  if (frame.status != OdometryFrame::Status::kLost || result.restarted) {
+    result.to_restart = !localising_ && MayRestart(frame, *clusters) && may_restart;
+    if (result.to_restart) return result;
+  } else {
+    matched_ = matched_ || frame.status == OdometryFrame::Status::kTracked;
     lost_in_a_row_ = 0;
     lost_scan_.clear();
     odometry_.Accept(frame);
     ++frames_since_keyframe_;
-    result.keyframe = !localising_ && (result.restarted || IsKeyframe(frame.T_world_lidar));
-    if (result.keyframe) AddKeyframe(frame, std::move(clusters));
+    result.keyframe = !localising_ && IsKeyframe(frame.T_world_lidar);
+    if (result.keyframe) AddKeyframe(frame, std::move(*clusters));
   }
   // The last keyframe's clusters may have moved though nothing new entered the map.
-  map_.Refresh();
+  map_->Refresh();
   if (localising_) {
     open_.push_back({scan, stamp_ns, OpenFrame::kNoKeyframe, frame.T_world_lidar});
   } else {
@@ -102,11 +107,12 @@ void Mapper::RecallAround(const SE3& T_world_lidar, const std::vector<TimedClust
   points.reserve(clusters.size());
   for (const TimedCluster& cluster : clusters)
     points.push_back(T_world_lidar * cluster.points.mean);
-  map_.Recall(points);
+  map_->Recall(points);
 }
 
 OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) {
-  OdometryFrame frame = odometry_.Register(stamp_ns, clusters, map_, localising_);
+  OdometryFrame frame = odometry_.Register(stamp_ns, clusters, *map_, localising_);
+  if (frame.status == OdometryFrame::Status::kFirst) frame.T_world_lidar = T_world_start_;
   const auto refine = [&] {
     return frame.status == OdometryFrame::Status::kTracked &&
            RefineLastTwist(stamp_ns, frame.T_world_lidar);
@@ -119,8 +125,8 @@ OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>
   // known, so both are brought to agree before anything is built on them.
   constexpr int kRounds = 4;
   for (int i = 0; i < kRounds && refine(); ++i) {
-    map_.Refresh();
-    frame = odometry_.Register(stamp_ns, clusters, map_);
+    map_->Refresh();
+    frame = odometry_.Register(stamp_ns, clusters, *map_);
   }
   return frame;
 }
@@ -161,8 +167,8 @@ void Mapper::AddKeyframe(const OdometryFrame& odometry, std::vector<TimedCluster
   frame.measured = std::move(clusters);
   keyframes_.push_back(frame.T_world_lidar);
   window_.Push(std::move(frame));
-  map_.Refresh();
-  map_.EvictToBudget();
+  map_->Refresh();
+  map_->EvictToBudget();
   ++keyframes_since_solve_;
   frames_since_keyframe_ = 0;
 }
@@ -177,6 +183,7 @@ bool Mapper::SolveDue() const {
 }
 
 BundleProblem Mapper::PrepareSolve() {
+  map_->SelectPiece(piece_);
   keyframes_since_solve_ = 0;
   solving_.clear();
   for (const WindowFrame& frame : window_.frames()) solving_.push_back(frame.id);
@@ -184,6 +191,7 @@ BundleProblem Mapper::PrepareSolve() {
 }
 
 bool Mapper::ApplySolve(const BundleResult& result) {
+  map_->SelectPiece(piece_);
   const std::vector<std::int64_t> ids = std::move(solving_);
   solving_.clear();
   if (!result.usable()) return false;
@@ -206,13 +214,33 @@ bool Mapper::ApplySolve(const BundleResult& result) {
   for (std::size_t i = 0; i < window_.frames().size(); ++i) {
     window_.Move(i, window_.frames()[i].T_world_lidar, window_.CentralTwist(i));
   }
-  map_.Refresh();
+  map_->Refresh();
   return true;
 }
 
 void Mapper::StartLocalising(const SE3& T_world_lidar) {
   localising_ = true;
   odometry_.StartAt(T_world_lidar);
+}
+
+void Mapper::Close() {
+  map_->SelectPiece(piece_);
+  if (!localising_ && !matched_) {
+    DropWindow();
+  } else {
+    while (!window_.frames().empty()) window_.PopOldest();
+  }
+  map_->Refresh();
+}
+
+void Mapper::DropWindow() {
+  std::vector<VoxelKey> roots;
+  for (const WindowFrame& frame : window_.frames()) {
+    for (std::size_t i = 0; i < frame.leaves.size(); ++i) {
+      if (frame.leaves[i] != VoxelMap::kNoNode) roots.push_back(frame.addresses[i].root);
+    }
+  }
+  map_->DropPiece(piece_, roots);
 }
 
 StampedPose Mapper::PoseOf(const OpenFrame& frame) const {
@@ -248,8 +276,9 @@ std::vector<Eigen::Vector3d> Mapper::NewestKeyframe() const {
 }
 
 void Mapper::Archive(StateArchive& a) {
-  a(&odometry_, &window_, &keyframes_, &first_id_, &keyframes_since_solve_, &frames_since_keyframe_,
-    &solving_, &lost_in_a_row_, &lost_scan_, &T_world_lost_, &localising_);
+  a(&T_world_start_, &odometry_, &window_, &keyframes_, &first_id_, &keyframes_since_solve_,
+    &frames_since_keyframe_, &solving_, &lost_in_a_row_, &lost_scan_, &T_world_lost_, &matched_,
+    &localising_);
   open_.resize(a.Size(open_.size(), 1));
   for (OpenFrame& frame : open_) {
     a(&frame.scan, &frame.stamp_ns, &frame.keyframe_id, &frame.T_keyframe_lidar);

@@ -1,5 +1,8 @@
-// The mapping algorithm, one scan after the other, without threads: odometry, keyframes, sliding
-// window, hand-over of bundle adjustment.
+// The mapping algorithm of one piece of the map, one scan after the other, without threads:
+// odometry, keyframes, sliding window, hand-over of bundle adjustment.
+//
+// All poses are in the frame of the piece, the *world* of its mapper. Several mappers may work on
+// pieces of one map in turn (SerialMapping); each selects its own before it touches the map.
 //
 //   Process(scan)      pose from odometry; a keyframe enters window and map
 //   TakeFinal(...)     poses that nothing will change any more
@@ -40,7 +43,8 @@ struct BackendOptions {
   int keyframe_after_frames = 100;
   // A pose is final when so many scans have come after it, wherever the window stands.
   int final_after_frames = 300;
-  // Lost for so many frames in a row: the next one enters the map at its predicted pose after all.
+  // Lost for so many frames in a row: the next one begins a piece of its own, at its predicted
+  // pose.
   int restart_after_lost_frames = 20;
   // Frames that must have seen a plane before it counts as part of the map that is written out.
   int min_surfel_frames = 2;
@@ -64,9 +68,10 @@ struct MapperOptions {
 struct MappedFrame {
   OdometryFrame odometry;
   bool keyframe = false;
-  // Lost for so long that mapping starts anew from the prediction. Only with a scan that shows the
-  // same place as the lost one before it: rain and spray begin no map.
-  bool restarted = false;
+  // Lost for so long that this scan is to begin a piece of its own, and was left out of this one.
+  // Only with a scan that shows the same place as the lost one before it: rain and spray begin no
+  // map.
+  bool to_restart = false;
 };
 
 // A frame whose pose bundle adjustment may still move.
@@ -82,11 +87,15 @@ struct OpenFrame {
 
 class Mapper {
  public:
-  // `store` gets the parts of the map that leave memory (VoxelMap).
-  explicit Mapper(const MapperOptions& options, VoxelStore* store = nullptr);
+  // `piece` must be one of the map's, which must outlive the mapper. The first scan is at
+  // `T_world_start`.
+  Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
+         const SE3& T_world_start = SE3());
 
-  // Numbers of scans and stamps must increase. A lost frame leaves the map as it is.
-  MappedFrame Process(std::int64_t scan, StampNs stamp_ns, std::vector<TimedCluster> clusters);
+  // Numbers of scans and stamps must increase. A lost frame leaves the map as it is. The clusters
+  // are taken if it is a keyframe. Without `may_restart` a frame is lost however many were before.
+  MappedFrame Process(std::int64_t scan, StampNs stamp_ns, std::vector<TimedCluster>* clusters,
+                      bool may_restart = true);
 
   bool SolveDue() const;
   // Whether there is anything to solve at all, due or not.
@@ -99,8 +108,10 @@ class Mapper {
   // Before any scan.
   void StartLocalising(const SE3& T_world_lidar);
 
-  // The next scan is of another recording, whose clock may be another one.
-  void Interrupt() { odometry_.Interrupt(); }
+  // No more scans come: the frames of the window join the fixed part of the map as they stand, and
+  // all poses are final. Nothing is kept of a piece in which no scan was ever matched: another may
+  // have its place in the map. Then this mapper is of no use any more.
+  void Close();
 
   // Poses that have become final since the last call: of the frames behind the window, and of all
   // scans with a number below `before_scan`. A sensor that stands still, or whose scans have ceased
@@ -113,14 +124,14 @@ class Mapper {
   // Where the points of the newest keyframe are in the world: the means of its clusters.
   std::vector<Eigen::Vector3d> NewestKeyframe() const;
 
-  // All but the map.
+  // All but the map and the piece's number.
   void Archive(StateArchive& a);
 
-  const VoxelMap& map() const { return map_; }
-  VoxelMap& map() { return map_; }
+  std::int64_t piece() const { return piece_; }
 
  private:
   OdometryFrame Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters);
+  void DropWindow();
   bool IsKeyframe(const SE3& T_world_lidar) const;
   void AddKeyframe(const OdometryFrame& frame, std::vector<TimedCluster> clusters);
   // Whether a lost scan may begin a map anew; remembers it for the next.
@@ -138,7 +149,9 @@ class Mapper {
   std::int64_t NextId() const { return first_id_ + static_cast<std::int64_t>(keyframes_.size()); }
 
   MapperOptions options_;
-  VoxelMap map_;
+  VoxelMap* map_;
+  std::int64_t piece_;
+  SE3 T_world_start_;
   Odometry odometry_;
   SlidingWindow window_;
   std::deque<OpenFrame> open_;
@@ -152,6 +165,7 @@ class Mapper {
   // The last lost scan, deskewed, while the next may restart the map, and where it was expected.
   std::vector<PointCluster> lost_scan_;
   SE3 T_world_lost_;
+  bool matched_ = false;  // any scan, ever
   bool localising_ = false;
 };
 

@@ -1,7 +1,7 @@
 // The threads around the mapper: scans in, poses and map out.
 //
 //     read + prepare + cluster    parallel over the next scans
-//       -> odometry, window, map  serial, in the order of the scans (Mapper)
+//       -> odometry, window, map  serial, in the order of the scans (SerialMapping)
 //            -> bundle adjustment one window in flight, beside the next scans' odometry
 //       -> callbacks              for each scan, in order, as soon as its pose is known
 //
@@ -22,55 +22,13 @@
 #include <vector>
 
 #include "backend/final_poses.h"
-#include "backend/mapper.h"
-#include "backend/scan_decoder.h"
-#include "core/options.h"
+#include "backend/mapping_options.h"
+#include "backend/mapping_report.h"
 #include "io/scan_source.h"
 
 namespace lamina {
 
-struct MappingOptions {
-  ScanPreparationOptions preparation;
-  MapperOptions mapper;
-  PipelineOptions pipeline;
-};
-
-struct ScanReport : ScanDecodeReport {
-  OdometryFrame odometry;
-  bool keyframe = false;
-  // Milliseconds of wall time. Of the solve: the one that was taken in before this scan. Of the
-  // map: to take that in and to build the next problem, since the scan before.
-  double odometry_ms = 0, map_ms = 0, solve_ms = 0;
-};
-
-// A window that was solved.
-struct SolveReport {
-  std::size_t before_scan = 0;  // took effect before this scan
-  std::size_t frames = 0, planes = 0, observations = 0;
-  bool discarded = false;  // solved in vain: its frames had left the window
-  BundleResult result;
-
-  void Archive(StateArchive& a);
-};
-
-struct MappingCounts {
-  std::size_t scans = 0, frames = 0;  // with and without those skipped
-  std::size_t keyframes = 0, lost = 0, restarts = 0, degenerate = 0, searched = 0;
-  std::map<SkipReason, std::size_t> skipped;
-  std::size_t solves = 0, failed_solves = 0, discarded_solves = 0;
-
-  void Archive(StateArchive& a);
-};
-
-// All are called from one thread at a time, between two scans, when the pipeline may be looked at.
-// May be empty.
-struct MappingCallbacks {
-  std::function<void(const ScanReport&)> on_scan;  // each scan, in order
-  // All that could be done before the next scan has been done, and the state may be saved.
-  std::function<void()> on_settled;
-  std::function<void(const FinalPose&)> on_final_pose;  // each scan, in order, somewhat later
-  std::function<void(const SolveReport&)> on_solve;
-};
+class SerialMapping;
 
 // Scans [next, end) of a source; the period of a sweep is learned from stamps from `begin` on.
 struct ScanRange {
@@ -89,8 +47,6 @@ class MappingPipeline {
   // true, scans that have been read are still processed. Returns the number of scans processed.
   std::size_t Process(const ScanSource& source, const ScanRange& range,
                       const std::atomic<bool>* stop = nullptr);
-  // The next scan is of another recording, whose clock may be another one.
-  void Interrupt();
   // No more scans are to come: one last solve, then all poses are final.
   void Finish();
 
@@ -112,11 +68,10 @@ class MappingPipeline {
   void Archive(StateArchive& a);
 
  private:
-  class SerialStage;
   class ScanStages;
 
   MappingOptions options_;
-  std::unique_ptr<SerialStage> serial_;
+  std::unique_ptr<SerialMapping> serial_;
 };
 
 }  // namespace lamina

@@ -1,6 +1,5 @@
 #include "backend/scan_decoder.h"
 
-#include <algorithm>
 #include <utility>
 
 #include "core/error.h"
@@ -13,10 +12,7 @@ namespace {
 double PeriodAt(const ScanSource& source, std::size_t begin, std::size_t i) {
   constexpr std::size_t kStamps = 10;
   constexpr double kFallbackS = 0.1;
-  std::vector<StampNs> stamps;
-  for (std::size_t k = std::max(begin, i >= kStamps ? i - kStamps : 0); k <= i; ++k) {
-    stamps.push_back(source.Stamp(k));
-  }
+  std::vector<StampNs> stamps = source.StampsUpTo(i, begin, kStamps + 1);
   // The first scan knows no period yet, but the next stamp is there to see.
   if (stamps.size() == 1) {
     if (const auto after = source.StampAfter(i)) stamps.push_back(*after);
@@ -29,6 +25,7 @@ double PeriodAt(const ScanSource& source, std::size_t begin, std::size_t i) {
 void PipelineOptions::Visit(OptionVisitor& v) {
   v.Integer("lookahead_scans", &lookahead_scans, 1, 1000);
   v.Integer("min_points", &min_points, 1, 10000000);
+  v.Integer("max_recordings", &max_recordings, 1, 1000);
 }
 
 const char* ToString(SkipReason reason) {
@@ -39,6 +36,8 @@ const char* ToString(SkipReason reason) {
       return "too_few_points";
     case SkipReason::kStampNotAfterLast:
       return "stamp_not_after_last";
+    case SkipReason::kNoRoomForPiece:
+      return "no_room_for_piece";
   }
   return "unknown";
 }
@@ -48,6 +47,7 @@ DecodedScan DecodeScan(const ScanSource& source, const ScanPreparationOptions& p
   DecodedScan decoded;
   ScanDecodeReport& report = decoded.report;
   report.index = i;
+  report.recording = source.Recording(i);
   report.stamp_ns = source.Stamp(i);
   Stopwatch watch;
   try {

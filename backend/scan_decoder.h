@@ -19,16 +19,20 @@ struct PipelineOptions {
   int lookahead_scans = 4;
   // A scan with fewer usable points is skipped.
   int min_points = 100;
+  // Recordings (folders of an inbox) that are mapped at once. When one more comes, the one that was
+  // silent longest is ended.
+  int max_recordings = 8;
 
   void Visit(OptionVisitor& v);
 };
 
 // Why a scan got no pose of its own.
-enum class SkipReason { kUnreadable, kTooFewPoints, kStampNotAfterLast };
+enum class SkipReason { kUnreadable, kTooFewPoints, kStampNotAfterLast, kNoRoomForPiece };
 const char* ToString(SkipReason reason);
 
 struct ScanDecodeReport {
   std::size_t index = 0;  // in the source
+  std::string recording;  // that it is of (ScanSource::Recording)
   StampNs stamp_ns = 0;
   bool skipped = false;
   SkipReason reason = SkipReason::kUnreadable;
@@ -44,8 +48,8 @@ struct DecodedScan {
   std::vector<TimedPoint> points;      // usable ones, as prepared
 };
 
-// Scan i of a range that begins at `begin` (the period of a sweep is taken from stamps in it).
-// A scan that cannot be used is a report, not an exception. Thread-safe.
+// Scan i of a range that begins at `begin` (the period of a sweep is taken from stamps in it, of
+// the same recording). A scan that cannot be used is a report, not an exception. Thread-safe.
 DecodedScan DecodeScan(const ScanSource& source, const ScanPreparationOptions& preparation,
                        int min_points, double leaf_size_m, std::size_t begin, std::size_t i);
 

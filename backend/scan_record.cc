@@ -27,6 +27,7 @@ SessionScan RecordOf(const ScanReport& report) {
   s.T_world_lidar = report.odometry.T_world_lidar;
   s.status = StatusName(report);
   s.detail = report.detail;
+  s.piece = report.piece;
   s.keyframe = report.keyframe;
   s.searched = report.odometry.searched;
   s.points = static_cast<std::int64_t>(report.points);
@@ -62,7 +63,10 @@ SessionSolve RecordOf(const SolveReport& report) {
 }
 
 FinalPose PoseOf(const SessionScan& scan) {
-  return {static_cast<std::size_t>(scan.scan), {scan.stamp_ns, scan.T_world_lidar}, scan.skipped};
+  return {static_cast<std::size_t>(scan.scan),
+          {scan.stamp_ns, scan.T_world_lidar},
+          scan.skipped,
+          scan.piece};
 }
 
 FinalPose AsRecorded(const SessionDatabase& database, const FinalPose& pose) {

@@ -127,6 +127,8 @@ void Session::OpenDatabase() {
     database_.reset();
     spdlog::error("{}: has lost all that was in it; going back to the copy of the last checkpoint",
                   path);
+  } catch (const OtherFormatError&) {
+    throw;
   } catch (const InputError& error) {
     if (!fs::exists(backup)) throw;
     spdlog::error("{}; going back to the copy of the last checkpoint", error.what());
@@ -172,6 +174,10 @@ void Session::BeginLocalising() {
       pipeline_ = std::make_unique<MappingPipeline>(setup_.mapping, Callbacks(), tiles_.get());
       ReadCheckpoint((fs::path(base.session) / CheckpointName(scans)).string(), base.fixed_options,
                      CheckpointPart::kMap, pipeline_.get());
+      if (!pipeline_->map().HasPiece(0)) {
+        throw InputError(fmt::format("{}: no scan of the first piece of the map was ever matched",
+                                     CheckpointName(scans)));
+      }
       tiles_->CopyFrom((fs::path(base.session) / "map_tiles.db").string(), scans - 1);
       pipeline_->StartLocalising(base.T_world_start);
       return;
@@ -240,10 +246,7 @@ MappingCallbacks Session::Callbacks() {
 void Session::Process(StreamedScans* scans, const std::atomic<bool>* stop) {
   scans_ = scans;
   while (next_ < static_cast<std::int64_t>(scans->size()) && !(stop != nullptr && stop->load())) {
-    const auto next = static_cast<std::size_t>(next_);
-    const std::size_t begin = scans->RunBegin(next);
-    if (begin == next && next > 0) pipeline_->Interrupt();
-    pipeline_->Process(*scans, {begin, next, scans->RunEnd(next)}, stop);
+    pipeline_->Process(*scans, {0, static_cast<std::size_t>(next_), scans->size()}, stop);
   }
   scans->Forget(static_cast<std::size_t>(next_));
   scans_ = nullptr;

@@ -20,7 +20,8 @@
 //
 //     HEAD   u64 number of scans in it, string: the options that decide results
 //     MAPC   counters of the map          (VoxelMap::ArchiveCounters)
-//     PIPE   window, odometry, solve ...  (MappingPipeline::Archive)
+//     PIPE   of each recording under way its window, odometry, solve ...
+//            (MappingPipeline::Archive)
 //     ROOT   roots of the map, any number of sections  (core/voxel_map_records.cc)
 #pragma once
 
@@ -60,7 +61,7 @@ struct SessionOptions {
 struct BaseMap {
   std::string session;        // its folder
   std::string fixed_options;  // those that it must have been begun with
-  SE3 T_world_start;          // where the first scan is, roughly
+  SE3 T_world_start;          // where the first scan is, roughly, in piece 0 of its map
 };
 
 struct SessionSetup {

@@ -42,19 +42,6 @@ inline Eigen::Vector3d VoxelCentre(VoxelKey key, double size) {
                  Eigen::Vector3d::Constant(0.5));
 }
 
-// Tiles: cubes of 4 x 4 x 4 voxels, named by keys of the same form (each index divided by 4).
-inline constexpr int kTileBits = 2;
-inline VoxelKey TileOf(VoxelKey key) {
-  constexpr VoxelKey kMask = (VoxelKey{1} << kVoxelKeyBits) - 1;
-  VoxelKey tile = 0;
-  for (const int shift : {2 * kVoxelKeyBits, kVoxelKeyBits, 0}) {
-    tile |= (((key >> shift) & kMask) >> kTileBits) << shift;
-  }
-  return tile;
-}
-// The first voxel of a tile; the others follow by adding i to the three indices, 0 <= i < 4.
-inline VoxelKey FirstVoxelOf(VoxelKey tile) { return tile << kTileBits; }
-
 // Every bit of the key reaches every bit of the hash (the finaliser of splitmix64, Steele et al.
 // 2014). Neighbouring voxels differ in few bits; a weaker mix lines them up in the table.
 inline std::uint64_t HashVoxelKey(VoxelKey key) {

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <stdexcept>
+#include <string>
 
 #include "core/parallel.h"
 
@@ -43,6 +45,48 @@ VoxelMap::VoxelMap(const VoxelMapOptions& options, VoxelStore* store)
   CheckOptions(options, "map");
 }
 
+int VoxelMap::SlotOfPiece(std::int64_t piece) const {
+  const auto at = std::find(pieces_.begin(), pieces_.end(), piece);
+  if (piece >= 0 && at != pieces_.end()) return static_cast<int>(at - pieces_.begin());
+  throw std::logic_error("the map has no piece " + std::to_string(piece));
+}
+
+void VoxelMap::SelectPiece(std::int64_t piece) {
+  if (selected_piece() != piece) slot_ = SlotOfPiece(piece);
+}
+
+bool VoxelMap::HasPiece(std::int64_t piece) const {
+  return piece >= 0 && std::find(pieces_.begin(), pieces_.end(), piece) != pieces_.end();
+}
+
+bool VoxelMap::RoomForPiece() const {
+  return pieces_.size() < kMostSlots ||
+         std::find(pieces_.begin(), pieces_.end(), kNoPiece) != pieces_.end();
+}
+
+void VoxelMap::BeginPiece(std::int64_t piece) {
+  const auto free = std::find(pieces_.begin(), pieces_.end(), kNoPiece);
+  slot_ = static_cast<int>(free - pieces_.begin());
+  if (free == pieces_.end()) pieces_.push_back(kNoPiece);
+  pieces_[static_cast<std::size_t>(slot_)] = piece;
+}
+
+void VoxelMap::DropPiece(std::int64_t piece, const std::vector<VoxelKey>& roots) {
+  for (const VoxelKey key : roots) {
+    const NodeId root = index_.Find(key);
+    if (root == kNoNode) continue;
+    BeforeChange(root);
+    RemoveRoot(root);
+  }
+  pieces_[static_cast<std::size_t>(SlotOfPiece(piece))] = kNoPiece;
+}
+
+void VoxelMap::RemoveRoot(NodeId root) {
+  index_.Erase(node(root).key);
+  Unlink(root);
+  FreeTree(root);
+}
+
 VoxelMap::NodeId VoxelMap::NewNode(NodeId parent) {
   NodeId id = free_list_;
   if (id != kNoNode) {
@@ -76,10 +120,10 @@ VoxelMap::NodeId VoxelMap::RootOf(NodeId id) const {
 }
 
 VoxelMap::NodeId VoxelMap::FindSurface(const Eigen::Vector3d& p) const {
-  const VoxelKey key = VoxelKeyOf(p, inverse_root_size_);
+  const VoxelKey key = KeyOf(p);
   NodeId id = index_.Find(key);
   if (id == kNoNode || node(id).surface.kind == Surface::Kind::kPlane) return id;
-  Eigen::Vector3d centre = VoxelCentre(key, options_.root_size_m);
+  Eigen::Vector3d centre = RootCentre(key, options_.root_size_m);
   double half = 0.25 * options_.root_size_m;
   for (int level = 0; level < options_.depth; ++level, half *= 0.5) {
     id = node(id).child[ChildSlot(p, half, &centre)];
@@ -116,7 +160,7 @@ PointCluster VoxelMap::FixedAggregate(NodeId id) const {
 }
 
 VoxelMap::NodeId VoxelMap::LeafAt(const Eigen::Vector3d& p, LeafAddress* address) {
-  const VoxelKey key = VoxelKeyOf(p, inverse_root_size_);
+  const VoxelKey key = KeyOf(p);
   NodeId id = index_.Find(key);
   if (id == kNoNode && store_ != nullptr && store_->Has(TileOf(key))) {
     store_->TakeRoot(TileOf(key), key, [this](std::string_view record) { Return(record); });
@@ -131,7 +175,7 @@ VoxelMap::NodeId VoxelMap::LeafAt(const Eigen::Vector3d& p, LeafAddress* address
     Unlink(id);
   }
   Touch(id);
-  Eigen::Vector3d centre = VoxelCentre(key, options_.root_size_m);
+  Eigen::Vector3d centre = RootCentre(key, options_.root_size_m);
   std::uint64_t path = 0;
   double half = 0.25 * options_.root_size_m;
   for (int level = 0; level < options_.depth; ++level, half *= 0.5) {
@@ -317,9 +361,7 @@ std::size_t VoxelMap::EvictTo(double limit, std::uint64_t last_touch) {
         ArchiveRoot(record, root);
         store_->Put(TileOf(key), key, record.written());
       }
-      index_.Erase(key);
-      Unlink(root);
-      FreeTree(root);
+      RemoveRoot(root);
       ++dropped;
     }
     root = next;
@@ -335,7 +377,13 @@ std::int32_t VoxelMap::LastAdded(NodeId id) const {
   return last;
 }
 
-void VoxelMap::VisitSurfaces(NodeId id, int min_frames, const VisitSurfel& visit) const {
+void VoxelMap::VisitRoot(NodeId root, int min_frames, const VisitSurfel& visit) const {
+  const auto slot = static_cast<std::size_t>(SlotOf(node(root).key));
+  VisitSurfaces(root, min_frames, pieces_.at(slot), visit);
+}
+
+void VoxelMap::VisitSurfaces(NodeId id, int min_frames, std::int64_t piece,
+                             const VisitSurfel& visit) const {
   const Node& n = node(id);
   if (n.surface.kind == Surface::Kind::kPlane) {
     // Below a planar node nothing is kept up to date: what it does not show, its children may not.
@@ -348,11 +396,12 @@ void VoxelMap::VisitSurfaces(NodeId id, int min_frames, const VisitSurfel& visit
     surfel.eigenvalues = eigen.l.cwiseMax(0.0).cast<float>();
     surfel.count = static_cast<std::uint32_t>(std::lround(cluster.count));
     surfel.last_keyframe = LastAdded(id);
+    surfel.piece = piece;
     visit(surfel);
     return;
   }
   for (const NodeId child : n.child) {
-    if (child != kNoNode) VisitSurfaces(child, min_frames, visit);
+    if (child != kNoNode) VisitSurfaces(child, min_frames, piece, visit);
   }
 }
 

@@ -18,6 +18,11 @@
 // stands on them. They come back when something new is to be put beside them, or by Recall(). A
 // budget below what the window stands on cannot be kept; over_budget() says so.
 //
+// Pieces: parts of the map that no match connects (two recordings; what came before and after the
+// sensor was lost). Each has a frame of its own, the *world* of all that is said here, and none
+// sees the others, wherever their coordinates lie; index, budget, list and store are shared. What
+// is read and written by coordinates is of the piece selected; nodes know theirs.
+//
 // Snapshot: the map as it stood at one moment, saved piece by piece while it goes on changing. A
 // root is saved before its first change after that moment, or when its turn comes.
 //
@@ -33,6 +38,7 @@
 
 #include "core/options.h"
 #include "core/point_cluster.h"
+#include "core/root_key.h"
 #include "core/state_archive.h"
 #include "core/surfel.h"
 #include "core/voxel_key.h"
@@ -89,6 +95,19 @@ class VoxelMap {
 
   const VoxelMapOptions& options() const { return options_; }
 
+  // --- Pieces --------------------------------------------------------------------------------
+
+  // Piece 0 is there from the beginning, and selected.
+  void SelectPiece(std::int64_t piece);
+  std::int64_t selected_piece() const { return pieces_[static_cast<std::size_t>(slot_)]; }
+  bool HasPiece(std::int64_t piece) const;
+  bool RoomForPiece() const;
+  // A new one, numbered so, and selects it. There must be room.
+  void BeginPiece(std::int64_t piece);
+  // Of a piece that nothing is to be kept of: takes out these roots, which nobody holds, and are
+  // all that it has; gives its room to another.
+  void DropPiece(std::int64_t piece, const std::vector<VoxelKey>& roots);
+
   // --- Reading -------------------------------------------------------------------------------
 
   // The coarsest planar node around p or, if there is none, the leaf around p (rough or empty);
@@ -108,6 +127,10 @@ class VoxelMap {
   // the same input).
   using VisitSurfel = std::function<void(const Surfel&)>;
   void ForEachSurface(int min_frames, const VisitSurfel& visit) const;
+  // The tile around p, which must satisfy CanHold, of a piece.
+  VoxelKey TileAround(const Eigen::Vector3d& p, std::int64_t piece = 0) const {
+    return TileOf(SlotBase(SlotOfPiece(piece)) + RootKeyOf(p, inverse_root_size_));
+  }
   // Those of one tile. Returns the number of the refresh that last changed it; visits nothing if
   // that is `changed_by` or earlier (0 for what lies in the store).
   std::int64_t ForEachSurfaceOfTile(VoxelKey tile, std::int64_t changed_by, int min_frames,
@@ -139,7 +162,7 @@ class VoxelMap {
   // The leaf around p, made if it is not there; p must satisfy CanHold. Touches the root. Its
   // address goes to *address.
   NodeId LeafAt(const Eigen::Vector3d& p, LeafAddress* address = nullptr);
-  bool CanHold(const Eigen::Vector3d& p) const { return IsVoxelKeyInRange(p, inverse_root_size_); }
+  bool CanHold(const Eigen::Vector3d& p) const { return IsRootKeyInRange(p, inverse_root_size_); }
 
   // The window part of a leaf. Clusters are in the world frame and belong to the frame `frame`; all
   // clusters of one frame are added before any of the next.
@@ -185,6 +208,7 @@ class VoxelMap {
   NodeId LeafOf(const LeafAddress& address) const;  // kNoNode if there is none
 
  private:
+  class RecordSurfaces;
   struct Node {
     PointCluster fixed, window;  // leaves alone
     Surface surface;
@@ -214,6 +238,11 @@ class VoxelMap {
   const Node& node(NodeId id) const {
     return blocks_[static_cast<std::size_t>(id >> kBlockBits)][id & kBlockMask];
   }
+  VoxelKey KeyOf(const Eigen::Vector3d& p) const {
+    return SlotBase(slot_) + RootKeyOf(p, inverse_root_size_);
+  }
+  int SlotOfPiece(std::int64_t piece) const;
+  void RemoveRoot(NodeId root);
   NodeId NewNode(NodeId parent);
   void FreeTree(NodeId id);
   NodeId RootOf(NodeId id) const;
@@ -247,7 +276,8 @@ class VoxelMap {
   // Sums of a node and all below it, parents before children; returns the node's own.
   PointCluster SumTree(NodeId id, std::vector<TreeSum>* sums);
   void RefreshTree(NodeId root, std::vector<TreeSum>* sums);
-  void VisitSurfaces(NodeId id, int min_frames, const VisitSurfel& visit) const;
+  void VisitRoot(NodeId root, int min_frames, const VisitSurfel& visit) const;
+  void VisitSurfaces(NodeId id, int min_frames, std::int64_t piece, const VisitSurfel& visit) const;
   std::int32_t LastAdded(NodeId id) const;
   std::size_t UsedBytes() const;
 
@@ -255,6 +285,9 @@ class VoxelMap {
   double inverse_root_size_;
   VoxelStore* store_;
   VoxelIndex index_;
+  static constexpr std::int64_t kNoPiece = -1;
+  std::vector<std::int64_t> pieces_{0};  // by slot
+  int slot_ = 0;                         // of the selected piece
   std::vector<std::unique_ptr<Node[]>> blocks_;
   NodeId next_unused_ = 0;
   NodeId free_list_ = kNoNode;  // chained through Node::parent

@@ -52,6 +52,9 @@ VoxelMap::NodeId VoxelMap::LoadRoot(StateArchive& a) {
   const NodeId root = NewNode(kNoNode);
   try {
     ArchiveRoot(a, root);
+    if (static_cast<std::size_t>(SlotOf(node(root).key)) >= pieces_.size()) {
+      throw InputError("a saved voxel is of no piece of the map");
+    }
   } catch (const InputError&) {
     FreeTree(root);
     throw;
@@ -78,7 +81,7 @@ std::size_t VoxelMap::Recall(const std::vector<Eigen::Vector3d>& points) {
   std::size_t recalled = 0;
   for (const Eigen::Vector3d& p : points) {
     if (!CanHold(p)) continue;
-    const VoxelKey tile = TileOf(VoxelKeyOf(p, inverse_root_size_));
+    const VoxelKey tile = TileOf(KeyOf(p));
     if (!store_->Has(tile)) continue;
     EvictTo(room, recent_touches_.front());
     if (static_cast<double>(UsedBytes()) > room) break;
@@ -121,7 +124,7 @@ bool VoxelMap::ContinueSnapshot(std::size_t bytes, std::string* records) {
 void VoxelMap::ArchiveCounters(StateArchive& a) {
   std::uint64_t after_eviction = bytes_after_eviction_;
   std::uint64_t index_size = index_.expected_size();
-  a(&after_eviction, &touches_, &index_size);
+  a(&after_eviction, &touches_, &index_size, &pieces_);
   if (a.reading()) index_ = VoxelIndex(static_cast<std::size_t>(index_size));
   for (std::uint64_t& touches : recent_touches_) a(&touches);
   bytes_after_eviction_ = static_cast<std::size_t>(after_eviction);
@@ -150,13 +153,11 @@ VoxelMap::NodeId VoxelMap::LeafOf(const LeafAddress& address) const {
   return id;
 }
 
-namespace {
-
 // Shows surfaces of records, some hundred at a time, by means of a map of their own.
-class RecordSurfaces {
+class VoxelMap::RecordSurfaces {
  public:
-  RecordSurfaces(const VoxelMapOptions& options, int min_frames, const VoxelMap::VisitSurfel& visit)
-      : options_(options), min_frames_(min_frames), visit_(visit) {}
+  RecordSurfaces(const VoxelMap& map, int min_frames, const VoxelMap::VisitSurfel& visit)
+      : map_(map), min_frames_(min_frames), visit_(visit) {}
 
   void Add(std::string_view record) {
     records_.append(record);
@@ -164,7 +165,8 @@ class RecordSurfaces {
     if (records_.size() > kBatchBytes) Show();
   }
   void Show() {
-    VoxelMap map(options_);
+    VoxelMap map(map_.options_);
+    map.pieces_ = map_.pieces_;
     map.Load(records_);
     map.FinishLoading();
     map.ForEachSurface(min_frames_, visit_);
@@ -172,41 +174,38 @@ class RecordSurfaces {
   }
 
  private:
-  const VoxelMapOptions& options_;
+  const VoxelMap& map_;
   const int min_frames_;
   const VoxelMap::VisitSurfel& visit_;
   std::string records_;
 };
 
-}  // namespace
-
 void VoxelMap::ForEachSurface(int min_frames, const VisitSurfel& visit) const {
   for (NodeId root = oldest_; root != kNoNode; root = node(root).newer) {
-    VisitSurfaces(root, min_frames, visit);
+    VisitRoot(root, min_frames, visit);
   }
   if (store_ == nullptr || store_->Empty()) return;
-  RecordSurfaces stored(options_, min_frames, visit);
+  RecordSurfaces stored(*this, min_frames, visit);
   store_->ShowAll([&](std::string_view record) { stored.Add(record); });
   stored.Show();
 }
 
 std::int64_t VoxelMap::ForEachSurfaceOfTile(VoxelKey tile, std::int64_t changed_by, int min_frames,
                                             const VisitSurfel& visit) const {
-  constexpr VoxelKey kEdge = 1 << kTileBits;
+  constexpr int kEdge = 1 << kTileBits;
   std::vector<NodeId> roots;
   std::int64_t changed = 0;
-  for (VoxelKey i = 0; i < kEdge * kEdge * kEdge; ++i) {
-    const VoxelKey offset = ((i / kEdge / kEdge) << (2 * kVoxelKeyBits)) |
-                            ((i / kEdge % kEdge) << kVoxelKeyBits) | (i % kEdge);
-    const NodeId root = index_.Find(FirstVoxelOf(tile) + offset);
+  for (int i = 0; i < kEdge * kEdge * kEdge; ++i) {
+    const NodeId root =
+        index_.Find(VoxelOfTile(tile, i / kEdge / kEdge, i / kEdge % kEdge, i % kEdge));
     if (root == kNoNode) continue;
     roots.push_back(root);
     changed = std::max(changed, std::int64_t{node(root).refreshed});
   }
   if (changed <= changed_by) return changed;
-  for (const NodeId root : roots) VisitSurfaces(root, min_frames, visit);
+  for (const NodeId root : roots) VisitRoot(root, min_frames, visit);
   if (store_ == nullptr || !store_->Has(tile)) return changed;
-  RecordSurfaces stored(options_, min_frames, visit);
+  RecordSurfaces stored(*this, min_frames, visit);
   store_->Show(tile, [&](std::string_view record) { stored.Add(record); });
   stored.Show();
   return changed;

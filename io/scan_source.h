@@ -16,10 +16,12 @@
 // milliseconds since the Unix epoch, or seconds with a decimal point; else from `frame_period_s`.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "core/options.h"
 #include "core/scan.h"
@@ -50,6 +52,21 @@ class ScanSource {
   // Stamp of scan i, known without reading its points. Not promised to increase: that is for the
   // pipeline to judge.
   virtual StampNs Stamp(std::size_t i) const = 0;
+
+  // The recording that scan i is of: scans of one clock and one sensor, which follow one another.
+  // Those of several may alternate.
+  virtual std::string Recording(std::size_t) const { return ""; }
+
+  // Stamps of scan i and of those of its recording before it, at most `most` in all and none before
+  // scan `begin`, in order.
+  virtual std::vector<StampNs> StampsUpTo(std::size_t i, std::size_t begin,
+                                          std::size_t most) const {
+    std::vector<StampNs> stamps;
+    for (std::size_t k = std::max(begin, i + 1 >= most ? i + 1 - most : 0); k <= i; ++k) {
+      stamps.push_back(Stamp(k));
+    }
+    return stamps;
+  }
 
   // Stamp of the scan after i, if it is known by now: from these two the period of a sweep is
   // learned when there is none before.

@@ -4,6 +4,7 @@
 #include <SQLiteCpp/SQLiteCpp.h>
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <filesystem>
 
 #include "core/error.h"
@@ -13,7 +14,7 @@
 namespace lamina {
 namespace {
 
-constexpr const char* kVersion = "1";
+constexpr const char* kVersion = "2";
 // More than is written between two checkpoints of a session: mostly Tidy() does it, beside the
 // writer.
 constexpr std::size_t kMostLogBytes = 8 << 20;
@@ -25,6 +26,7 @@ struct SessionDatabase::Impl {
       : path(file), database(file, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE) {
     database.setBusyTimeout(30000);
     RefuseForeign();
+    RefuseOtherVersion();
     // The log is brought into the file by Tidy(), on a thread that has time.
     database.exec(
         "PRAGMA journal_mode=WAL; PRAGMA synchronous=FULL; PRAGMA wal_autocheckpoint=0;"
@@ -55,6 +57,17 @@ struct SessionDatabase::Impl {
     if (answer != "ok") throw InputError(fmt::format("{}: is damaged: {}", path, answer));
   }
 
+  // Before anything is made in it, or a table is taken for what it is in this version.
+  void RefuseOtherVersion() const {
+    if (!database.tableExists("meta")) return;
+    SQLite::Statement get(database, "SELECT value FROM meta WHERE key = 'version'");
+    if (!get.executeStep() || get.getColumn(0).getString() == kVersion) return;
+    throw OtherFormatError(fmt::format(
+        "{}: is of version {}, this program reads version {}: finish the session with the program "
+        "that made it, or map its scans in a new one",
+        path, get.getColumn(0).getString(), kVersion));
+  }
+
   // Before anything is made in it: a database of somebody else's must stay as it is.
   void RefuseForeign() const {
     SQLite::Statement others(
@@ -62,8 +75,8 @@ struct SessionDatabase::Impl {
         "SELECT name FROM sqlite_master WHERE type = 'table' AND name NOT GLOB 'sqlite_*' AND name "
         "NOT IN ('meta', 'scans', 'solves', 'set_aside') LIMIT 1");
     if (!others.executeStep()) return;
-    throw InputError(fmt::format("{}: is no session's database: it has a table '{}'", path,
-                                 others.getColumn(0).getString()));
+    throw OtherFormatError(fmt::format("{}: is no session's database: it has a table '{}'", path,
+                                       others.getColumn(0).getString()));
   }
 
   SessionScan Row(SQLite::Statement* rows) const {
@@ -94,12 +107,7 @@ SessionDatabase::SessionDatabase(const std::string& path, bool check) {
     impl_ = std::make_unique<Impl>(path);
     if (check) impl_->Check();
   });
-  const std::optional<std::string> version = Meta("version");
-  if (!version) SetMeta("version", kVersion);
-  if (version && *version != kVersion) {
-    throw InputError(fmt::format("{}: is of version {}, this program reads version {}", path,
-                                 *version, kVersion));
-  }
+  if (!Meta("version")) SetMeta("version", kVersion);
   if (check) ForEach(0, scans(), [](const SessionScan&) {});
 }
 
@@ -217,6 +225,22 @@ std::vector<SessionDatabase::Sequence> SessionDatabase::Sequences(std::int64_t t
       sequences.push_back(std::move(sequence));
     }
     return sequences;
+  });
+}
+
+std::vector<SessionScan> SessionDatabase::LastOf(const std::string& sequence, std::int64_t to,
+                                                 int most) const {
+  return impl_->Guarded("cannot be read", [&] {
+    std::vector<SessionScan> scans;
+    SQLite::Statement rows(
+        impl_->database,
+        "SELECT * FROM scans WHERE sequence = ? AND scan < ? ORDER BY scan DESC LIMIT ?");
+    BindBlob(1, sequence, &rows);
+    rows.bind(2, to);
+    rows.bind(3, most);
+    while (rows.executeStep()) scans.push_back(impl_->Row(&rows));
+    std::reverse(scans.begin(), scans.end());
+    return scans;
   });
 }
 

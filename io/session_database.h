@@ -17,6 +17,7 @@
 #include <string>
 #include <vector>
 
+#include "core/error.h"
 #include "core/scan.h"
 
 namespace lamina {
@@ -29,6 +30,7 @@ struct SessionScan {
   StampNs stamp_ns = 0;
   bool recorded_stamp = false;
   std::optional<StampNs> next_stamp_ns;  // of the first scan of a sequence (InboxFile)
+  std::int64_t piece = 0;                // of the map, in whose frame the pose is
   bool skipped = false;                  // the pose is not of its own points
   bool final = false;                    // nothing will change the pose any more
   SE3 T_world_lidar;
@@ -56,13 +58,18 @@ struct SessionPose {
   bool skipped = false;  // not of its own points: a pose that is stays
 };
 
+// Of a file that is whole, but another program's, or of another version: it must stay as it is.
+struct OtherFormatError : InputError {
+  using InputError::InputError;
+};
+
 // One connection; one thread at a time. Any number of connections may be open in one process. All
 // members throw OutputError, naming the file, if it cannot be read or written.
 class SessionDatabase {
  public:
-  // Opens or makes it (an empty file is a new one). Throws InputError, naming the file and a row if
-  // that is it, if it is no such database, damaged, or of another version:
-  // every page and every row is looked at if `check` is set.
+  // Opens or makes it (an empty file is a new one). Throws OtherFormatError, naming the file, if it
+  // is no such database or of another version; InputError, naming the file and a row if that is it,
+  // if it is damaged: every page and every row is looked at if `check` is set.
   SessionDatabase(const std::string& path, bool check);
   ~SessionDatabase();
 
@@ -93,6 +100,8 @@ class SessionDatabase {
     std::int64_t scans = 0;
   };
   std::vector<Sequence> Sequences(std::int64_t to) const;
+  // The last scans of a sequence before `to`, at most so many, in order.
+  std::vector<SessionScan> LastOf(const std::string& sequence, std::int64_t to, int most) const;
   // Forgets that solves before a scan or later happened: they are to be repeated.
   void DropSolvesFrom(std::int64_t scan);
 

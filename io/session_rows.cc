@@ -14,6 +14,7 @@ const char* const kSessionSchema =
     "CREATE TABLE IF NOT EXISTS scans("
     " scan INTEGER PRIMARY KEY, file BLOB NOT NULL UNIQUE, sequence BLOB NOT NULL,"
     " stamp_ns INTEGER NOT NULL, recorded_stamp INTEGER NOT NULL, skipped INTEGER NOT NULL,"
+    " piece INTEGER NOT NULL,"
     " final INTEGER NOT NULL, pose BLOB NOT NULL, crc INTEGER NOT NULL, status TEXT NOT NULL,"
     " detail TEXT NOT NULL, keyframe INTEGER NOT NULL, searched INTEGER NOT NULL,"
     " points INTEGER NOT NULL, clusters INTEGER NOT NULL, matched INTEGER NOT NULL,"
@@ -41,7 +42,7 @@ const std::array<const char*, 5> kAddToCopy = {
 
 const char* const kPutScan =
     "INSERT OR REPLACE INTO scans "
-    "VALUES(?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)";
+    "VALUES(?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)";
 const char* const kPutSolve = "INSERT INTO solves VALUES(?,?,?,?,?,?,?,?,?)";
 const char* const kFinaliseScan = "UPDATE scans SET pose = ?, crc = ?, final = 1 WHERE scan = ?";
 
@@ -69,10 +70,10 @@ std::uint32_t Checksum(SessionScan s) {
   StampNs next_stamp_ns = s.next_stamp_ns.value_or(0);
   StateArchive a;
   a(&s.scan, &s.file, &s.sequence, &s.stamp_ns, &s.recorded_stamp, &has_next, &next_stamp_ns,
-    &s.skipped, &s.final, &s.T_world_lidar, &s.status, &s.detail, &s.keyframe, &s.searched,
-    &s.points, &s.clusters, &s.matched, &s.iterations, &s.unobservable_directions, &s.inlier_share,
-    &s.residual_m, &s.worst_sigma_m, &s.covariance, &s.read_ms, &s.prepare_ms, &s.cluster_ms,
-    &s.odometry_ms, &s.map_ms, &s.solve_ms);
+    &s.skipped, &s.piece, &s.final, &s.T_world_lidar, &s.status, &s.detail, &s.keyframe,
+    &s.searched, &s.points, &s.clusters, &s.matched, &s.iterations, &s.unobservable_directions,
+    &s.inlier_share, &s.residual_m, &s.worst_sigma_m, &s.covariance, &s.read_ms, &s.prepare_ms,
+    &s.cluster_ms, &s.odometry_ms, &s.map_ms, &s.solve_ms);
   return Crc32(a.written());
 }
 
@@ -152,6 +153,7 @@ void PutRow(const SessionScan& s, SQLite::Statement* statement) {
   row.Number(s.stamp_ns);
   row.Number(s.recorded_stamp);
   row.Number(s.skipped);
+  row.Number(s.piece);
   row.Number(s.final);
   row.Blob(Blob(s.T_world_lidar));
   row.Number(std::int64_t{Checksum(s)});
@@ -201,6 +203,7 @@ SessionScan ReadScanRow(SQLite::Statement* statement) {
   s.stamp_ns = row.Whole();
   s.recorded_stamp = row.Flag();
   s.skipped = row.Flag();
+  s.piece = row.Whole();
   s.final = row.Flag();
   s.T_world_lidar = FromBlob<SE3>(row.Blob());
   const auto crc = static_cast<std::uint32_t>(row.Whole());

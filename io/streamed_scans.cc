@@ -1,29 +1,44 @@
 #include "io/streamed_scans.h"
 
+#include <algorithm>
+#include <utility>
+
 namespace lamina {
 
+void StreamedScans::Append(InboxFile file) {
+  AppendPast(file.sequence, size(), file.stamp_ns);
+  files_.push_back(std::move(file));
+}
+
+void StreamedScans::AppendPast(const std::string& recording, std::size_t scan, StampNs stamp_ns) {
+  stamps_[recording].push_back({scan, stamp_ns});
+}
+
 void StreamedScans::Forget(std::size_t next) {
-  while (first_ + kHistory < next && !files_.empty()) {
+  while (first_ < next && !files_.empty()) {
+    std::deque<Stamped>& stamps = stamps_[files_.front().sequence];
+    while (stamps.size() > kHistory && stamps[kHistory].scan < next) stamps.pop_front();
     files_.pop_front();
     ++first_;
   }
 }
 
+std::vector<StampNs> StreamedScans::StampsUpTo(std::size_t i, std::size_t begin,
+                                               std::size_t most) const {
+  const std::deque<Stamped>& all = stamps_.at(File(i).sequence);
+  auto at = std::upper_bound(all.begin(), all.end(), i,
+                             [](std::size_t scan, const Stamped& s) { return scan < s.scan; });
+  std::vector<StampNs> stamps;
+  while (at != all.begin() && stamps.size() < most && (--at)->scan >= begin) {
+    stamps.push_back(at->stamp_ns);
+  }
+  std::reverse(stamps.begin(), stamps.end());
+  return stamps;
+}
+
 Scan StreamedScans::Read(std::size_t i) const {
   const InboxFile& file = File(i);
   return ReadStampedScan(file.path, file.stamp_ns, file.recorded_stamp, options_);
-}
-
-std::size_t StreamedScans::RunBegin(std::size_t i) const {
-  std::size_t begin = i;
-  while (begin > first_ && File(begin - 1).sequence == File(i).sequence) --begin;
-  return begin;
-}
-
-std::size_t StreamedScans::RunEnd(std::size_t i) const {
-  std::size_t end = i + 1;
-  while (end < size() && File(end).sequence == File(i).sequence) ++end;
-  return end;
 }
 
 }  // namespace lamina

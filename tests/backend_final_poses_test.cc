@@ -73,16 +73,18 @@ void Check(const std::vector<Scan>& scans, Draws* draws) {
     if (!scans[i].skipped) open.push_back({scans[i].stamp_ns, scans[i].T});
     const auto taken = draws->Integer(0, static_cast<int>(open.size()));
     if (draws->Integer(0, 1) == 0) {
-      poses.AddPoses({open.begin(), open.begin() + taken}, visit);
+      poses.AddPoses({open.begin(), open.begin() + taken});
+      poses.HandOn(0, visit);
       open.erase(open.begin(), open.begin() + taken);
     }
     if (draws->Integer(0, 3) == 0) poses = Restored(&poses);
     // What is final and what is open make up the whole, at any time.
     std::vector<FinalPose> all = seen;
-    poses.ShowOpen(open, [&](const FinalPose& pose) { all.push_back(pose); });
+    poses.ShowOpen({{0, open}}, [&](const FinalPose& pose) { all.push_back(pose); });
     ExpectSame(all, Reference(so_far));
   }
-  poses.AddPoses(open, visit);
+  poses.AddPoses(open);
+  poses.HandOn(0, visit);
   const bool any =
       std::any_of(scans.begin(), scans.end(), [](const Scan& s) { return !s.skipped; });
   std::vector<FinalPose> should = Reference(scans);

@@ -16,14 +16,14 @@ const Eigen::Vector3d kShift(0.01, 0.0, 0.0);
 // A mapper that goes through a room, a keyframe for each scan.
 class Walk {
  public:
-  Walk() : mapper_(Options()) {}
+  Walk() : map_(Options().map), mapper_(Options(), &map_, 0) {}
 
   void Process(int scans) {
     for (int i = 0; i < scans; ++i, ++count_) {
       const SE3 T(Eigen::Quaterniond::Identity(), {0.02 * count_, 0.0, 0.0});
-      const MappedFrame frame =
-          mapper_.Process(count_, count_ * StampNs{100000000},
-                          ScanFrom(T, World::Room().Sample(2000, 0.005, &draws_), kLeafM));
+      std::vector<TimedCluster> clusters =
+          ScanFrom(T, World::Room().Sample(2000, 0.005, &draws_), kLeafM);
+      const MappedFrame frame = mapper_.Process(count_, count_ * StampNs{100000000}, &clusters);
       EXPECT_TRUE(frame.keyframe);
     }
   }
@@ -58,6 +58,7 @@ class Walk {
   }
 
   Draws draws_{1};
+  VoxelMap map_;
   Mapper mapper_;
   int count_ = 0;
 };
@@ -92,15 +93,17 @@ TEST(Mapper, ASolveOfFramesThatHaveAllLeftChangesNothingAndSaysSo) {
 // The clusters of one sight of a room, as often as wanted: a sensor that stands still.
 class Parked {
  public:
-  explicit Parked(const BackendOptions& backend) : mapper_(Options(backend)) {
+  explicit Parked(const BackendOptions& backend)
+      : map_(Options(backend).map), mapper_(Options(backend), &map_, 0) {
     Draws draws(2);
-    clusters_ = ScanFrom(SE3(), World::Room().Sample(400, 0.005, &draws),
-                         mapper_.map().options().LeafSize());
+    clusters_ =
+        ScanFrom(SE3(), World::Room().Sample(400, 0.005, &draws), map_.options().LeafSize());
   }
 
   void Stand(int scans) {
     for (int i = 0; i < scans; ++i, ++count_) {
-      const MappedFrame frame = mapper_.Process(count_, count_ * StampNs{100000000}, clusters_);
+      std::vector<TimedCluster> clusters = clusters_;
+      const MappedFrame frame = mapper_.Process(count_, count_ * StampNs{100000000}, &clusters);
       keyframes_ += frame.keyframe ? 1 : 0;
       final_ += mapper_.TakeFinal(count_ + 1 - kFinalAfter).size();
     }
@@ -112,12 +115,12 @@ class Parked {
   }
   int Surfels() const {
     int surfels = 0;
-    mapper_.map().ForEachSurface(BackendOptions().min_surfel_frames,
-                                 [&](const Surfel&) { ++surfels; });
+    map_.ForEachSurface(BackendOptions().min_surfel_frames, [&](const Surfel&) { ++surfels; });
     return surfels;
   }
 
   static constexpr int kFinalAfter = 40;
+  VoxelMap map_;
   Mapper mapper_;
   int count_ = 0, keyframes_ = 0;
   std::size_t final_ = 0;
@@ -136,13 +139,13 @@ TEST(Mapper, WhatAStandingSensorKeepsDoesNotGrow) {
   options.keyframe_after_frames = 30;
   Parked parked(options);
   parked.Stand(600);
-  const std::size_t bytes = parked.StateBytes(), map_bytes = parked.mapper_.map().bytes();
+  const std::size_t bytes = parked.StateBytes(), map_bytes = parked.map_.bytes();
   EXPECT_EQ(parked.mapper_.OpenFrames().size(), std::size_t{Parked::kFinalAfter});
   parked.Stand(3000);
   EXPECT_EQ(parked.mapper_.OpenFrames().size(), std::size_t{Parked::kFinalAfter});
   EXPECT_EQ(parked.final_, 3600U - Parked::kFinalAfter);
   EXPECT_EQ(parked.StateBytes(), bytes);
-  EXPECT_EQ(parked.mapper_.map().bytes(), map_bytes);
+  EXPECT_EQ(parked.map_.bytes(), map_bytes);
 }
 
 TEST(Mapper, AStandingSensorMakesAMap) {
@@ -165,7 +168,8 @@ TEST(Mapper, OptionsThatSwitchBundleAdjustmentOffAreRefused) {
     options.backend.hand_over_lag_frames = lag;
     options.backend.enabled = enabled;
     try {
-      const Mapper mapper(options);
+      VoxelMap map(options.map);
+      const Mapper mapper(options, &map, 0);
     } catch (const OptionError& error) {
       return error.what();
     }

@@ -189,7 +189,7 @@ TEST(VoxelMapRecords, LeavesAreFoundAgainByTheirAddress) {
     EXPECT_EQ(loaded.LeafOf(address), loaded.LeafAt(p));
     EXPECT_EQ(static_cast<NodeId>(loaded.nodes()), nodes);  // LeafAt made no new one
   }
-  EXPECT_EQ(map.LeafOf({VoxelKeyOf({900.0, 0.0, 0.0}, 1.0), 0}), VoxelMap::kNoNode);
+  EXPECT_EQ(map.LeafOf({RootKeyOf({900.0, 0.0, 0.0}, 1.0), 0}), VoxelMap::kNoNode);
 }
 
 TEST(VoxelMapRecords, TilesShowWhatChangedSince) {
@@ -202,7 +202,7 @@ TEST(VoxelMapRecords, TilesShowWhatChangedSince) {
   std::size_t all = 0, by_tile = 0, again = 0;
   map.ForEachSurface(1, [&](const Surfel& s) {
     ++all;
-    tiles.insert(TileOf(VoxelKeyOf(s.centre, 1.0 / map.options().root_size_m)));
+    tiles.insert(map.TileAround(s.centre));
   });
   for (const VoxelKey tile : tiles) {
     map.ForEachSurfaceOfTile(tile, -1, 1, [&](const Surfel&) { ++by_tile; });

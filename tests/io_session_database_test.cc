@@ -205,6 +205,20 @@ TEST_F(SessionDatabaseTest, APoseBetweenNeighboursDoesNotReplaceOneOfAScansOwn) 
   EXPECT_EQ(BytesOf(rows[1]), BytesOf(own));
 }
 
+TEST_F(SessionDatabaseTest, TheLastScansOfASequenceComeInOrder) {
+  const auto database = Open();
+  const std::string sequences[] = {"b", "a", "b", "", "b", "b"};
+  for (int i = 0; i < 6; ++i) database->Put(Scan(i, std::to_string(i), sequences[i]));
+  const auto told = [&](std::int64_t to, int most) {
+    std::string text;
+    for (const SessionScan& row : database->LastOf("b", to, most)) text += row.file;
+    return text;
+  };
+  EXPECT_EQ(told(6, 2), "45");
+  EXPECT_EQ(told(5, 9), "024");
+  EXPECT_EQ(told(0, 9), "");
+}
+
 TEST_F(SessionDatabaseTest, SequencesTellTheirLastScanAndTheirNumber) {
   const auto database = Open();
   EXPECT_TRUE(database->Sequences(10).empty());
@@ -317,8 +331,17 @@ TEST_F(SessionDatabaseTest, ForeignFilesAreRefusedAndLeftAsTheyAre) {
 }
 
 TEST_F(SessionDatabaseTest, OtherVersionsAreNamed) {
-  Open()->SetMeta("version", "2");
-  EXPECT_THAT(ErrorOnOpening(), AllOf(HasSubstr("version 2"), HasSubstr("version 1")));
+  {
+    // The tables of another version may be other ones, too.
+    SQLite::Database other(File(), SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE);
+    other.exec("CREATE TABLE meta(key TEXT PRIMARY KEY, value TEXT NOT NULL)");
+    other.exec("INSERT INTO meta VALUES('version', '1')");
+    other.exec("CREATE TABLE scans(scan INTEGER PRIMARY KEY)");
+  }
+  const std::string before = Bytes(File());
+  EXPECT_THAT(ErrorOnOpening(), AllOf(HasSubstr("version 1"), HasSubstr("version 2")));
+  EXPECT_THROW(Open(), OtherFormatError);
+  EXPECT_TRUE(Bytes(File()) == before);
 }
 
 TEST_F(SessionDatabaseTest, AFileCutShortIsDamaged) {

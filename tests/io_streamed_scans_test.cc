@@ -43,34 +43,35 @@ TEST_F(StreamedScansTest, TheNextStampIsTheOneThatTheInboxTold) {
   EXPECT_EQ(scans.StampAfter(1), std::nullopt);
 }
 
-TEST_F(StreamedScansTest, RunsAreOfOneSequence) {
+TEST_F(StreamedScansTest, StampsBeforeAScanAreThoseOfItsRecording) {
+  using testing::ElementsAre;
   StreamedScans scans(3, options_);
-  const std::string sequences[] = {"a", "a", "b", "a", "a", "a"};  // scans 3 to 8
-  for (int i = 0; i < 6; ++i) scans.Append(File(i, sequences[i]));
-  const std::size_t begins[] = {3, 3, 5, 6, 6, 6}, ends[] = {5, 5, 6, 9, 9, 9};
-  for (std::size_t i = 3; i < 9; ++i) {
-    EXPECT_EQ(scans.RunBegin(i), begins[i - 3]) << "scan " << i;
-    EXPECT_EQ(scans.RunEnd(i), ends[i - 3]) << "scan " << i;
-  }
+  scans.AppendPast("b", 1, 100);
+  const std::string recordings[] = {"a", "b", "b", "a", "a"};  // scans 3 to 7
+  for (int i = 0; i < 5; ++i) scans.Append(File(i + 3, recordings[i]));
+  EXPECT_EQ(scans.Recording(5), "b");
+  EXPECT_THAT(scans.StampsUpTo(3, 0, 5), ElementsAre(300));
+  EXPECT_THAT(scans.StampsUpTo(5, 0, 5), ElementsAre(100, 400, 500));
+  EXPECT_THAT(scans.StampsUpTo(5, 0, 2), ElementsAre(400, 500));
+  EXPECT_THAT(scans.StampsUpTo(7, 0, 5), ElementsAre(300, 600, 700));
+  EXPECT_THAT(scans.StampsUpTo(7, 4, 5), ElementsAre(600, 700));
 }
 
-TEST_F(StreamedScansTest, ForgetsAllButAFewBeforeTheNext) {
+TEST_F(StreamedScansTest, ForgetsAllButAFewStampsBeforeTheNext) {
   StreamedScans scans(0, options_);
-  for (int i = 0; i < 40; ++i) scans.Append(File(i));
-  scans.Forget(StreamedScans::kHistory);
-  EXPECT_EQ(scans.Stamp(0), 0);
-  scans.Forget(30);
-  EXPECT_EQ(scans.size(), 40U);
-  const std::size_t first = 30 - StreamedScans::kHistory;
-  EXPECT_EQ(scans.Stamp(first), static_cast<StampNs>(100 * first));
-  EXPECT_THROW(scans.File(first - 1), std::out_of_range);
-  EXPECT_EQ(scans.RunBegin(35), first);
+  for (int i = 0; i < 80; ++i) scans.Append(File(i, i % 2 == 0 ? "a" : "b"));
+  scans.Forget(60);
+  EXPECT_EQ(scans.size(), 80U);
+  EXPECT_EQ(scans.Stamp(60), 6000);
+  EXPECT_THROW(scans.File(59), std::out_of_range);
+  const auto stamps = [&](std::size_t i) { return scans.StampsUpTo(i, 0, 100); };
+  EXPECT_EQ(stamps(61).size(), StreamedScans::kHistory + 1);
+  EXPECT_EQ(stamps(60).size(), StreamedScans::kHistory + 1);
+  EXPECT_EQ(stamps(60).front(), static_cast<StampNs>(100 * (60 - 2 * StreamedScans::kHistory)));
   scans.Forget(5);  // not backwards
-  EXPECT_EQ(scans.RunBegin(35), first);
-  scans.Append(File(40));
-  EXPECT_EQ(scans.File(40).name, "/40");
-  scans.Forget(41);
-  EXPECT_EQ(scans.RunBegin(40), 41 - StreamedScans::kHistory);
+  EXPECT_EQ(stamps(60).size(), StreamedScans::kHistory + 1);
+  scans.Append(File(80, "a"));
+  EXPECT_EQ(scans.File(80).name, "a/80");
 }
 
 TEST_F(StreamedScansTest, ReadsAsARecordingDoes) {

@@ -84,10 +84,8 @@ struct Recording {
   std::vector<SE3> truth;
 
   StreamedScans From(std::int64_t next) const {
-    const auto history = static_cast<std::int64_t>(StreamedScans::kHistory);
-    const auto first = static_cast<std::size_t>(std::max<std::int64_t>(0, next - history));
-    StreamedScans scans(first, {});
-    for (std::size_t i = first; i < static_cast<std::size_t>(next); ++i) scans.Append(files[i]);
+    StreamedScans scans(0, {});
+    for (std::size_t i = 0; i < static_cast<std::size_t>(next); ++i) scans.Append(files[i]);
     return scans;
   }
 };

@@ -201,7 +201,7 @@ TEST_F(HttpServerTest, TrajectoryComesInPagesAndThenWhatHasChanged) {
         ("/api/trajectory?since=" + std::to_string(since) + "&from=" + std::to_string(from)));
     ASSERT_EQ(answer->status, 200);
     WireReader bytes(answer->body);
-    EXPECT_EQ(bytes.Magic(), "LTR1");
+    EXPECT_EQ(bytes.Magic(), "LTR2");
     const auto poses = bytes.Get<std::uint32_t>();
     EXPECT_EQ(bytes.Get<std::uint64_t>(), std::stoull(view_.run_id(), nullptr, 16));
     version = bytes.Get<std::int64_t>();
@@ -213,6 +213,7 @@ TEST_F(HttpServerTest, TrajectoryComesInPagesAndThenWhatHasChanged) {
       for (int k = 0; k < 2; ++k) EXPECT_EQ(bytes.Get<double>(), 0.0);
       for (int k = 0; k < 3; ++k) EXPECT_EQ(bytes.Get<float>(), 0.0F);
       EXPECT_EQ(bytes.Get<float>(), 1.0F);
+      EXPECT_EQ(bytes.Get<std::int64_t>(), 0);
     }
     EXPECT_TRUE(bytes.AtEnd());
   };
@@ -255,12 +256,12 @@ TEST_F(HttpServerTest, ScanIsEmptyUntilSomebodyAsksAndOneIsThere) {
   Serve();
   EXPECT_FALSE(view_.ScanWanted());
   WireReader none(Client().Get("/api/scan")->body);
-  EXPECT_EQ(none.Magic(), "LSC1");
+  EXPECT_EQ(none.Magic(), "LSC2");
   EXPECT_EQ(none.Get<std::uint32_t>(), 0U);
   none.Get<std::uint64_t>();
   EXPECT_EQ(none.Get<std::int64_t>(), -1);
   EXPECT_TRUE(view_.ScanWanted());
-  view_.SetScan({7, {1e6, 2.0, 3.0}, {{1.0F, 2.0F, 3.0F}, {4.0F, 5.0F, 6.0F}}});
+  view_.SetScan({7, {1e6, 2.0, 3.0}, {{1.0F, 2.0F, 3.0F}, {4.0F, 5.0F, 6.0F}}, 3});
   WireReader scan(Client().Get("/api/scan")->body);
   scan.Magic();
   EXPECT_EQ(scan.Get<std::uint32_t>(), 2U);
@@ -269,17 +270,20 @@ TEST_F(HttpServerTest, ScanIsEmptyUntilSomebodyAsksAndOneIsThere) {
   EXPECT_EQ(scan.Get<double>(), 1e6);
   scan.Get<double>();
   scan.Get<double>();
+  EXPECT_EQ(scan.Get<std::int64_t>(), 3);
   for (int i = 1; i <= 6; ++i) EXPECT_EQ(scan.Get<float>(), static_cast<float>(i));
   EXPECT_TRUE(scan.AtEnd());
 }
 
 TEST_F(HttpServerTest, MapPagesHoldCellsOfSurfels) {
   Serve();
-  const auto answer = Client().Get("/api/map?x=1.5&y=-2&z=3e1&radius=100&page=0&newer_than=9");
+  const auto answer =
+      Client().Get("/api/map?x=1.5&y=-2&z=3e1&radius=100&page=0&newer_than=9&piece=4");
   ASSERT_EQ(answer->status, 200);
   EXPECT_EQ(last_query_.centre, Eigen::Vector3d(1.5, -2.0, 30.0));
   EXPECT_EQ(last_query_.radius_m, 100.0);
   EXPECT_EQ(last_query_.newer_than, 9);
+  EXPECT_EQ(last_query_.piece, 4);
   WireReader map(answer->body);
   EXPECT_EQ(map.Magic(), "LMP1");
   EXPECT_EQ(map.Get<std::uint32_t>(), 2U);

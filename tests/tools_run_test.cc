@@ -50,7 +50,7 @@ TEST_F(RunCommandTest, FrameTableHasALineForEachScan) {
   EXPECT_EQ(lines[0],
             "scan,stamp_s,status,keyframe,points,clusters,matched,iterations,inlier_share,"
             "residual_m,searched,unobservable_directions,worst_sigma_m,cov_rx,cov_ry,cov_rz,cov_x,"
-            "cov_y,cov_z,read_ms,prepare_ms,cluster_ms,odometry_ms,map_ms,solve_ms");
+            "cov_y,cov_z,piece,read_ms,prepare_ms,cluster_ms,odometry_ms,map_ms,solve_ms");
   EXPECT_THAT(lines[1], StartsWith("0,0.000000000,first,1,"));
   const auto columns = std::count(lines[0].begin(), lines[0].end(), ',');
   for (std::size_t i = 0; i < 6; ++i) {

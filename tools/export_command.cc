@@ -11,8 +11,8 @@
 #include "core/error.h"
 #include "io/map_io.h"
 #include "io/scan_source.h"
-#include "io/trajectory_io.h"
 #include "tools/export_cloud.h"
+#include "tools/piece_poses.h"
 
 namespace lamina {
 namespace {
@@ -31,7 +31,7 @@ struct ExportArguments {
 int RunExport(const ExportArguments& arguments) {
   const std::filesystem::path run = arguments.run;
   const LaminaConfig config = LoadConfig((run / "config.yaml").string(), {});
-  const Trajectory trajectory = ReadTrajectory((run / "trajectory_tum.txt").string());
+  const Trajectory trajectory = ReadFirstPiece(arguments.run);
   const std::unique_ptr<ScanSource> scans = OpenScans(arguments.scans, config.scans);
   ExportOptions options = arguments.options;
   options.preparation = config.preparation;

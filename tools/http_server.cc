@@ -73,6 +73,7 @@ MapQuery QueryOf(const Request& request) {
   if (page < 0) throw BadRequest{"page must not be negative"};
   query.page = static_cast<std::size_t>(page);
   query.newer_than = IntegerParam(request, "newer_than", -1);
+  query.piece = IntegerParam(request, "piece", 0);
   return query;
 }
 

@@ -27,6 +27,7 @@ nlohmann::json PoseJson(const std::optional<LivePose>& pose) {
   const Eigen::Vector3d& t = pose->T_world_lidar.t;
   const Eigen::Quaterniond& q = pose->T_world_lidar.q;
   return {{"index", pose->index},
+          {"piece", pose->piece},
           // Nanoseconds of an epoch do not fit into the numbers of JavaScript.
           {"stamp_ns", std::to_string(pose->stamp_ns)},
           {"position_m", {t.x(), t.y(), t.z()}},
@@ -46,6 +47,7 @@ void AddCounters(std::string* text, const LiveStatus& s) {
   add("lamina_keyframes_total", "Frames that joined the map.", s.keyframes);
   add("lamina_lost_frames_total", "Frames that did not match the map.", s.lost);
   add("lamina_degenerate_frames_total", "Frames with a direction that nothing held.", s.degenerate);
+  add("lamina_pieces_total", "Pieces of the map, which nothing connects.", s.pieces);
   add("lamina_skipped_scans_total", "Scans that were read but not usable.", s.skipped);
   add("lamina_rejected_files_total", "Files that were set aside with a reason.", s.rejected);
   add("lamina_late_files_total", "Files that came after their turn.", s.late);
@@ -94,6 +96,7 @@ std::string StatusJson(const LiveReport& r) {
                {"keyframes", s.keyframes},
                {"lost", s.lost},
                {"degenerate", s.degenerate},
+               {"pieces", s.pieces},
                {"skipped", s.skipped},
                {"rejected", s.rejected},
                {"late", s.late},

@@ -49,6 +49,7 @@ struct LivePose {
   std::int64_t index = 0;  // of the scan; grows from frame to frame, may skip numbers
   StampNs stamp_ns = 0;
   SE3 T_world_lidar;
+  std::int64_t piece = 0;  // of the map, in whose frame it is
 };
 
 struct LiveFrame {
@@ -56,11 +57,13 @@ struct LiveFrame {
   StageTimes times;
 };
 
-// Points of the newest scan, or the means of its clusters, relative to `origin`, world frame.
+// Points of the newest scan, or the means of its clusters, relative to `origin`, frame of its
+// piece.
 struct LiveScan {
   std::int64_t index = 0;
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();
   std::vector<Eigen::Vector3f> points;  // 30000 are plenty for a picture
+  std::int64_t piece = 0;
 };
 
 enum class LiveState { kStarting, kMapping, kIdle, kLocalising, kStopping };
@@ -76,7 +79,7 @@ struct LiveStatus {
   };
 
   LiveState state = LiveState::kStarting;
-  std::uint64_t frames = 0, keyframes = 0, lost = 0, degenerate = 0;
+  std::uint64_t frames = 0, keyframes = 0, lost = 0, degenerate = 0, pieces = 0;
   std::uint64_t skipped = 0, rejected = 0, late = 0, solves = 0, failed_solves = 0;
   std::size_t queue = 0;  // complete files that wait in the inbox
   std::size_t map_bytes = 0, map_budget_bytes = 0, map_surfels = 0, tiles_on_disk = 0;

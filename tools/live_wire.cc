@@ -52,8 +52,8 @@ void PutSurfel(std::string* bytes, const Surfel& s, const Eigen::Vector3d& corne
 }  // namespace
 
 std::string EncodeTrajectory(const TrajectoryPage& page, const std::string& run_id) {
-  std::string bytes = "LTR1";
-  bytes.reserve(32 + 56 * page.poses.size());
+  std::string bytes = "LTR2";
+  bytes.reserve(32 + 64 * page.poses.size());
   Put(&bytes, static_cast<std::uint32_t>(page.poses.size()));
   Put(&bytes, RunNumber(run_id));
   Put(&bytes, page.version);
@@ -63,19 +63,21 @@ std::string EncodeTrajectory(const TrajectoryPage& page, const std::string& run_
     Put(&bytes, pose.stamp_ns);
     PutVector(&bytes, pose.T_world_lidar.t);
     PutVector(&bytes, Eigen::Vector4f(pose.T_world_lidar.q.coeffs().cast<float>()));
+    Put(&bytes, pose.piece);
   }
   return bytes;
 }
 
 std::string EncodeScan(const LiveScan* scan, const std::string& run_id) {
-  static const LiveScan kNone{-1, Eigen::Vector3d::Zero(), {}};
+  static const LiveScan kNone{-1, Eigen::Vector3d::Zero(), {}, 0};
   const LiveScan& s = scan == nullptr ? kNone : *scan;
-  std::string bytes = "LSC1";
-  bytes.reserve(48 + 12 * s.points.size());
+  std::string bytes = "LSC2";
+  bytes.reserve(56 + 12 * s.points.size());
   Put(&bytes, static_cast<std::uint32_t>(s.points.size()));
   Put(&bytes, RunNumber(run_id));
   Put(&bytes, s.index);
   PutVector(&bytes, s.origin);
+  Put(&bytes, s.piece);
   for (const Eigen::Vector3f& p : s.points) PutVector(&bytes, p);
   return bytes;
 }

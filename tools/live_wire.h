@@ -3,10 +3,10 @@
 // All numbers little-endian; iN, uN, fN are integers and floats of N bits. `run` is the run_id of
 // the program: a reader that finds another one than it knows starts over.
 //
-// Trajectory      "LTR1", u32 poses, u64 run, i64 version, i64 next_index (-1: no further page);
-//                 then for each pose i64 index, i64 stamp_ns, f64 x y z, f32 qx qy qz qw
-// Scan            "LSC1", u32 points, u64 run, i64 index (-1: none yet), f64 x y z of the origin;
-//                 then for each point f32 x y z from the origin, axes of the world
+// Trajectory      "LTR2", u32 poses, u64 run, i64 version, i64 next_index (-1: no further page);
+//                 then for each pose i64 index, i64 stamp_ns, f64 x y z, f32 qx qy qz qw, i64 piece
+// Scan            "LSC2", u32 points, u64 run, i64 index (-1: none yet), f64 x y z of the origin,
+//                 i64 piece; then for each point f32 x y z from the origin, axes of the world
 // Map             "LMP1", u32 cells, u64 run, i64 version, f64 cell_size_m, u32 surfels in all,
 //                 u32 more (1: there is a further page); then for each cell i32 ix iy iz,
 //                 u32 surfels, and its surfels:
@@ -17,6 +17,9 @@
 //                   i32 last_keyframe
 //                 A cell replaces the one that the reader has at its place; one without surfels
 //                 removes it.
+//
+// Coordinates are in the frame of a piece of the map; those of different pieces must not be drawn
+// over one another. A map is of the piece that was asked for.
 //
 // The disc of a surfel has the area-weighted spread of its points: uniform points on a disc of
 // radius r have variance r^2/4 along each axis, so r = 2 (l1 l2)^(1/4).
@@ -40,6 +43,7 @@ struct MapQuery {
   std::size_t page = 0;
   // Cells that have been touched since this version of the map; -1: all.
   std::int64_t newer_than = -1;
+  std::int64_t piece = 0;  // of the map, in whose frame the place is
 };
 
 struct MapCell {

@@ -46,8 +46,7 @@ MapPage AnswerMapQuery(const VoxelMap& map, int min_frames, const MapQuery& quer
   MapPage page;
   page.version = map.refreshes();
   page.cell_size_m = map.options().root_size_m * (1 << kTileBits);
-  const double inverse = 1.0 / page.cell_size_m;
-  if (!map.CanHold(query.centre)) return page;
+  if (!map.CanHold(query.centre) || !map.HasPiece(query.piece)) return page;
   const std::vector<Tile> tiles = TilesAround(query, page.cell_size_m);
   const std::size_t begin = std::min(tiles.size(), query.page * kTilesPerPage);
   const std::size_t end = std::min(tiles.size(), begin + kTilesPerPage);
@@ -57,7 +56,7 @@ MapPage AnswerMapQuery(const VoxelMap& map, int min_frames, const MapQuery& quer
     const Eigen::Vector3d centre =
         page.cell_size_m * (Eigen::Vector3d(cell.ix, cell.iy, cell.iz).array() + 0.5);
     if (!map.CanHold(centre)) continue;
-    const VoxelKey tile = TileOf(VoxelKeyOf(centre, inverse * (1 << kTileBits)));
+    const VoxelKey tile = map.TileAround(centre, query.piece);
     const std::int64_t changed =
         map.ForEachSurfaceOfTile(tile, query.newer_than, min_frames,
                                  [&](const Surfel& surfel) { cell.surfels.push_back(surfel); });

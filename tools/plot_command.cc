@@ -10,7 +10,7 @@
 
 #include "core/error.h"
 #include "io/scan_source.h"
-#include "io/trajectory_io.h"
+#include "tools/piece_poses.h"
 #include "tools/plot.h"
 
 namespace lamina {
@@ -50,7 +50,7 @@ int DrawRun(const PlotArguments& arguments) {
   }
   plot.cloud.colour_range = HeightRange(plot.cloud.points);
   PlotSeries path{"trajectory", {}};
-  for (const StampedPose& pose : ReadTrajectory((run / "trajectory_tum.txt").string())) {
+  for (const StampedPose& pose : ReadFirstPiece(arguments.run)) {
     path.points.push_back(pose.T_world_lidar.t.head<2>());
   }
   plot.series.push_back(std::move(path));

@@ -22,7 +22,9 @@
 #include "tools/eval_match.h"
 #include "tools/eval_report.h"
 #include "tools/live_wire.h"
+#include "tools/piece_poses.h"
 #include "tools/report_page.h"
+#include "tools/run_report.h"
 
 namespace lamina {
 namespace {
@@ -36,11 +38,13 @@ constexpr double kDegrees = 180.0 / M_PI;
 // Further from the origin a cell's index would not fit; a surfel is only there by mistake.
 constexpr double kFarthestM = 1e9;
 
-std::string EncodePoses(const Trajectory& trajectory) {
+// All of piece 0 unless `pieces` tells those of the poses.
+std::string EncodePoses(const Trajectory& trajectory,
+                        const std::vector<std::int64_t>& pieces = {}) {
   TrajectoryPage page;
-  for (const StampedPose& pose : trajectory) {
-    const auto index = static_cast<std::int64_t>(page.poses.size());
-    page.poses.push_back({index, pose.stamp_ns, pose.T_world_lidar});
+  for (std::size_t i = 0; i < trajectory.size(); ++i) {
+    page.poses.push_back({static_cast<std::int64_t>(i), trajectory[i].stamp_ns,
+                          trajectory[i].T_world_lidar, pieces.empty() ? 0 : pieces[i]});
   }
   return Base64(EncodeTrajectory(page, ""));
 }
@@ -97,16 +101,6 @@ class Series {
   std::size_t group_;
 };
 
-std::vector<std::string_view> SplitAtCommas(std::string_view line) {
-  std::vector<std::string_view> cells;
-  for (std::size_t begin = 0; begin <= line.size();) {
-    const std::size_t end = std::min(line.find(',', begin), line.size());
-    cells.push_back(line.substr(begin, end - begin));
-    begin = end + 1;
-  }
-  return cells;
-}
-
 // The columns of frames.csv that hold times, by name.
 std::map<std::string, std::vector<double>> ReadTimes(const std::string& path) {
   const std::string text = ReadFile(path);
@@ -136,6 +130,20 @@ std::map<std::string, std::vector<double>> ReadTimes(const std::string& path) {
     }
   }
   return columns;
+}
+
+// Maps of the pieces beside the first one, as far as there is anything in them.
+json ReadFurtherMaps(const fs::path& folder, const std::vector<std::int64_t>& pieces,
+                     std::size_t max_surfels) {
+  json maps = json::array();
+  for (const std::int64_t piece : std::set<std::int64_t>(pieces.begin(), pieces.end())) {
+    const std::string path = (folder / MapFileName(piece)).string();
+    if (piece == 0 || !fs::exists(path)) continue;
+    json map = ReadMap(path, max_surfels);
+    map["piece"] = piece;
+    maps.push_back(std::move(map));
+  }
+  return maps;
 }
 
 json ReadTimings(const std::string& path) {
@@ -194,9 +202,11 @@ json ReadReportData(const ReportSource& source) {
   const auto path = [&](const char* name) { return (folder / name).string(); };
   if (!fs::is_directory(folder)) throw InputError(source.folder + ": is no folder");
   const Trajectory trajectory = ReadTrajectory(path("trajectory_tum.txt"));
+  const std::vector<std::int64_t> pieces = ReadPieces(source.folder, trajectory.size());
   json data = {{"name", fs::absolute(folder / "").parent_path().filename().string()},
-               {"trajectory", EncodePoses(trajectory)},
-               {"map", ReadMap(path("map_surfels.ply"), source.max_surfels)}};
+               {"trajectory", EncodePoses(trajectory, pieces)},
+               {"map", ReadMap(path("map_surfels.ply"), source.max_surfels)},
+               {"further_maps", ReadFurtherMaps(folder, pieces, source.max_surfels)}};
   if (fs::exists(path("frames.csv"))) data["timings"] = ReadTimings(path("frames.csv"));
   if (fs::exists(path("summary.json"))) data["summary"] = ReadSummary(path("summary.json"));
   if (!source.truth.empty()) data["truth"] = CompareWithTruth(source, trajectory);

@@ -16,9 +16,9 @@ struct ReportSource {
 };
 
 // trajectory_tum.txt and map_surfels.ply must be there; frames.csv and summary.json may be missing.
-// A map of more than max_surfels is thinned evenly in the order of the file. Time series of more
-// than 20000 values are shortened: each remaining value is the largest of its group. A truth
-// without stamps is held against trajectory_kitti.txt, line by line. Throws InputError.
+// A map (of each piece) of more than max_surfels is thinned evenly in the order of the file. Time
+// series of more than 20000 values are shortened: each remaining value is the largest of its group.
+// A truth without stamps is held against trajectory_kitti.txt, line by line. Throws InputError.
 nlohmann::json ReadReportData(const ReportSource& source);
 
 }  // namespace lamina

@@ -34,6 +34,7 @@ struct RunArguments {
 };
 
 void LogScan(const ScanReport& report, RunProgress* progress) {
+  if (report.began_piece && report.piece > 0) progress->Warn(NewPieceMessage(report));
   if (report.skipped) {
     progress->Warn(fmt::format("skipped scan {}: {}", report.index, report.detail));
   } else if (report.odometry.status == OdometryFrame::Status::kLost) {
@@ -60,8 +61,13 @@ void PrintSummary(const std::string& out, const MappingCounts& counts, const nlo
              json.value("cpu_ms_per_frame", 0.0), json["map_surfels"].get<std::size_t>());
   if (json["skipped_scans"] > 0) fmt::print("skipped: {}\n", json["skipped_by_reason"].dump());
   if (counts.lost > 0) {
-    fmt::print("lost on {} frames (status `lost` in frames.csv), mapping restarted {} times\n",
-               counts.lost, counts.restarts);
+    fmt::print("lost on {} frames (status `lost` in frames.csv)\n", counts.lost);
+  }
+  if (counts.pieces > 1) {
+    fmt::print(
+        "{} pieces that are not connected (`piece` in frames.csv): each has a frame of its own and "
+        "a file map_surfels_pieceN.ply\n",
+        counts.pieces);
   }
   if (counts.degenerate > 0) {
     fmt::print("degenerate on {} frames: motion along unobservable directions is predicted\n",
@@ -94,9 +100,10 @@ class RunOutput {
     WriteKittiTrajectory(Path("trajectory_kitti.txt"), all_scans_);
     WriteTumTrajectory(Path("trajectory_tum.txt"), frames_);
     table_.Commit();
-    figures.map_surfels = WriteMap(Path("map_surfels.ply"), map, min_surfel_frames);
+    figures.map_surfels = WriteMap(directory_, map, min_surfel_frames);
     nlohmann::json summary = Summarise(counts, map, figures, errors);
-    WriteTextFile(Path("summary.json"), summary.dump(2) + "\n");
+    summary["pieces"] = ToJson(table_.pieces());
+    WriteTextFile(Path("summary.json"), SummaryText(summary));
     return summary;
   }
 

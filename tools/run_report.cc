@@ -5,7 +5,10 @@
 #include <time.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <filesystem>
 #include <fstream>
 
 #include "io/map_io.h"
@@ -23,7 +26,7 @@ FrameTable::FrameTable(const std::string& path) : writer_(path) {
   writer_.Write(
       "scan,stamp_s,status,keyframe,points,clusters,matched,iterations,inlier_share,residual_m,"
       "searched,unobservable_directions,worst_sigma_m,cov_rx,cov_ry,cov_rz,cov_x,cov_y,cov_z,"
-      "read_ms,prepare_ms,cluster_ms,odometry_ms,map_ms,solve_ms\n");
+      "piece,read_ms,prepare_ms,cluster_ms,odometry_ms,map_ms,solve_ms\n");
 }
 
 void FrameTable::Append(const SessionScan& s) {
@@ -33,9 +36,23 @@ void FrameTable::Append(const SessionScan& s) {
                   s.points, s.clusters, s.matched, s.iterations, s.inlier_share, s.residual_m,
                   s.searched ? 1 : 0, s.unobservable_directions, s.worst_sigma_m);
   for (int i = 0; i < 6; ++i) line += fmt::format(",{:.3e}", s.covariance(i, i));
-  line += fmt::format(",{:.2f},{:.2f},{:.2f},{:.2f},{:.2f},{:.2f}\n", s.read_ms, s.prepare_ms,
-                      s.cluster_ms, s.odometry_ms, s.map_ms, s.solve_ms);
+  line += fmt::format(",{},{:.2f},{:.2f},{:.2f},{:.2f},{:.2f},{:.2f}\n", s.piece, s.read_ms,
+                      s.prepare_ms, s.cluster_ms, s.odometry_ms, s.map_ms, s.solve_ms);
   writer_.Write(line);
+  CountPiece(s);
+}
+
+void FrameTable::CountPiece(const SessionScan& s) {
+  const auto [at, fresh] = pieces_.try_emplace(s.piece);
+  PieceFigures& piece = at->second;
+  if (fresh) {
+    piece.recording = s.sequence;
+    piece.first_scan = s.scan;
+  }
+  piece.last_scan = s.scan;
+  if (s.skipped) return;
+  ++piece.frames;
+  piece.lost += s.status == "lost" ? 1 : 0;
 }
 
 double ProcessCpuSeconds() {
@@ -57,6 +74,12 @@ std::size_t ResidentBytes() {
   return resident_pages * static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
 }
 
+std::string NewPieceMessage(const ScanReport& report) {
+  return fmt::format(
+      "scan {} begins piece {} of the map: nothing connects it to what was mapped before",
+      report.index, report.piece);
+}
+
 void PrintOutputs(const std::string& folder) {
   fmt::print(
       "trajectory  {0}/trajectory_tum.txt, {0}/trajectory_kitti.txt\n"
@@ -65,11 +88,69 @@ void PrintOutputs(const std::string& folder) {
       folder);
 }
 
-std::size_t WriteMap(const std::string& path, const VoxelMap& map, int min_frames) {
-  SurfelWriter writer(path);
-  map.ForEachSurface(min_frames, [&](const Surfel& surfel) { writer.Append(surfel); });
-  writer.Commit();
-  return writer.size();
+std::string MapFileName(std::int64_t piece) {
+  return piece == 0 ? "map_surfels.ply" : fmt::format("map_surfels_piece{}.ply", piece);
+}
+
+namespace {
+
+// Those of pieces that an earlier run had.
+void RemoveMapFiles(const std::string& folder) {
+  std::error_code ignored;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, ignored)) {
+    const std::string name = entry.path().filename().string();
+    long long piece = 0;
+    if (std::sscanf(name.c_str(), "map_surfels_piece%lld.ply", &piece) != 1 ||
+        name != MapFileName(piece)) {
+      continue;
+    }
+    std::filesystem::remove(entry.path(), ignored);
+  }
+}
+
+}  // namespace
+
+std::size_t WriteMap(const std::string& folder, const VoxelMap& map, int min_frames) {
+  const auto path = [&](std::int64_t piece) {
+    return (std::filesystem::path(folder) / MapFileName(piece)).string();
+  };
+  RemoveMapFiles(folder);
+  // Files are open at once, so many pieces at a time.
+  constexpr std::int64_t kAtOnce = 64;
+  std::size_t surfels = 0;
+  std::int64_t last = 0;
+  for (std::int64_t first = 0; first <= last; first += kAtOnce) {
+    std::map<std::int64_t, SurfelWriter> writers;
+    if (first == 0) writers.try_emplace(0, path(0));  // there in any case
+    map.ForEachSurface(min_frames, [&](const Surfel& surfel) {
+      last = std::max(last, surfel.piece);
+      if (surfel.piece < first || surfel.piece >= first + kAtOnce) return;
+      writers.try_emplace(surfel.piece, path(surfel.piece)).first->second.Append(surfel);
+    });
+    for (auto& [piece, writer] : writers) {
+      writer.Commit();
+      surfels += writer.size();
+    }
+  }
+  return surfels;
+}
+
+std::string SummaryText(const nlohmann::json& summary) {
+  return summary.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+}
+
+nlohmann::json ToJson(const std::map<std::int64_t, PieceFigures>& pieces) {
+  nlohmann::json json = nlohmann::json::array();
+  for (const auto& [number, piece] : pieces) {
+    json.push_back({{"piece", number},
+                    {"recording", piece.recording},
+                    {"first_scan", piece.first_scan},
+                    {"last_scan", piece.last_scan},
+                    {"frames", piece.frames},
+                    {"lost_frames", piece.lost},
+                    {"connected_to", nlohmann::json::array()}});
+  }
+  return json;
 }
 
 nlohmann::json Summarise(const MappingCounts& counts, const VoxelMap& map,

@@ -1,6 +1,8 @@
 // What a run tells about itself: frames.csv while it goes on, summary.json at its end.
 #pragma once
 
+#include <cstdint>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 
@@ -11,6 +13,14 @@
 
 namespace lamina {
 
+// A part of the map that no match connects to the others: poses of different pieces are in
+// different frames.
+struct PieceFigures {
+  std::string recording;  // the folder that its scans came from
+  std::int64_t first_scan = 0, last_scan = 0;
+  std::size_t frames = 0, lost = 0;
+};
+
 // A line for each scan, in order. Distances in metres, angles in radians, covariance of the pose's
 // tangent [rotation; translation] (core/se3.h). Throws OutputError. Not thread-safe.
 class FrameTable {
@@ -18,9 +28,14 @@ class FrameTable {
   explicit FrameTable(const std::string& path);
   void Append(const SessionScan& scan);
   void Commit() { writer_.Commit(); }
+  // Those of the scans so far, by number.
+  const std::map<std::int64_t, PieceFigures>& pieces() const { return pieces_; }
 
  private:
+  void CountPiece(const SessionScan& scan);
+
   FileWriter writer_;
+  std::map<std::int64_t, PieceFigures> pieces_;
 };
 
 // CPU seconds of this process so far, all threads.
@@ -40,11 +55,26 @@ struct RunFigures {
   bool interrupted = false;
 };
 
+// Says that a scan began a piece of the map, and where.
+std::string NewPieceMessage(const ScanReport& report);
+
 // Tells where the files of a run or a session lie.
 void PrintOutputs(const std::string& folder);
 
-// Writes the surfaces that at least min_frames frames have seen; returns their number.
-std::size_t WriteMap(const std::string& path, const VoxelMap& map, int min_frames);
+// The file of a piece's map, in the frame of that piece: a viewer that draws pieces over one
+// another would show what never was.
+std::string MapFileName(std::int64_t piece);
+
+// Writes the surfaces that at least min_frames frames have seen, a file for each piece; returns
+// their number.
+std::size_t WriteMap(const std::string& folder, const VoxelMap& map, int min_frames);
+
+// What summary.json holds; names of folders, which may be in any encoding, are part of it: what is
+// no UTF-8 is replaced.
+std::string SummaryText(const nlohmann::json& summary);
+
+// For summary.json.
+nlohmann::json ToJson(const std::map<std::int64_t, PieceFigures>& pieces);
 
 // `errors` is null without a true trajectory.
 nlohmann::json Summarise(const MappingCounts& counts, const VoxelMap& map,

@@ -43,7 +43,8 @@ InboxFile FileOf(const SessionScan& row, const WatchFiles& files) {
 }
 
 LivePose LivePoseOf(const FinalPose& pose) {
-  return {static_cast<std::int64_t>(pose.scan), pose.pose.stamp_ns, pose.pose.T_world_lidar};
+  return {static_cast<std::int64_t>(pose.scan), pose.pose.stamp_ns, pose.pose.T_world_lidar,
+          pose.piece};
 }
 
 }  // namespace
@@ -57,7 +58,7 @@ WatchDaemon::WatchDaemon(WatchSetup setup)
   ContinueInbox();
   if (!setup_.http) return;
   session_->database().ForEach(0, session_->next_scan(), [this](const SessionScan& row) {
-    if (!row.skipped) view_.AddPast({row.scan, row.stamp_ns, row.T_world_lidar});
+    if (!row.skipped) view_.AddPast({row.scan, row.stamp_ns, row.T_world_lidar, row.piece});
   });
   HttpParts parts;
   parts.view = &view_;
@@ -122,11 +123,13 @@ void WatchDaemon::ContinueInbox() {
                       sequence.last.file, sequence.last.stamp_ns, sequence.last.recorded_stamp});
   }
   const std::int64_t next = session_->next_scan();
-  const auto history = static_cast<std::int64_t>(StreamedScans::kHistory);
-  const std::int64_t first = std::max<std::int64_t>(0, next - history);
-  scans_ = std::make_unique<StreamedScans>(static_cast<std::size_t>(first), setup_.config.scans);
-  database.ForEach(first, next,
-                   [this](const SessionScan& row) { scans_->Append(FileOf(row, files_)); });
+  scans_ = std::make_unique<StreamedScans>(static_cast<std::size_t>(next), setup_.config.scans);
+  for (const SessionDatabase::Sequence& sequence : database.Sequences(next)) {
+    for (const SessionScan& row :
+         database.LastOf(sequence.last.sequence, next, static_cast<int>(StreamedScans::kHistory))) {
+      scans_->AppendPast(row.sequence, static_cast<std::size_t>(row.scan), row.stamp_ns);
+    }
+  }
   late_ = static_cast<std::size_t>(database.set_aside());
 }
 
@@ -202,6 +205,7 @@ void WatchDaemon::OnMapped(const ScanReport& report) {
 }
 
 void WatchDaemon::OnScan(const ScanReport& report, const SessionScan& row) {
+  if (report.began_piece && report.piece > 0) spdlog::warn(NewPieceMessage(report));
   if (report.skipped) {
     ++rejected_;
     spdlog::warn("skipped scan {}: {}", row.scan, row.detail);
@@ -232,6 +236,7 @@ void WatchDaemon::ShowScan(const ScanReport& report) {
   if (!view_.ScanWanted() || report.skipped) return;
   LiveScan scan;
   scan.index = static_cast<std::int64_t>(report.index);
+  scan.piece = report.piece;
   scan.origin = report.odometry.T_world_lidar.t;
   for (const Eigen::Vector3d& p : session_->pipeline().NewestKeyframe()) {
     scan.points.push_back((p - scan.origin).cast<float>());
@@ -258,7 +263,7 @@ void WatchDaemon::OnDurable(const SessionScan& row) {
   times.map_ms = static_cast<float>(row.map_ms);
   times.solve_ms = static_cast<float>(row.solve_ms);
   times.durable_ms = static_cast<float>(Milliseconds(SteadyClock::now() - under_way.mapped));
-  view_.AddFrame({{row.scan, row.stamp_ns, row.T_world_lidar}, times});
+  view_.AddFrame({{row.scan, row.stamp_ns, row.T_world_lidar, row.piece}, times});
 }
 
 // On the housekeeping thread.
@@ -290,6 +295,7 @@ void WatchDaemon::ShowStatus(LiveState state) {
   status.keyframes = counts.keyframes;
   status.lost = counts.lost;
   status.degenerate = counts.degenerate;
+  status.pieces = counts.pieces;
   status.skipped = counts.scans - counts.frames;
   status.rejected = rejected_;
   status.late = late_;
@@ -335,16 +341,16 @@ void WatchDaemon::WriteOutputs() {
   table.Commit();
   RunFigures figures;
   const VoxelMap& map = session_->pipeline().map();
-  figures.map_surfels =
-      WriteMap((folder / "map_surfels.ply").string(), map, setup_.config.backend.min_surfel_frames);
+  figures.map_surfels = WriteMap(setup_.session, map, setup_.config.backend.min_surfel_frames);
   figures.wall_s = 1e-3 * Milliseconds(SteadyClock::now() - start_);
   figures.cpu_s = ProcessCpuSeconds();
   figures.map_peak_bytes = map_peak_bytes_;
   figures.map_over_budget = map.over_budget();
   nlohmann::json summary = Summarise(session_->pipeline().counts(), map, figures, nullptr);
+  summary["pieces"] = ToJson(table.pieces());
   summary["late_files"] = late_;
   summary["stored_voxels"] = session_->stored_roots();
-  WriteTextFile((folder / "summary.json").string(), summary.dump(2) + "\n");
+  WriteTextFile((folder / "summary.json").string(), SummaryText(summary));
   spdlog::info("{} frames mapped in all; trajectory, map and figures are in {}",
                session_->pipeline().counts().frames, setup_.session);
 }

@@ -12,7 +12,9 @@
   let viewer = null;
   const state = {
     run: null,        // run_id of the daemon that all below comes from
-    poses: [],        // by index
+    poses: [],        // by index, of all pieces of the map
+    piece: -1,        // the one that is shown: the newest, unless one was chosen
+    chosen: false,
     version: -1,      // of the trajectory
     frames: [],       // stage times of the newest frames
     nextTiming: 0,
@@ -25,9 +27,27 @@
   };
 
   function reset(run) {
-    Object.assign(state, {run, poses: [], version: -1, frames: [], nextTiming: 0, mapVersion: -1,
-                          mapRequest: null, covered: [], scan: -1});
+    Object.assign(state, {run, poses: [], version: -1, frames: [], nextTiming: 0, chosen: false});
+    showPiece(-1);
+  }
+
+  // Pieces of the map have frames of their own, and are not connected.
+  function showPiece(piece) {
+    Object.assign(state, {piece, mapVersion: -1, mapRequest: null, covered: [], scan: -1});
     if (viewer) viewer.clear();
+  }
+
+  const shownPoses = () => state.poses.filter((pose) => pose.piece === state.piece);
+
+  function showPoses() {
+    const pieces = [...new Set(state.poses.map((pose) => pose.piece))].sort((a, b) => a - b);
+    const newest = pieces.length > 0 ? pieces[pieces.length - 1] : -1;
+    const gone = !pieces.includes(state.piece);
+    if (gone || (!state.chosen && newest > state.piece)) showPiece(newest);
+    Lamina.listPieces($('piece'), pieces, state.piece);
+    const poses = shownPoses();
+    if (viewer) viewer.setTrajectory(poses);
+    $('path-length').textContent = Lamina.pathLength(poses).toFixed(1) + ' m';
   }
 
   async function get(path, type) {
@@ -86,8 +106,7 @@
     }
     state.version = version;
     if (!changed) return;
-    if (viewer) viewer.setTrajectory(state.poses);
-    $('path-length').textContent = Lamina.pathLength(state.poses).toFixed(1) + ' m';
+    showPoses();
     $('notice').hidden = true;
   }
 
@@ -110,6 +129,7 @@
     if (!$('show-scan').checked) return viewer.hideScan();
     const scan = Lamina.readScan(await get('api/scan', 'arrayBuffer'));
     checkRun(scan.run);
+    if (scan.piece !== state.piece) return viewer.hideScan();
     if (scan.index < 0 || (scan.index === state.scan && viewer.scan.visible)) return;
     state.scan = scan.index;
     viewer.setScan(scan);
@@ -131,16 +151,19 @@
   }
 
   async function pollMap() {
-    if (!viewer || state.poses.length === 0) return false;
-    const sensor = state.poses[state.poses.length - 1].position;
+    const poses = shownPoses();
+    if (!viewer || poses.length === 0) return false;
+    const sensor = poses[poses.length - 1].position;
     const request = state.mapRequest || nextMapRequest(sensor);
-    const budget = Number($('budget').value);
+    const budget = Number($('budget').value), piece = state.piece;
     for (let pages = 0; pages < kPagesAtOnce; ++pages) {
       const [x, y, z] = request.centre;
       const page = Lamina.readMap(await get(
           `api/map?x=${x}&y=${y}&z=${z}&radius=${request.radius}&page=${request.page}` +
-          `&newer_than=${request.newerThan}`, 'arrayBuffer'));
+          `&newer_than=${request.newerThan}&piece=${piece}`, 'arrayBuffer'));
       checkRun(page.run);
+      // Another piece was chosen meanwhile.
+      if (piece !== state.piece) return true;
       // What changes while the pages come is newer than the first one's version.
       if (request.page === 0) request.version = page.version;
       if (page.cells > 0) {
@@ -311,6 +334,12 @@
       if (wake) wake();
     });
   }
+  $('piece').addEventListener('change', () => {
+    state.chosen = true;
+    showPiece(Number($('piece').value));
+    showPoses();
+    if (wake) wake();
+  });
   document.addEventListener('visibilitychange', () => wake && wake());
   document.addEventListener('keydown', (event) => {
     const typing = /^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName);

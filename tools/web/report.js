@@ -37,11 +37,30 @@
         count(data.map.surfels) + ' surfels';
   }
 
-  function showView() {
-    $('map-note').textContent = data.map.shown < data.map.surfels ?
-        'The map is thinned: ' + count(data.map.shown) + ' of ' + count(data.map.surfels) +
+  // Pieces of the map have frames of their own, and are not connected: one is shown at a time.
+  const pieces = [...new Set(poses.map((pose) => pose.piece))].sort((a, b) => a - b);
+  const mapOf = (piece) => piece === 0 ? data.map :
+      (data.further_maps || []).find((map) => map.piece === piece);
+
+  function showPiece(viewer, piece) {
+    const map = mapOf(piece), shown = poses.filter((pose) => pose.piece === piece);
+    $('map-note').textContent = !map ? 'This piece has no surfels.' : map.shown < map.surfels ?
+        'The map is thinned: ' + count(map.shown) + ' of ' + count(map.surfels) +
             ' surfels are shown.' :
-        'All ' + count(data.map.surfels) + ' surfels are shown.';
+        'All ' + count(map.surfels) + ' surfels are shown.';
+    if (pieces.length > 1) {
+      $('map-note').textContent += ' ' + pieces.length +
+          ' pieces of the map are not connected; each is shown in a frame of its own.';
+    }
+    if (!viewer) return;
+    viewer.clear();
+    viewer.setTrajectory(shown);
+    if (map) viewer.addMap(Lamina.readMap(bytes(map.cells)));
+    viewer.showAll(shown);
+  }
+
+  function showView() {
+    showPiece(null, pieces[0]);
     if (data.truth) $('map-note').textContent += ' Yellow: the trajectory; blue: the truth.';
     let viewer = null;
     try {
@@ -53,16 +72,18 @@
     }
     viewer.follow = false;
     viewer.setSize(Number($('size').value));
-    viewer.setTrajectory(poses);
-    viewer.addMap(Lamina.readMap(bytes(data.map.cells)));
+    showPiece(viewer, pieces[0]);
     if (data.truth) viewer.setTruth(Lamina.readTrajectory(bytes(data.truth.poses)).poses);
-    viewer.showAll(poses);
+    Lamina.listPieces($('piece'), pieces, pieces[0]);
+    const chosen = () => Number($('piece').value);
+    $('piece').addEventListener('change', () => showPiece(viewer, chosen()));
     // A report does not know when a surfel was seen last.
     Lamina.colourings = Lamina.colourings.filter((c) => c.id !== 'age');
     Lamina.bindColours(viewer, $('colour'), $('legend'));
     $('size').addEventListener('input', () => viewer.setSize(Number($('size').value)));
     $('show-path').addEventListener('change', () => viewer.showPath($('show-path').checked));
-    $('all').addEventListener('click', () => viewer.showAll(poses));
+    $('all').addEventListener(
+        'click', () => viewer.showAll(poses.filter((pose) => pose.piece === chosen())));
     return viewer;
   }
 

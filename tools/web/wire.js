@@ -14,27 +14,29 @@
   const runId = (view) => view.getBigUint64(8, true).toString(16).padStart(16, '0');
 
   Lamina.readTrajectory = function (buffer) {
-    const view = reader(buffer, 'LTR1');
+    const view = reader(buffer, 'LTR2');
     const count = view.getUint32(4, true);
     const poses = [];
-    for (let i = 0, at = 32; i < count; ++i, at += 56) {
+    for (let i = 0, at = 32; i < count; ++i, at += 64) {
       poses.push({
         index: int64(view, at),
         stamp_s: int64(view, at + 8) * 1e-9,
         position: [16, 24, 32].map((o) => view.getFloat64(at + o, true)),
         quaternion: [40, 44, 48, 52].map((o) => view.getFloat32(at + o, true)),
+        piece: int64(view, at + 56),
       });
     }
     return {run: runId(view), version: int64(view, 16), next: int64(view, 24), poses};
   };
 
   Lamina.readScan = function (buffer) {
-    const view = reader(buffer, 'LSC1');
+    const view = reader(buffer, 'LSC2');
     return {
       run: runId(view),
       index: int64(view, 16),
       origin: [24, 32, 40].map((o) => view.getFloat64(o, true)),
-      points: new Float32Array(buffer, 48, 3 * view.getUint32(4, true)),
+      piece: int64(view, 48),
+      points: new Float32Array(buffer, 56, 3 * view.getUint32(4, true)),
     };
   };
 
@@ -50,6 +52,17 @@
       more: view.getUint32(36, true) !== 0,
       buffer,
     };
+  };
+
+  // Fills the list of pieces of the map and shows it if there is a choice. Pieces have frames of
+  // their own: one of them is drawn at a time.
+  Lamina.listPieces = function (select, pieces, shown) {
+    if (select.options.length !== pieces.length) {
+      select.replaceChildren(...pieces.map((piece) => new Option(piece, piece)));
+    }
+    select.value = shown;
+    select.hidden = pieces.length < 2;
+    for (const label of select.labels) label.hidden = select.hidden;
   };
 
   Lamina.pathLength = function (poses) {

@@ -1,0 +1,184 @@
+// Two recordings in one inbox are two pieces of a map, in every file, in the answers of the daemon
+// and on the pages.
+#include <httplib.h>
+
+#include "tests/browser.h"
+#include "tests/live_world.h"
+#include "tests/watch_scenes.h"
+#include "tools/http_server.h"
+#include "tools/map_queries.h"
+#include "tools/report_data.h"
+
+namespace lamina {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+class PiecesFilesTest : public WatchTest {
+ protected:
+  // A column of frames.csv.
+  std::vector<std::string> Column(const std::string& folder, const std::string& name) const {
+    const auto cells = [](const std::string& line) {
+      std::vector<std::string> list;
+      std::istringstream stream(line);
+      for (std::string cell; std::getline(stream, cell, ',');) list.push_back(cell);
+      return list;
+    };
+    const std::vector<std::string> lines = Lines(Bytes(Path(folder + "/frames.csv")));
+    const std::vector<std::string> names = cells(lines.at(0));
+    const auto at = std::find(names.begin(), names.end(), name) - names.begin();
+    std::vector<std::string> column;
+    for (std::size_t i = 1; i < lines.size(); ++i) {
+      column.push_back(cells(lines[i]).at(static_cast<std::size_t>(at)));
+    }
+    return column;
+  }
+  // The poses of one piece, as lines of the KITTI trajectory.
+  std::vector<std::string> PosesOf(const std::string& folder, const std::string& piece) const {
+    const std::vector<std::string> pieces = Column(folder, "piece");
+    const std::vector<std::string> all = Lines(Bytes(Path(folder + "/trajectory_kitti.txt")));
+    EXPECT_EQ(all.size(), pieces.size());
+    std::vector<std::string> lines;
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      if (pieces.at(i) == piece) lines.push_back(all[i]);
+    }
+    return lines;
+  }
+};
+
+TEST_F(PiecesFilesTest, TwoFoldersAreTwoPiecesAndEachIsWhatRunMakesOfIt) {
+  const Recording street = Street(24);
+  const Recording room = SyntheticRecording(synth::SceneKind::kRoom, 20, 1);
+  WriteRecording("in/a", street);
+  WriteRecording("in/b", room);
+  Write("session/map_surfels_piece7.ply", "of an earlier life");
+  Once();
+  Run(Path("in/a"), {}, 0, "a");
+  Run(Path("in/b"), {}, 0, "b");
+  EXPECT_EQ(PosesOf("session", "0"), Lines(Bytes(Path("a/trajectory_kitti.txt"))));
+  EXPECT_EQ(PosesOf("session", "1"), Lines(Bytes(Path("b/trajectory_kitti.txt"))));
+  EXPECT_TRUE(Bytes(Path("session/map_surfels.ply")) == Bytes(Path("a/map_surfels.ply")));
+  EXPECT_TRUE(Bytes(Path("session/map_surfels_piece1.ply")) == Bytes(Path("b/map_surfels.ply")));
+  EXPECT_FALSE(fs::exists(Path("session/map_surfels_piece7.ply")));
+  const nlohmann::json pieces = Summary("session")["pieces"];
+  ASSERT_EQ(pieces.size(), 2U);
+  EXPECT_EQ(pieces[0]["frames"], 24);
+  EXPECT_EQ(pieces[1]["frames"], 20);
+  EXPECT_EQ(pieces[0]["recording"], "a/velodyne");
+  EXPECT_EQ(pieces[1]["recording"], "b/velodyne");
+  EXPECT_EQ(pieces[0]["connected_to"], nlohmann::json::array());
+  EXPECT_EQ(Summary("a")["pieces"].size(), 1U);
+  // The report shows each on its own.
+  ReportSource source;
+  source.folder = Path("session");
+  const nlohmann::json data = ReadReportData(source);
+  ASSERT_EQ(data["further_maps"].size(), 1U);
+  EXPECT_EQ(data["further_maps"][0]["piece"], 1);
+  EXPECT_GT(data["further_maps"][0]["surfels"], 50);
+  source.folder = Path("a");
+  EXPECT_THAT(ReadReportData(source)["further_maps"], IsEmpty());
+}
+
+// A recording that is in another place from its middle on.
+TEST_F(PiecesFilesTest, ARestartIsAPieceThatIsNotConnected) {
+  Recording cut = Street(10);
+  const Recording room = SyntheticRecording(synth::SceneKind::kRoom, 12, 1);
+  cut.insert(cut.end(), room.begin(), room.end());
+  for (std::size_t i = 0; i < cut.size(); ++i) cut[i].stamp_s = 0.1 * static_cast<double>(i);
+  const Outcome outcome =
+      Run(WriteRecording("cut", cut), {"--set", "backend.restart_after_lost_frames=2"});
+  EXPECT_THAT(outcome.err, HasSubstr("begins piece 1 of the map"));
+  EXPECT_THAT(outcome.out, HasSubstr("2 pieces that are not connected"));
+  EXPECT_EQ(Summary()["restarts"], 1);
+  const nlohmann::json pieces = Summary()["pieces"];
+  ASSERT_EQ(pieces.size(), 2U);
+  EXPECT_EQ(pieces[1]["first_scan"], 12);
+  EXPECT_EQ(pieces[1]["last_scan"], 21);
+  EXPECT_EQ(pieces[0]["lost_frames"], 2);
+  EXPECT_EQ(Column("out", "status").at(12), "first");
+  EXPECT_TRUE(fs::exists(Path("out/map_surfels_piece1.ply")));
+}
+
+TEST_F(PiecesFilesTest, TheDaemonTellsPiecesApart) {
+  const Recording street = Street(12);
+  DropScans(street, 0, 6, "a/");
+  const pid_t daemon = StartWatch({"--http", "127.0.0.1:0"});
+  const std::string where = "live page at http://127.0.0.1:";
+  ASSERT_TRUE(WaitUntil(daemon, [&] { return Said(where); }));
+  const std::string said = Bytes(Path("stderr"));
+  httplib::Client client("127.0.0.1", std::atoi(said.c_str() + said.find(where) + where.size()));
+  const auto status = [&] { return nlohmann::json::parse(client.Get("/api/status")->body); };
+  ASSERT_TRUE(WaitForScans(daemon, 6));
+  DropScans(street, 0, 6, "b/");
+  ASSERT_TRUE(WaitUntil(daemon, [&] {
+    const nlohmann::json s = status();
+    return s["state"] == "idle" && s["frames"] == 12 && s["last_pose"]["index"] == 11;
+  }));
+  EXPECT_EQ(status()["pieces"], 2);
+  EXPECT_EQ(status()["last_pose"]["piece"], 1);
+  const auto surfels = [&](int piece) {
+    const auto map = client.Get(
+        ("/api/map?x=0&y=0&z=0&radius=60&page=0&piece=" + std::to_string(piece)).c_str());
+    std::uint32_t count = 0;
+    if (map && map->status == 200) std::memcpy(&count, map->body.data() + 32, sizeof(count));
+    return count;
+  };
+  EXPECT_GT(surfels(0), 50U);
+  EXPECT_EQ(surfels(1), surfels(0));  // the same scans
+  EXPECT_EQ(surfels(2), 0U);
+  Terminate(daemon);
+}
+
+// The page shows one piece at a time: the newest, until another is chosen.
+TEST_F(PiecesFilesTest, ThePageShowsOnePieceAtATime) {
+  if (!Browser::IsInstalled()) GTEST_SKIP() << "chromium and chromium-driver are not installed";
+  const LiveWorld first(60.0, 0.5), second(30.0, 0.5);
+  LiveView view;
+  HttpParts parts;
+  parts.view = &view;
+  parts.session = Path("");
+  parts.map = [&](const MapQuery& query) {
+    return (query.piece == 0 ? first : second).Answer(query);
+  };
+  parts.checkpoint = parts.stop = [] {};
+  const HttpServer server(HttpAddress{"127.0.0.1", 0}, parts);
+  const auto add = [&](std::int64_t i, std::int64_t piece) {
+    LiveFrame frame = LiveWorld::Frame(i);
+    frame.pose.piece = piece;
+    view.AddFrame(frame);
+    LiveScan scan = LiveWorld::Scan(i);
+    scan.piece = piece;
+    view.SetScan(scan);
+    view.SetStatus({});
+  };
+  for (int i = 0; i < 20; ++i) add(i, 0);
+  Browser browser(Path("profile"), 1280, 800);
+  browser.Go(server.url());
+  const auto surfels = [&](const LiveWorld& world) {
+    return !browser.WaitFor("lamina.viewer.map.count === " + std::to_string(world.size()))
+                .is_null();
+  };
+  ASSERT_TRUE(surfels(first));
+  EXPECT_TRUE(browser.Run("return document.getElementById('piece').hidden"));
+  for (int i = 20; i < 26; ++i) add(i, 1);
+  EXPECT_TRUE(surfels(second));
+  EXPECT_EQ(browser.Run("return lamina.state.piece"), 1);
+  EXPECT_FALSE(browser.Run("return document.getElementById('piece').hidden"));
+  EXPECT_NEAR(browser.Run("return parseFloat(document.getElementById('path-length').textContent)"),
+              5.0, 1.0);
+  EXPECT_FALSE(browser.WaitFor("lamina.viewer.scan.visible").is_null());
+  browser.Run(
+      "const list = document.getElementById('piece'); list.value = '0'; "
+      "list.dispatchEvent(new Event('change'));");
+  EXPECT_TRUE(surfels(first));
+  for (int i = 26; i < 30; ++i) add(i, 1);
+  EXPECT_FALSE(browser.WaitFor("lamina.state.poses.length === 30").is_null());
+  EXPECT_EQ(browser.Run("return lamina.state.piece"), 0);
+  EXPECT_FALSE(browser.WaitFor("!lamina.viewer.scan.visible").is_null());
+  EXPECT_THAT(browser.Errors(), IsEmpty());
+}
+
+}  // namespace
+}  // namespace lamina
