@@ -54,6 +54,16 @@ TEST_F(SessionFaultsTest, WithTheNewestCheckpointDamagedTheOneBeforeItIsUsed) {
   }
 }
 
+TEST_F(SessionFaultsTest, ASessionOfAnotherVersionIsRefusedAndStaysAsItIs) {
+  const SessionSetup setup = Left();
+  ASSERT_TRUE(fs::exists(setup.folder + "/session.db.backup"));
+  SQLite::Database(setup.folder + "/session.db", SQLite::OPEN_READWRITE)
+      .exec("UPDATE meta SET value = '1' WHERE key = 'version'");
+  EXPECT_THAT(MessageOf<InputError>([&] { Session(setup, {}); }), HasSubstr("is of version 1"));
+  EXPECT_TRUE(fs::exists(setup.folder + "/session.db"));
+  EXPECT_FALSE(fs::exists(setup.folder + "/session.db.damaged"));
+}
+
 TEST_F(SessionFaultsTest, WithAllCheckpointsDamagedItBeginsAtTheStart) {
   const Result whole = Whole();
   const SessionSetup setup = Left();

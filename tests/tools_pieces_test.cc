@@ -2,12 +2,14 @@
 // and on the pages.
 #include <httplib.h>
 
+#include "io/map_io.h"
 #include "tests/browser.h"
 #include "tests/live_world.h"
 #include "tests/watch_scenes.h"
 #include "tools/http_server.h"
 #include "tools/map_queries.h"
 #include "tools/report_data.h"
+#include "tools/run_report.h"
 
 namespace lamina {
 namespace {
@@ -178,6 +180,45 @@ TEST_F(PiecesFilesTest, ThePageShowsOnePieceAtATime) {
   EXPECT_EQ(browser.Run("return lamina.state.piece"), 0);
   EXPECT_FALSE(browser.WaitFor("!lamina.viewer.scan.visible").is_null());
   EXPECT_THAT(browser.Errors(), IsEmpty());
+}
+
+TEST_F(PiecesFilesTest, TheReportShowsOnePieceAtATime) {
+  if (!Browser::IsInstalled()) GTEST_SKIP() << "chromium and chromium-driver are not installed";
+  fs::create_directories(Path("run"));
+  std::size_t sizes[2] = {};
+  for (const int piece : {0, 1}) {
+    const LiveWorld world(piece == 0 ? 20.0 : 10.0, 0.5);
+    SurfelMap map;
+    for (const MapCell& cell : world.Answer({{10, 0, 0}, 1e4, 0, -1}).cells) {
+      map.insert(map.end(), cell.surfels.begin(), cell.surfels.end());
+    }
+    sizes[piece] = map.size();
+    WriteSurfels(Path("run/" + MapFileName(piece)), map);
+  }
+  Trajectory trajectory;
+  std::string csv = "scan,status,piece,read_ms\n";
+  for (int i = 0; i < 40; ++i) {
+    const LivePose pose = LiveWorld::Frame(i).pose;
+    csv += std::to_string(i) + (i == 7 ? ",unreadable," : ",tracked,") +
+           std::to_string(i < 30 ? 0 : 1) + ",1\n";
+    if (i != 7) trajectory.push_back({pose.stamp_ns, pose.T_world_lidar});
+  }
+  WriteTumTrajectory(Path("run/trajectory_tum.txt"), trajectory);
+  Write("run/frames.csv", csv);
+  ASSERT_EQ(Lamina({"report", "--run", Path("run"), "--out", Path("report.html")}).code, 0);
+  Browser browser(Path("profile"), 1280, 900);
+  browser.Go("file://" + Path("report.html"));
+  ASSERT_FALSE(browser.WaitFor("!!lamina.viewer").is_null());
+  EXPECT_EQ(browser.Run("return lamina.viewer.map.count"), sizes[0]);
+  EXPECT_EQ(browser.Run("return lamina.poses.filter((p) => p.piece === 1).length"), 10);
+  browser.Run(
+      "const list = document.getElementById('piece'); list.value = '1'; "
+      "list.dispatchEvent(new Event('change'));");
+  EXPECT_EQ(browser.Run("return lamina.viewer.map.count"), sizes[1]);
+  EXPECT_THAT(browser.Errors(), IsEmpty());
+  // The picture and the cloud hold what can be put together.
+  const Outcome plot = Lamina({"plot", "--run", Path("run")});
+  EXPECT_THAT(plot.err, HasSubstr("10 of 39 poses are of pieces"));
 }
 
 }  // namespace
