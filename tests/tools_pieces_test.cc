@@ -96,10 +96,10 @@ TEST_F(PiecesFilesTest, ARestartIsAPieceThatIsNotConnected) {
   EXPECT_EQ(Summary()["restarts"], 1);
   const nlohmann::json pieces = Summary()["pieces"];
   ASSERT_EQ(pieces.size(), 2U);
-  EXPECT_EQ(pieces[1]["first_scan"], 12);
+  EXPECT_EQ(pieces[1]["first_scan"], 13);
   EXPECT_EQ(pieces[1]["last_scan"], 21);
-  EXPECT_EQ(pieces[0]["lost_frames"], 2);
-  EXPECT_EQ(Column("out", "status").at(12), "first");
+  EXPECT_EQ(pieces[0]["lost_frames"], 3);
+  EXPECT_EQ(Column("out", "status").at(13), "first");
   EXPECT_TRUE(fs::exists(Path("out/map_surfels_piece1.ply")));
 }
 

@@ -77,13 +77,12 @@ Trial MapTrial(const Promise& promise, int seed, const std::vector<std::string>&
     trial.frames[i].stamp_ns = source.Stamp(i);
     trial.frames[i].T_world_lidar_true = sequence->TruePose(i);
   }
-  const MappingPipeline* running = nullptr;
   MappingCallbacks callbacks;
   callbacks.on_scan = [&](const ScanReport& report) {
     const SessionScan record = RecordOf(report);
     TrialFrame& frame = trial.frames[report.index];
     frame.status = record.status;
-    frame.piece = static_cast<std::int64_t>(running->counts().restarts);
+    frame.piece = report.piece;
     frame.T_world_matched = record.T_world_lidar;
     frame.covariance = record.covariance;
     frame.worst_sigma_m = record.worst_sigma_m;
@@ -93,7 +92,6 @@ Trial MapTrial(const Promise& promise, int seed, const std::vector<std::string>&
   };
   const double start = ThreadCpuSeconds();
   MappingPipeline pipeline(OptionsOf(promise, set), callbacks);
-  running = &pipeline;
   pipeline.Process(source, {0, 0, source.size()});
   pipeline.Finish();
   trial.cpu_s = ThreadCpuSeconds() - start - source.seconds();
