@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <new>
 
 #include "backend/pose_covariance.h"
 #include "core/central_twist.h"
@@ -128,6 +129,18 @@ bool MovedLess(const std::vector<SE3>& a, const std::vector<SE3>& b, double rota
          translation2 <= n * translation_m * translation_m;
 }
 
+void AddCovariances(const BundleProblem& problem, RegistrationResult* result) {
+  constexpr double kOpenVariance = 1e6;
+  try {
+    result->covariances = PoseCovariances(problem, result->poses, kOpenVariance);
+    if (!result->covariances.empty()) return;
+    result->covariance_failure = "the normal equations at the solution cannot be factorised";
+  } catch (const std::bad_alloc&) {
+    result->covariance_failure = "there is not enough memory for those of " +
+                                 std::to_string(result->poses.size()) + " poses";
+  }
+}
+
 }  // namespace
 
 const char* ToString(RegistrationResult::Status status) {
@@ -221,10 +234,20 @@ BundleResult BatchRegistration::SolveRound(const RegistrationCallbacks& callback
 RegistrationResult BatchRegistration::Run(const std::vector<BatchFrame>& frames,
                                           const RegistrationCallbacks& callbacks,
                                           const std::atomic<bool>* stop) const {
+  BundleProblem problem;
+  RegistrationResult result = Solve(frames, callbacks, stop, &problem);
+  if (callbacks.on_poses) callbacks.on_poses(result);
+  if (result.reason.empty()) AddCovariances(problem, &result);
+  return result;
+}
+
+RegistrationResult BatchRegistration::Solve(const std::vector<BatchFrame>& frames,
+                                            const RegistrationCallbacks& callbacks,
+                                            const std::atomic<bool>* stop,
+                                            BundleProblem* problem) const {
   RegistrationResult result;
   for (const BatchFrame& frame : frames) result.poses.push_back(frame.T_world_lidar);
   result.status = Status::kRoundLimit;
-  BundleProblem problem;
   std::vector<BatchFrame> merged;
   for (int round = 0; round < options_.rounds && result.status == Status::kRoundLimit; ++round) {
     Stopwatch watch;
@@ -237,18 +260,18 @@ RegistrationResult BatchRegistration::Run(const std::vector<BatchFrame>& frames,
     } else if (round == 0 || factor != MergeFactor(round - 1)) {
       merged = Merged(frames, factor * map_.LeafSize());
     }
-    problem = CastRound(factor > 1 ? merged : frames, result.poses, report.root_size_m);
-    const Observability observability = FindObservability(problem, options_.observability);
+    *problem = CastRound(factor > 1 ? merged : frames, result.poses, report.root_size_m);
+    const Observability observability = FindObservability(*problem, options_.observability);
     result.faults = observability.faults;
-    result.reason = Refusal(problem, observability, options_.solver);
+    result.reason = Refusal(*problem, observability, options_.solver);
     if (!result.reason.empty()) {
       result.status = Status::kIllPosed;
       return result;
     }
-    problem.holds = observability.holds;
-    problem.hold_first_pose = false;
+    problem->holds = observability.holds;
+    problem->hold_first_pose = false;
     report.build_ms = watch.LapMilliseconds();
-    const BundleResult solved = SolveRound(callbacks, &problem, &report, &result.faults);
+    const BundleResult solved = SolveRound(callbacks, problem, &report, &result.faults);
     result.rounds.push_back(report);
     if (callbacks.on_round) callbacks.on_round(report);
     if (!solved.usable()) {
@@ -269,8 +292,6 @@ RegistrationResult BatchRegistration::Run(const std::vector<BatchFrame>& frames,
   if (!result.faults.empty() && result.status != Status::kInterrupted) {
     result.status = Status::kPartial;
   }
-  constexpr double kOpenVariance = 1e6;
-  result.covariances = PoseCovariances(problem, result.poses, kOpenVariance);
   return result;
 }
 

@@ -80,13 +80,18 @@ struct RegistrationResult {
   std::vector<SE3> poses;
   std::vector<BundleFault> faults;  // of the last round
   std::vector<RoundReport> rounds;
-  std::vector<Matrix6d> covariances;  // pose_covariance.h, at the end
+  // pose_covariance.h, of the last round; empty if there are none, since nothing was solved or for
+  // this reason.
+  std::vector<Matrix6d> covariances;
+  std::string covariance_failure;
 };
 const char* ToString(RegistrationResult::Status status);
 
 struct RegistrationCallbacks {
   std::function<void(const RoundReport&, const BundleStep&)> on_step;
   std::function<void(const RoundReport&)> on_round;
+  // Once, with all of the result but the covariances, which may need more memory than there is.
+  std::function<void(const RegistrationResult&)> on_poses;
 };
 
 class BatchRegistration {
@@ -111,6 +116,10 @@ class BatchRegistration {
   int MergeFactor(int round) const;
 
  private:
+  // All but the covariances; *problem is that of the last round.
+  RegistrationResult Solve(const std::vector<BatchFrame>& frames,
+                           const RegistrationCallbacks& callbacks, const std::atomic<bool>* stop,
+                           BundleProblem* problem) const;
   BundleProblem CastRound(const std::vector<BatchFrame>& frames, const std::vector<SE3>& poses,
                           double root_size_m) const;
   // Solves, and once more without the frames that leapt.

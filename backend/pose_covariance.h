@@ -14,7 +14,9 @@ namespace lamina {
 
 // The 6x6 blocks on the diagonal of H^-1, tangent order [rotation; translation] (rad^2, m^2). A
 // held frame has zero; along a held direction of a frame that is free otherwise, the variance is
-// `open_variance`: nothing is known there. Cost: one inversion of 6N x 6N.
+// `open_variance`: nothing is known there. Empty if H is not positive definite. Cost: about two
+// factorisations of H, which is sparse where few frames see planes together (selected_inverse.h).
+// Thread-safe. May throw std::bad_alloc.
 std::vector<Matrix6d> PoseCovariances(const BundleProblem& problem, const std::vector<SE3>& poses,
                                       double open_variance);
 

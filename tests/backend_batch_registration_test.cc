@@ -261,6 +261,30 @@ TEST(BatchRegistration, HasTheSameBitsAtAnyNumberOfThreads) {
   }
 }
 
+TEST(BatchRegistration, PosesAreHandedOverBeforeTheCovariances) {
+  Draws draws(11);
+  const Batch batch = Batches(World::Room(), 4, 0.01, 0.03, &draws);
+  RegistrationResult handed_over;
+  RegistrationCallbacks callbacks;
+  int calls = 0;
+  callbacks.on_poses = [&](const RegistrationResult& result) {
+    handed_over = result;
+    ++calls;
+  };
+  const RegistrationResult result = Registration().Run(batch.frames, callbacks);
+  EXPECT_EQ(calls, 1);
+  EXPECT_EQ(handed_over.status, Status::kConverged);
+  EXPECT_EQ(LargestError(handed_over.poses, result.poses), 0.0);
+  EXPECT_TRUE(handed_over.covariances.empty());
+  EXPECT_EQ(result.covariances.size(), 4U);
+  EXPECT_EQ(result.covariance_failure, "");
+  // Of a refusal, too: the initial poses.
+  const Batch alone = Batches(World::Room(), 1, 0.0, 0.0, &draws);
+  EXPECT_EQ(Registration().Run(alone.frames, callbacks).status, Status::kIllPosed);
+  EXPECT_EQ(calls, 2);
+  EXPECT_EQ(handed_over.poses.size(), 1U);
+}
+
 TEST(BatchRegistration, StopsAfterTheRoundThatRuns) {
   Draws draws(8);
   const Batch batch = Batches(World::Room(), 4, 0.02, 0.1, &draws);

@@ -198,14 +198,19 @@ int Register(const RegisterArguments& arguments) {
     fmt::print(stderr, "round {}: voxels {:.2f} m, {} planes, cost {:.6g} -> {:.6g}, {} steps\n",
                r.round, r.root_size_m, r.planes, r.initial_cost, r.final_cost, r.iterations);
   };
+  Trajectory poses;
+  callbacks.on_poses = [&](const RegistrationResult& solved) {
+    poses = WithStamps(batch, solved.poses);
+    WriteKittiTrajectory(path("trajectory_kitti.txt"),
+                         AllScans(batch, *source, range, initial, solved.poses));
+    WriteTumTrajectory(path("trajectory_tum.txt"), poses);
+  };
   RegistrationResult result = registration.Run(batch.frames, callbacks, &stop);
   NameScans(batch, &result);
   for (const BundleFault& fault : result.faults) progress.Warn(fault.Describe());
-
-  const Trajectory poses = WithStamps(batch, result.poses);
-  WriteKittiTrajectory(path("trajectory_kitti.txt"),
-                       AllScans(batch, *source, range, initial, result.poses));
-  WriteTumTrajectory(path("trajectory_tum.txt"), poses);
+  if (!result.covariance_failure.empty()) {
+    progress.Warn("no covariances, all else is written: " + result.covariance_failure);
+  }
   rounds.Commit();
   WriteCovariances(path("covariance.csv"), batch.scans, result.covariances);
   figures.map_surfels = WriteMap(path("map_surfels.ply"), registration, batch, result.poses,

@@ -92,6 +92,7 @@ nlohmann::json Summarise(const RegistrationResult& result, const std::vector<std
       {"faults", Faults(result.faults)},
   };
   if (!result.reason.empty()) json["reason"] = result.reason;
+  if (!result.covariance_failure.empty()) json["covariance_failure"] = result.covariance_failure;
   if (!result.rounds.empty()) {
     // Costs of different rounds are of different planes: each is compared within the last one.
     json["cost_initial"] = result.rounds.back().initial_cost;
