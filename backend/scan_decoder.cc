@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "core/error.h"
+#include "core/printable_text.h"
 #include "core/stopwatch.h"
 #include "frontend/scan_clusters.h"
 
@@ -60,7 +61,7 @@ DecodedScan DecodeScan(const ScanSource& source, const ScanPreparationOptions& p
     if (report.points < static_cast<std::size_t>(min_points)) {
       report.skipped = true;
       report.reason = SkipReason::kTooFewPoints;
-      report.detail = source.Name(i) + ": " + std::to_string(report.points) +
+      report.detail = Printable(source.Name(i)) + ": " + std::to_string(report.points) +
                       " usable points, at least " + std::to_string(min_points) + " wanted (" +
                       std::to_string(prepared.non_finite) + " not finite, " +
                       std::to_string(prepared.out_of_range) + " out of range)";
@@ -73,7 +74,7 @@ DecodedScan DecodeScan(const ScanSource& source, const ScanPreparationOptions& p
   } catch (const InputError& error) {
     report.skipped = true;
     report.reason = SkipReason::kUnreadable;
-    report.detail = error.what();
+    report.detail = Printable(error.what());
   }
   return decoded;
 }

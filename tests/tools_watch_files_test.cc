@@ -142,6 +142,30 @@ TEST_F(WatchFilesTest, LinksOutOfTheInboxAreRefused) {
   EXPECT_THAT(FilesIn("session/rejected"), testing::Not(testing::Contains("velodyne/000004.bin")));
 }
 
+// A file whose name and header would retitle and recolour a terminal, and forge a line of the log.
+TEST_F(WatchFilesTest, HostileBytesAreShownAndHaveNoEffect) {
+  const std::string name = "velodyne/\x1b]0;owned\x07.pcd";
+  const std::string pcd =
+      "# .PCD v.7\nVERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT "
+      "1\nPOINTS \x1b[31m7\x07\xff\nDATA ascii\n1 2 3\n";
+  Write("in/" + name, pcd);
+  Write("one/1.pcd", pcd);
+  const Outcome text = Once();
+  const Outcome json = Once({"--set", "log.json=true"}, 0, "json");
+  const Outcome run = Run(Path("one"), {}, 1);
+  const std::string texts[] = {text.err,
+                               json.err,
+                               run.err,
+                               Bytes(Path("session/log/lamina.log")),
+                               Bytes(Path("json/log/lamina.log")),
+                               Reason(name)};
+  for (const std::string& shown : texts) {
+    EXPECT_EQ(shown.find_first_of("\x1b\x07\r\xff"), std::string::npos) << shown;
+    EXPECT_THAT(shown, HasSubstr("x1b[31m7"));
+  }
+  EXPECT_THAT(Bytes(Path("session/log/lamina.log")), HasSubstr("\\x1b]0;owned\\x07.pcd"));
+}
+
 TEST_F(WatchFilesTest, TwentyThousandFilesAtOnceEnd) {
   constexpr std::size_t kFiles = 20000;
   for (std::size_t i = 0; i < kFiles; ++i) {

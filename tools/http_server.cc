@@ -10,6 +10,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -17,6 +18,7 @@
 #include <utility>
 
 #include "core/error.h"
+#include "core/printable_text.h"
 #include "tools/http_token.h"
 #include "tools/live_text.h"
 
@@ -33,9 +35,7 @@ constexpr double kFarthestM = 1e7;
 
 void SetError(Response* response, int status, const std::string& what) {
   response->status = status;
-  response->set_content(nlohmann::json{{"error", what}}.dump(
-                            -1, ' ', false, nlohmann::json::error_handler_t::replace),
-                        kJson);
+  response->set_content(nlohmann::json{{"error", Printable(what)}}.dump(), kJson);
 }
 
 // A request that cannot be answered, for a reason that the client is told.
@@ -248,7 +248,7 @@ class HttpServer::Impl : private httplib::Server {
     get("/healthz", [this, &view](const Request&, Response* response) {
       const std::string ailment = view.Ailment(limits_.stale);
       response->status = ailment.empty() ? 200 : 503;
-      response->set_content((ailment.empty() ? "ok" : ailment) + "\n", "text/plain");
+      response->set_content((ailment.empty() ? "ok" : Printable(ailment)) + "\n", "text/plain");
     });
   }
 

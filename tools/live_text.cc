@@ -5,13 +5,10 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "core/printable_text.h"
+
 namespace lamina {
 namespace {
-
-// Names of files, which may be in any encoding, end up in messages: what is no UTF-8 is replaced.
-std::string Dump(const nlohmann::json& json) {
-  return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-}
 
 nlohmann::json CheckpointJson(const LiveReport& report) {
   if (!report.status.checkpoint) return nullptr;
@@ -89,35 +86,36 @@ void AddGauges(std::string* text, const LiveReport& r) {
 
 std::string StatusJson(const LiveReport& r) {
   const LiveStatus& s = r.status;
-  return Dump({{"state", ToString(s.state)},
-               {"run_id", r.run_id},
-               {"uptime_s", r.uptime_s},
-               {"frames", s.frames},
-               {"keyframes", s.keyframes},
-               {"lost", s.lost},
-               {"degenerate", s.degenerate},
-               {"pieces", s.pieces},
-               {"skipped", s.skipped},
-               {"rejected", s.rejected},
-               {"late", s.late},
-               {"rate_hz", r.rate_hz},
-               {"lag_s", r.lag_s},
-               {"latency_median_ms", r.latency_median_ms},
-               {"latency_p99_ms", r.latency_p99_ms},
-               {"queue", s.queue},
-               {"map_bytes", s.map_bytes},
-               {"map_budget_bytes", s.map_budget_bytes},
-               {"map_surfels", s.map_surfels},
-               {"tiles_on_disk", s.tiles_on_disk},
-               {"rss_bytes", r.rss_bytes},
-               {"solves", s.solves},
-               {"failed_solves", s.failed_solves},
-               {"checkpoint", CheckpointJson(r)},
-               {"last_pose", PoseJson(r.last)},
-               {"degenerate_now", s.degenerate_directions > 0},
-               {"degenerate_directions", s.degenerate_directions},
-               {"last_error", s.last_error},
-               {"failure", s.failure}});
+  return nlohmann::json({{"state", ToString(s.state)},
+                         {"run_id", r.run_id},
+                         {"uptime_s", r.uptime_s},
+                         {"frames", s.frames},
+                         {"keyframes", s.keyframes},
+                         {"lost", s.lost},
+                         {"degenerate", s.degenerate},
+                         {"pieces", s.pieces},
+                         {"skipped", s.skipped},
+                         {"rejected", s.rejected},
+                         {"late", s.late},
+                         {"rate_hz", r.rate_hz},
+                         {"lag_s", r.lag_s},
+                         {"latency_median_ms", r.latency_median_ms},
+                         {"latency_p99_ms", r.latency_p99_ms},
+                         {"queue", s.queue},
+                         {"map_bytes", s.map_bytes},
+                         {"map_budget_bytes", s.map_budget_bytes},
+                         {"map_surfels", s.map_surfels},
+                         {"tiles_on_disk", s.tiles_on_disk},
+                         {"rss_bytes", r.rss_bytes},
+                         {"solves", s.solves},
+                         {"failed_solves", s.failed_solves},
+                         {"checkpoint", CheckpointJson(r)},
+                         {"last_pose", PoseJson(r.last)},
+                         {"degenerate_now", s.degenerate_directions > 0},
+                         {"degenerate_directions", s.degenerate_directions},
+                         {"last_error", Printable(s.last_error)},
+                         {"failure", Printable(s.failure)}})
+      .dump();
 }
 
 std::string TimingsJson(const TimingPage& page) {
@@ -137,7 +135,7 @@ std::string TimingsJson(const TimingPage& page) {
   add("map_ms", &StageTimes::map_ms);
   add("solve_ms", &StageTimes::solve_ms);
   add("durable_ms", &StageTimes::durable_ms);
-  return Dump(json);
+  return json.dump();
 }
 
 std::string PrometheusText(const LiveReport& report) {

@@ -12,10 +12,12 @@
 #include <new>
 
 #include "core/error.h"
+#include "core/printable_text.h"
 #include "tools/adverse_command.h"
 #include "tools/compare_command.h"
 #include "tools/eval_command.h"
 #include "tools/export_command.h"
+#include "tools/log_text.h"
 #include "tools/plot_command.h"
 #include "tools/register_command.h"
 #include "tools/report_command.h"
@@ -27,7 +29,7 @@
 int main(int argc, char** argv) {
   // Results go to standard output, everything about the way there to standard error.
   spdlog::set_default_logger(spdlog::stderr_color_mt("lamina"));
-  spdlog::set_pattern("%H:%M:%S %^%l%$ %v");
+  spdlog::set_formatter(lamina::LogLines("%H:%M:%S %^%l%$"));
 
   CLI::App app("Lamina: scans of a LiDAR in, poses and a map out.");
   app.require_subcommand(1);
@@ -54,12 +56,12 @@ int main(int argc, char** argv) {
   try {
     return run();
   } catch (const lamina::OptionError& error) {
-    fmt::print(stderr, "lamina: error: {}\n", error.what());
+    fmt::print(stderr, "lamina: error: {}\n", lamina::Printable(error.what()));
     return 2;
   } catch (const std::bad_alloc&) {
     fmt::print(stderr, "lamina: error: out of memory\n");
   } catch (const std::exception& error) {
-    fmt::print(stderr, "lamina: error: {}\n", error.what());
+    fmt::print(stderr, "lamina: error: {}\n", lamina::Printable(error.what()));
   }
   return 1;
 }

@@ -7,6 +7,7 @@
 #include <fstream>
 
 #include "core/error.h"
+#include "core/printable_text.h"
 #include "tools/command_common.h"
 
 namespace lamina {
@@ -50,7 +51,7 @@ void WatchFiles::NoteReason(const std::string& name, const std::string& reason) 
     MakeDirectory(to.parent_path().string());
     // Not waited for to reach the disk: thousands may come at once, and the database knows it, too.
     std::ofstream file(to.string() + ".reason.txt", std::ios::binary);
-    file << reason << "\n";
+    file << Printable(reason) << "\n";
     if (!file.flush()) throw OutputError("the reason cannot be written");
   } catch (const std::exception& error) {
     spdlog::warn("{}: cannot be noted as rejected: {}", name, error.what());
