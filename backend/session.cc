@@ -14,7 +14,9 @@
 
 #include "backend/scan_record.h"
 #include "backend/session_checkpoint.h"
+#include "backend/session_room.h"
 #include "core/error.h"
+#include "io/disk_room.h"
 #include "io/file_writer.h"
 
 namespace lamina {
@@ -30,6 +32,46 @@ void MoveAwayDamaged(const std::string& database) {
     fs::rename(database + ending, database + ".damaged" + ending, ignored);
   }
 }
+
+// What a process that was killed has left of files that were to be whole.
+void RemovePartialFiles(const std::string& folder) {
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(folder, error)) {
+    const std::string ending = entry.path().extension().string();
+    std::error_code ignored;
+    if (ending == ".partial" || ending == ".partial-journal") fs::remove(entry.path(), ignored);
+  }
+}
+
+std::string OwnerOf(int lock) {
+  char owner[32] = {};
+  const ssize_t length = pread(lock, owner, sizeof(owner) - 1, 0);
+  return length > 0 ? owner : "?";
+}
+
+// Keeps a session as it is while its map is read: no process can begin to work on it.
+class ReadingLock {
+ public:
+  // Throws InputError if a process works on it.
+  explicit ReadingLock(const std::string& session)
+      : file_(open((fs::path(session) / "lock").c_str(), O_RDONLY | O_CLOEXEC)) {
+    // Without the file no process has ever worked on it.
+    if (file_ < 0 || flock(file_, LOCK_SH | LOCK_NB) == 0) return;
+    const std::string owner = OwnerOf(file_);
+    close(file_);
+    throw InputError(fmt::format(
+        "{}: the session is in use by process {}: to localise in its map, end that first", session,
+        owner));
+  }
+  ~ReadingLock() {
+    if (file_ >= 0) close(file_);
+  }
+  ReadingLock(const ReadingLock&) = delete;
+  ReadingLock& operator=(const ReadingLock&) = delete;
+
+ private:
+  int file_;
+};
 
 // The first lines that differ.
 std::pair<std::string, std::string> FirstDifference(const std::string& a, const std::string& b) {
@@ -57,6 +99,8 @@ Session::Session(SessionSetup setup, SessionHooks hooks)
   CheckOptions(setup_.session, "session");
   Lock();
   try {
+    RemovePartialFiles(setup_.folder);
+    backed_up_ = SessionBackup::Scans(Path("session.db.backup"));
     OpenDatabase();
     CheckFixedOptions();
     OpenTiles();
@@ -105,11 +149,16 @@ void Session::Lock() {
   lock_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
   if (lock_ < 0) throw OutputError(fmt::format("{}: {}", path, std::strerror(errno)));
   if (flock(lock_, LOCK_EX | LOCK_NB) != 0) {
-    char owner[32] = {};
-    const ssize_t length = read(lock_, owner, sizeof(owner) - 1);
+    const bool is_read = flock(lock_, LOCK_SH | LOCK_NB) == 0;
+    const std::string owner = OwnerOf(lock_);
     close(lock_);
-    throw InputError(fmt::format("{}: the session is in use by process {}", setup_.folder,
-                                 length > 0 ? owner : "?"));
+    if (is_read) {
+      throw InputError(fmt::format(
+          "{}: another session is copying the map of this one, to localise in it; start again when "
+          "it has",
+          setup_.folder));
+    }
+    throw InputError(fmt::format("{}: the session is in use by process {}", setup_.folder, owner));
   }
   const std::string pid = std::to_string(getpid());
   if (ftruncate(lock_, 0) != 0 || write(lock_, pid.data(), pid.size()) < 0) {
@@ -135,9 +184,7 @@ void Session::OpenDatabase() {
   }
   MoveAwayDamaged(path);
   SessionBackup::RollBack(backup);
-  std::error_code error;
-  fs::copy_file(backup, path, error);
-  if (error) throw OutputError(fmt::format("{}: cannot be copied: {}", backup, error.message()));
+  CopyFile(backup, path);
   database_ = std::make_unique<SessionDatabase>(path, true);
 }
 
@@ -169,6 +216,7 @@ void Session::CheckFixedOptions() {
 
 void Session::BeginLocalising() {
   const BaseMap& base = *setup_.base_map;
+  const ReadingLock lock(base.session);
   for (const std::int64_t scans : CheckpointsIn(base.session)) {
     try {
       pipeline_ = std::make_unique<MappingPipeline>(setup_.mapping, Callbacks(), tiles_.get());
@@ -342,10 +390,11 @@ void Session::Finish() {
   log_->WaitDurable();
   WaitForHousekeeping();
   if (newest_checkpoint_ != next_) {
-    throw OutputError(
-        fmt::format("{}: the last checkpoint could not be written; {} scans will be "
-                    "mapped again",
-                    setup_.folder, next_ - newest_checkpoint_));
+    const std::string text =
+        fmt::format("{}: the last checkpoint could not be written; {} scans will be mapped again",
+                    setup_.folder, next_ - newest_checkpoint_);
+    if (FreeBytes(setup_.folder) < RoomToContinue(setup_.folder)) throw DiskFullError(text);
+    throw OutputError(text);
   }
   finished_ = true;
   tail_.clear();

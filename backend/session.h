@@ -6,7 +6,8 @@
 //                             the newest that session.db.backup knows all scans of
 //     map_tiles.db            what the map's budget does not hold in memory (io/tile_store.h)
 //     trajectory_kitti.txt, trajectory_tum.txt     kept current (backend/trajectory_files.h)
-//     lock                    held while a process works on the session
+//     lock                    held while a process works on the session (exclusive), or copies its
+//                             map to localise in it (shared)
 //
 // A scan is *durable* when its row is on disk; its file may be called done. Poses follow when the
 // window has passed (final). Checkpoints are written beside the mapping: the state is copied at one
@@ -94,12 +95,13 @@ struct SessionHooks {
 };
 
 // One thread at a time, the mapping thread. Throws OutputError when the session's folder cannot be
-// written: nothing that was durable is lost.
+// written: nothing that was durable is lost, and a session opened anew goes on from there. It is a
+// DiskFullError (io/disk_room.h) where room is all that it wants; session_room.h says how much.
 class Session {
  public:
   // Opens or makes a session, and loads its newest checkpoint. Throws InputError if another process
-  // works on it, or nothing in it can be used; OptionError for options that differ from those it
-  // was begun with.
+  // works on it or on the map to localise in, or nothing in it can be used; OptionError for options
+  // that differ from those it was begun with.
   Session(SessionSetup setup, SessionHooks hooks);
   ~Session();
 
@@ -191,7 +193,8 @@ class Session {
   std::atomic<std::int64_t> newest_checkpoint_{0}, oldest_kept_{0};
   enum class Tidy { kDone, kFirst, kUnderWay, kLast };
   std::atomic<Tidy> tidy_{Tidy::kDone};
-  std::int64_t backed_up_ = 0;  // scans in the copy of the database
+  std::int64_t backed_up_ = 0;   // scans in the copy of the database
+  double backup_retry_s_ = 0.0;  // not before, after one that failed
   SessionBackup backup_;
 
   std::unique_ptr<SessionLog> log_;

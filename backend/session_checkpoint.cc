@@ -14,8 +14,10 @@
 
 #include "backend/scan_record.h"
 #include "backend/session.h"
+#include "backend/session_room.h"
 #include "core/error.h"
 #include "core/stopwatch.h"
+#include "io/disk_room.h"
 
 namespace lamina {
 namespace {
@@ -125,12 +127,16 @@ void Session::Write(const std::string& tag, std::shared_ptr<const std::string> b
     const auto count = [](SnapshotJob* written) { --written->unwritten; };
     const std::unique_ptr<SnapshotJob, decltype(count)> at_the_end(job.get(), count);
     if (job->failed) return;
-    job->failed = true;  // unless all goes well
-    if (!job->writer) {
-      job->writer = std::make_unique<CheckpointWriter>(Path(CheckpointName(job->scans)));
+    try {
+      if (!job->writer) {
+        job->writer = std::make_unique<CheckpointWriter>(Path(CheckpointName(job->scans)));
+      }
+      job->writer->Write(tag, *bytes);
+    } catch (...) {
+      job->failed = true;
+      job->writer.reset();  // the half file goes at once
+      throw;
     }
-    job->writer->Write(tag, *bytes);
-    job->failed = false;
   });
 }
 
@@ -153,7 +159,13 @@ void Session::FinishCheckpoint(SnapshotJob* job) {
   job->writer->Commit();
   newest_checkpoint_ = job->scans;
   tidy_ = Tidy::kFirst;
-  BackUpDatabase();
+  try {
+    BackUpDatabase();
+  } catch (const OutputError& error) {
+    // Old checkpoints and files go all the same: they may be what takes the room.
+    spdlog::warn("{}; the copy of the database stays that of {} scans, until there is room for it",
+                 error.what(), backed_up_);
+  }
   oldest_kept_ = RemoveOldCheckpoints();
   if (hooks_.on_checkpoint) {
     hooks_.on_checkpoint(
@@ -202,8 +214,14 @@ std::int64_t Session::RemoveOldCheckpoints() const {
 // With each checkpoint: before, the files of scans cannot be released, and what has left the tiles
 // cannot be forgotten.
 void Session::BackUpDatabase() {
+  // A copy of the whole that found no room is not tried again at each checkpoint.
+  constexpr double kRetryS = 600.0;
   SessionDatabase(Path("session.db"), false).Tidy();
-  backed_up_ = backup_.Update();
+  const double now_s = SteadySeconds();
+  if (now_s < backup_retry_s_) return;
+  backup_retry_s_ = now_s + kRetryS;  // if it fails
+  backed_up_ = backup_.Update(kWorkingRoomBytes);
+  backup_retry_s_ = 0.0;
 }
 
 // Not while scans are repeated: the files hold these, and would lose the last of them for a time.

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "core/error.h"
+#include "io/disk_room.h"
 #include "io/session_database.h"
 #include "io/session_rows.h"
 #include "io/sqlite_file.h"
@@ -20,10 +21,12 @@ std::string JournalOf(const std::string& copy) { return copy + "-journal"; }
 SessionBackup::SessionBackup(std::string database, std::string copy)
     : database_(std::move(database)), copy_(std::move(copy)) {}
 
-std::int64_t SessionBackup::Update() {
+std::int64_t SessionBackup::Update(std::uint64_t room_left) {
   const SessionDatabase database(database_, false);
   const std::int64_t scans = database.scans();
-  if (std::exchange(current_, false)) {
+  if (current_) {
+    RequireRoom(copy_, room_left);  // if there is none, the copy is as it was
+    current_ = false;
     Add();
   } else {
     try {
@@ -32,7 +35,7 @@ std::int64_t SessionBackup::Update() {
       // It is of no use, and its journal must not be taken for that of the copy in its place.
       std::filesystem::remove(JournalOf(copy_));
     }
-    database.BackUpTo(copy_);
+    database.BackUpTo(copy_, room_left);
   }
   current_ = true;
   return scans;
@@ -61,11 +64,23 @@ void SessionBackup::Add() const {
 
 void SessionBackup::RollBack(const std::string& copy) {
   if (!std::filesystem::exists(JournalOf(copy))) return;
-  OpenSqlite(copy, [&] {
-    SQLite::Database(copy, SQLite::OPEN_READWRITE).execAndGet("SELECT COUNT(*) FROM sqlite_master");
-  });
+  RollBackJournal(copy);
   // What is left of it now was not begun in earnest.
   std::filesystem::remove(JournalOf(copy));
+}
+
+std::int64_t SessionBackup::Scans(const std::string& copy) {
+  try {
+    RollBack(copy);
+    const SQLite::Database backup = OpenUntouched(copy);
+    SQLite::Statement scans(backup, kCountScans);
+    scans.executeStep();
+    return scans.getColumn(0).getInt64();
+  } catch (const SQLite::Exception&) {
+    return 0;
+  } catch (const InputError&) {
+    return 0;
+  }
 }
 
 }  // namespace lamina

@@ -8,11 +8,15 @@
 #include <filesystem>
 
 #include "core/error.h"
+#include "io/disk_room.h"
+#include "io/file_writer.h"
 #include "io/session_rows.h"
 #include "io/sqlite_file.h"
 
 namespace lamina {
 namespace {
+
+namespace fs = std::filesystem;
 
 constexpr const char* kVersion = "2";
 // More than is written between two checkpoints of a session: mostly Tidy() does it, beside the
@@ -92,6 +96,13 @@ struct SessionDatabase::Impl {
     SQLite::Statement statement(database, query);
     statement.executeStep();
     return statement.getColumn(0).getInt64();
+  }
+
+  // Of the database without its log.
+  std::uint64_t Bytes() const {
+    return Guarded("cannot be read", [&] {
+      return static_cast<std::uint64_t>(Number("PRAGMA page_count") * Number("PRAGMA page_size"));
+    });
   }
 
   std::string path;
@@ -189,9 +200,7 @@ bool SessionDatabase::Knows(const std::string& file) const {
 }
 
 std::int64_t SessionDatabase::scans() const {
-  return impl_->Guarded("cannot be read", [&] {
-    return impl_->Number("SELECT IFNULL(MAX(scan) + 1, 0) FROM scans");
-  });
+  return impl_->Guarded("cannot be read", [&] { return impl_->Number(kCountScans); });
 }
 
 std::int64_t SessionDatabase::set_aside() const {
@@ -260,19 +269,31 @@ void SessionDatabase::Tidy() {
   impl_->Guarded("cannot be written", [&] { BringLogIntoFile(&impl_->database); });
 }
 
-void SessionDatabase::BackUpTo(const std::string& path) const {
+void SessionDatabase::BackUpTo(const std::string& path, std::uint64_t room_left) const {
+  const std::string folder = fs::absolute(path).parent_path().string();
   const std::string partial = path + ".partial";
-  std::error_code error;
-  std::filesystem::remove(partial, error);
-  impl_->Guarded("cannot be copied", [&] {
-    SQLite::Database copy(partial, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE);
-    SQLite::Backup backup(copy, impl_->database);
-    backup.executeStep(-1);
-    // A file of its own, that needs no log beside it.
-    copy.exec("PRAGMA journal_mode=DELETE");
-  });
-  std::filesystem::rename(partial, path, error);
-  if (error) throw OutputError(fmt::format("{}: cannot be renamed to: {}", path, error.message()));
+  const auto remove_partial = [&] {
+    std::error_code ignored;
+    for (const char* ending : {"", "-journal"}) fs::remove(partial + ending, ignored);
+  };
+  remove_partial();
+  RequireRoom(path, impl_->Bytes() + room_left);
+  try {
+    OnSqlite(path, "cannot be written", [&] {
+      SQLite::Database copy(partial, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE);
+      SQLite::Backup backup(copy, impl_->database);
+      backup.executeStep(-1);
+      // A file of its own, that needs no log beside it.
+      copy.exec("PRAGMA journal_mode=DELETE");
+    });
+    std::error_code error;
+    fs::rename(partial, path, error);
+    if (error) ThrowNotWritten(path, "cannot be renamed to", error.value());
+  } catch (...) {
+    remove_partial();
+    throw;
+  }
+  SyncFolder(folder);
 }
 
 }  // namespace lamina

@@ -110,8 +110,11 @@ class SessionDatabase {
   void LimitLog();
   // Brings the write-ahead log into the file, beside the writer.
   void Tidy();
-  // A copy of the whole, as of one moment, on a temporary name and then renamed.
-  void BackUpTo(const std::string& path) const;
+  // A copy of the whole, as of one moment, on a temporary name and then renamed; on disk when this
+  // returns. Throws OutputError; then nothing is left of it, and what was there before stays. Where
+  // the copy would leave less than `room_left` bytes on the disk, that is a DiskFullError
+  // (io/disk_room.h) before anything is written.
+  void BackUpTo(const std::string& path, std::uint64_t room_left = 0) const;
 
  private:
   struct Impl;

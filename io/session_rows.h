@@ -15,6 +15,8 @@ extern const char* const kSessionSchema;
 // Bring a copy of the database up to date with the one that is attached to it as `session`; with a
 // place for the number of the first scan that may have changed.
 extern const std::array<const char*, 5> kAddToCopy;
+// The number of scans in a database.
+inline constexpr const char* kCountScans = "SELECT IFNULL(MAX(scan) + 1, 0) FROM scans";
 
 // With a place for each column.
 extern const char* const kPutScan;

@@ -3,9 +3,33 @@
 #include <fmt/format.h>
 #include <sqlite3.h>
 
+#include <filesystem>
+
 #include "core/error.h"
+#include "io/disk_room.h"
 
 namespace lamina {
+namespace {
+
+// SQLITE_FULL is told for the file itself. Where the index of its log, or a new file, finds no
+// room, SQLite names that an error of input and output.
+bool IsFullDisk(const std::string& path, const SQLite::Exception& error) {
+  if (error.getErrorCode() == SQLITE_FULL) return true;
+  if (error.getErrorCode() != SQLITE_IOERR && error.getErrorCode() != SQLITE_CANTOPEN) return false;
+  constexpr std::uint64_t kNoRoomBytes = 64 << 10;  // less than the index takes
+  const auto folder = std::filesystem::path(path).parent_path();
+  std::error_code ignored;
+  return std::filesystem::exists(folder, ignored) && FreeBytes(folder.string()) < kNoRoomBytes;
+}
+
+[[noreturn]] void ThrowOutput(const std::string& path, const char* doing,
+                              const SQLite::Exception& error) {
+  const std::string text = fmt::format("{}: {}: {}", path, doing, error.what());
+  if (IsFullDisk(path, error)) throw DiskFullError(text);
+  throw OutputError(text);
+}
+
+}  // namespace
 
 bool IsDamage(const SQLite::Exception& error) {
   return error.getErrorCode() == SQLITE_NOTADB || error.getErrorCode() == SQLITE_CORRUPT;
@@ -16,11 +40,20 @@ void ThrowNotOpened(const std::string& path, const SQLite::Exception& error) {
   if (IsDamage(error) || error.getErrorCode() == SQLITE_ERROR) {
     throw InputError(fmt::format("{}: is damaged: {}", path, error.what()));
   }
-  throw OutputError(fmt::format("{}: cannot be opened: {}", path, error.what()));
+  ThrowOutput(path, "cannot be opened", error);
 }
 
 void ThrowFailed(const std::string& path, const char* doing, const SQLite::Exception& error) {
-  throw OutputError(fmt::format("{}: {}: {}", path, doing, error.what()));
+  ThrowOutput(path, doing, error);
+}
+
+SQLite::Database OpenUntouched(const std::string& path) {
+  std::string uri = "file:";
+  for (const char c : path) {
+    uri += c == '%' || c == '?' || c == '#' ? fmt::format("%{:02x}", c) : std::string(1, c);
+  }
+  if (!std::filesystem::exists(path + "-wal")) uri += "?immutable=1";
+  return SQLite::Database(uri, SQLite::OPEN_READONLY | SQLite::OPEN_URI);
 }
 
 void BringLogIntoFile(SQLite::Database* database) {

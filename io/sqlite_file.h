@@ -16,7 +16,7 @@ bool IsDamage(const SQLite::Exception& error);
                               const SQLite::Exception& error);
 
 // Runs `open`, which opens the file. Throws InputError if it is damaged, OutputError if it cannot
-// be opened otherwise; both name it.
+// be opened otherwise (DiskFullError: there is no room for what opening writes); all name it.
 template <typename Open>
 void OpenSqlite(const std::string& path, const Open& open) {
   try {
@@ -26,8 +26,8 @@ void OpenSqlite(const std::string& path, const Open& open) {
   }
 }
 
-// Runs `work` on an open file and returns what it does. Throws OutputError, naming the file and
-// what was being done ("cannot be read").
+// Runs `work` on an open file and returns what it does. Throws OutputError (DiskFullError for a
+// full disk), naming the file and what was being done ("cannot be read").
 template <typename Work>
 auto OnSqlite(const std::string& path, const char* doing, const Work& work) {
   try {
@@ -36,6 +36,14 @@ auto OnSqlite(const std::string& path, const char* doing, const Work& work) {
     ThrowFailed(path, doing, error);
   }
 }
+
+// Opens a database to be read without a trace. SQLite makes a log and an index of it beside each
+// file that it opens, unless told that nobody writes; which holds for a file without a log.
+SQLite::Database OpenUntouched(const std::string& path);
+
+// Undoes what a process that was ended had begun to change in a database without a log. Before it
+// is read by anything but SQLite.
+void RollBackJournal(const std::string& path);
 
 // Brings the write-ahead log into the file, as far as nobody needs it. The log begins anew only if
 // nobody writes while it does: under a writer that never pauses it grows on. See LogLimit.

@@ -36,16 +36,6 @@ constexpr const char* kKept =
 // Where that thread cannot keep up with a writer that never pauses, Commit() has to.
 constexpr std::size_t kMostLogBytes = 32 << 20;
 
-// A database to be read without a trace. SQLite makes a log and an index of it beside each file
-// that it opens, unless told that nobody writes; which holds for a file without a log.
-std::string UntouchedUri(const std::string& path) {
-  std::string uri = "file:";
-  for (const char c : path) {
-    uri += c == '%' || c == '?' || c == '#' ? fmt::format("%{:02x}", c) : std::string(1, c);
-  }
-  return fs::exists(path + "-wal") ? uri : uri + "?immutable=1";
-}
-
 // Its being there says that the file was found damaged while in use: SQLite looks at a page when it
 // needs it, not at the start.
 std::string FoundDamaged(const std::string& path) { return path + ".found_damaged"; }
@@ -239,7 +229,7 @@ void TileStore::CopyFrom(const std::string& path, std::int64_t scan) {
   OnSqlite(path_, "cannot be copied to", [&] {
     impl.transaction.reset();
     {
-      SQLite::Database other(UntouchedUri(path), SQLite::OPEN_READONLY | SQLite::OPEN_URI);
+      SQLite::Database other = OpenUntouched(path);
       SQLite::Backup backup(impl.database, other);
       backup.executeStep(-1);
     }

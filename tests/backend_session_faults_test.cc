@@ -1,10 +1,15 @@
 // Sessions whose files are damaged, gone, in use, of other options; and localising in one.
+#include <fcntl.h>
+#include <sys/file.h>
 #include <unistd.h>
 
 #include "backend/session_checkpoint.h"
+#include "backend/session_room.h"
 #include "core/error.h"
+#include "io/disk_room.h"
 #include "io/trajectory_io.h"
 #include "tests/session_scenes.h"
+#include "tests/small_disk.h"
 
 namespace lamina {
 namespace {
@@ -257,6 +262,69 @@ TEST_F(SessionFaultsTest, LocalisingFindsScansAndLeavesTheMapAsItIs) {
   setup.folder = Path("visited_at_once");
   const Result at_once = FinishSession(setup, visit);
   EXPECT_EQ(at_once.kitti, Bytes(Path("visited/trajectory_kitti.txt")));
+}
+
+TEST_F(SessionFaultsTest, AMapIsNotLocalisedInWhileItIsMadeNorChangedWhileItIsCopied) {
+  const SessionSetup base = Left();
+  SessionSetup visit = Setup("visited");
+  visit.base_map = BaseMap{base.folder, base.fixed_options, SE3()};
+  {
+    const Session writer(base, {});
+    EXPECT_THAT(
+        MessageOf<InputError>([&] { Session(visit, {}); }),
+        AllOf(HasSubstr(base.folder), HasSubstr("in use by process " + std::to_string(getpid()))));
+  }
+  // As one that localises in it holds it.
+  const int reader = open((base.folder + "/lock").c_str(), O_RDONLY);
+  ASSERT_EQ(flock(reader, LOCK_SH | LOCK_NB), 0);
+  EXPECT_THAT(MessageOf<InputError>([&] { Session(base, {}); }),
+              AllOf(HasSubstr(base.folder), HasSubstr("is copying the map of this one")));
+  // Any number may copy it.
+  { const Session session(visit, {}); }
+  close(reader);
+  EXPECT_GT(NextScan(base), 0);
+}
+
+TEST_F(SessionFaultsTest, WithoutABackupOldCheckpointsGoAllTheSame) {
+  const SessionSetup setup = Setup("session");
+  const std::string backup = setup.folder + "/session.db.backup";
+  MapUntil(setup, recording_, 8, Leave::kWhenDone);
+  const std::string before = Bytes(backup);
+  ASSERT_NE(before, "");
+  const std::int64_t backed_up = SessionBackup::Scans(backup);
+  // From now on none can be written.
+  fs::create_directories(backup + ".partial/in_the_way");
+  for (const std::int64_t end : {16, 24}) MapUntil(setup, recording_, end, Leave::kWhenDone);
+  EXPECT_TRUE(Bytes(backup) == before);
+  const auto there = CheckpointsIn(setup.folder);
+  EXPECT_GT(there.front(), backed_up);
+  EXPECT_THAT(there.size(), testing::AllOf(testing::Ge(2U), testing::Le(3U)));
+  // What the old backup leads to is still there.
+  EXPECT_LE(there.back(), backed_up);
+  fs::resize_file(setup.folder + "/session.db", 0);
+  EXPECT_EQ(NextScan(setup), there.back());
+}
+
+TEST_F(SessionFaultsTest, FilesThatWereCutShortAreGoneAtTheNextStart) {
+  const SessionSetup setup = Left();
+  const char* const kCut[] = {"checkpoint-20.lmap.partial", "session.db.backup.partial",
+                              "session.db.backup.partial-journal", "trajectory_tum.txt.partial"};
+  for (const char* name : kCut) Write(std::string("left/") + name, "half");
+  EXPECT_GT(NextScan(setup), 0);
+  for (const char* name : kCut) EXPECT_FALSE(fs::exists(setup.folder + "/" + name)) << name;
+}
+
+TEST_F(SessionFaultsTest, AFullDiskIsAnErrorThatSaysSoAndNothingIsLost) {
+  const Result whole = Whole();
+  const SmallDisk disk(Path("session"), 64 << 20);
+  if (!disk.mounted()) GTEST_SKIP() << "only root can mount";
+  const SessionSetup setup = Setup("session");
+  MapUntil(setup, recording_, 8, Leave::kWhenDone);
+  EXPECT_GT(RoomToContinue(setup.folder), kWorkingRoomBytes + 10000);
+  disk.Fill();
+  EXPECT_THROW(FinishSession(setup, recording_), DiskFullError);
+  disk.Empty();
+  ExpectSame(FinishSession(setup, recording_), whole);
 }
 
 TEST_F(SessionFaultsTest, LocalisingNeedsAMap) {

@@ -4,8 +4,10 @@
 
 #include <stdexcept>
 
+#include "io/disk_room.h"
 #include "io_test_files.h"
 #include "tests/file_size_limit.h"
+#include "tests/small_disk.h"
 
 namespace lamina {
 namespace {
@@ -78,6 +80,37 @@ TEST_F(FileWriterTest, AFullDiskIsNamedAndTheOldFileStays) {
     EXPECT_EQ(Bytes(Path("a.txt")), "old");
     EXPECT_FALSE(fs::is_symlink(Path("a.txt.partial")));
   }
+}
+
+TEST_F(FileWriterTest, AFullDiskIsAnErrorOfItsOwn) {
+  const SmallDisk disk(Path("disk"), 1 << 20);
+  if (!disk.mounted()) GTEST_SKIP() << "only root can mount";
+  Write("disk/a.txt", "old");
+  FileWriter writer(Path("disk/a.txt"));
+  EXPECT_THROW(
+      {
+        writer.Write(std::string(2 << 20, 'x'));
+        writer.Commit();
+      },
+      DiskFullError);
+  EXPECT_EQ(Bytes(Path("disk/a.txt")), "old");
+}
+
+TEST_F(FileWriterTest, ACopyIsWholeOrNotThere) {
+  const std::string bytes = std::string(3000000, 'a') + "end";
+  Write("from.bin", bytes);
+  CopyFile(Path("from.bin"), Path("to.bin"));
+  EXPECT_TRUE(Bytes(Path("to.bin")) == bytes);
+  EXPECT_THROW(CopyFile(Path("none.bin"), Path("to.bin")), InputError);
+  EXPECT_TRUE(Bytes(Path("to.bin")) == bytes);
+  EXPECT_THROW(CopyFile(folder_.string(), Path("to.bin")), InputError);
+  EXPECT_TRUE(Bytes(Path("to.bin")) == bytes);
+  const SmallDisk disk(Path("disk"), 1 << 20);
+  if (!disk.mounted()) GTEST_SKIP() << "only root can mount";
+  Write("disk/to.bin", "old");
+  EXPECT_THROW(CopyFile(Path("from.bin"), Path("disk/to.bin")), DiskFullError);
+  EXPECT_EQ(Bytes(Path("disk/to.bin")), "old");
+  EXPECT_FALSE(fs::exists(Path("disk/to.bin.partial")));
 }
 
 TEST_F(FileWriterTest, MissingFolderIsNamed) {

@@ -10,8 +10,10 @@
 #include <thread>
 
 #include "core/state_archive.h"
+#include "io/disk_room.h"
 #include "io_test_files.h"
 #include "tests/random_scenes.h"
+#include "tests/small_disk.h"
 
 namespace lamina {
 namespace {
@@ -425,6 +427,44 @@ TEST_F(SessionDatabaseTest, ABackupThatCannotBeWrittenLeavesTheOlderOne) {
   EXPECT_THROW(database->BackUpTo(Path("none/backup.db")), OutputError);
 }
 
+TEST_F(SessionDatabaseTest, ABackupForWhichThereIsNoRoomLeavesNothingOfItself) {
+  Fill(2000);
+  const auto database = Open();
+  database->Tidy();
+  const std::uint64_t size = fs::file_size(File());
+  const SmallDisk disk(Path("disk"), size + size / 2);
+  if (!disk.mounted()) GTEST_SKIP() << "only root can mount";
+  database->BackUpTo(Path("disk/backup.db"));
+  const std::string before = Bytes(Path("disk/backup.db"));
+  const std::uint64_t free = FreeBytes(Path("disk"));
+  // Half of a second copy fits: it is not even begun, and the error says what it takes.
+  const std::string message =
+      MessageOf<DiskFullError>([&] { database->BackUpTo(Path("disk/backup.db")); });
+  EXPECT_THAT(message, AllOf(HasSubstr(std::to_string(size) + " bytes are needed"),
+                             HasSubstr(std::to_string(free) + " are free")));
+  EXPECT_EQ(Bytes(Path("disk/backup.db")), before);
+  EXPECT_EQ(FreeBytes(Path("disk")), free);
+  EXPECT_FALSE(fs::exists(Path("disk/backup.db.partial")));
+  // Room for the copy, but not for what is to be left.
+  fs::remove(Path("disk/backup.db"));
+  EXPECT_THROW(database->BackUpTo(Path("disk/backup.db"), size), DiskFullError);
+  database->BackUpTo(Path("disk/backup.db"), 1000);
+}
+
+TEST_F(SessionDatabaseTest, AFullDiskIsAnErrorOfItsOwn) {
+  const SmallDisk disk(Path("disk"), 1 << 20);
+  if (!disk.mounted()) GTEST_SKIP() << "only root can mount";
+  SessionDatabase database(Path("disk/session.db"), true);
+  const auto fill = [&] {
+    for (int scan = 0; scan < 2000; ++scan) {
+      database.Begin();
+      database.Put(Full(scan, std::to_string(scan)));
+      database.Commit();
+    }
+  };
+  EXPECT_THAT(MessageOf<DiskFullError>(fill), HasSubstr(Path("disk/session.db")));
+}
+
 // Writes scans with details of that size, each on its own, as the log of a session does.
 class EndlessWriter {
  public:
@@ -461,8 +501,8 @@ TEST_F(SessionDatabaseTest, TheLogStaysShortWhileScansComeWithoutAPause) {
   EXPECT_EQ(All(*other).size(), 200U);
 }
 
-// Who copies the whole, say, takes his time: the writer does not wait, and the log begins anew when
-// he is done.
+// Who copies the whole, say, takes his time: the writer does not wait, and the log begins anew
+// when he is done.
 TEST_F(SessionDatabaseTest, TheLogBeginsAnewAfterALongReaderForWhomNobodyWaits) {
   const auto database = Open(), reader = Open();
   EndlessWriter writer(database.get());

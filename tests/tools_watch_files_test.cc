@@ -7,7 +7,9 @@
 #include <filesystem>
 #include <string>
 
+#include "tests/small_disk.h"
 #include "tests/watch_scenes.h"
+#include "tools/watch_files.h"
 
 namespace lamina {
 namespace {
@@ -164,6 +166,88 @@ TEST_F(WatchFilesTest, HostileBytesAreShownAndHaveNoEffect) {
     EXPECT_THAT(shown, HasSubstr("x1b[31m7"));
   }
   EXPECT_THAT(Bytes(Path("session/log/lamina.log")), HasSubstr("\\x1b]0;owned\\x07.pcd"));
+}
+
+// A session whose scans are the files 0.bin, 1.bin, ... of the inbox, the first of which was
+// skipped.
+class ReleasedFilesTest : public WatchTest {
+ protected:
+  static constexpr int kScans = 5;
+
+  ReleasedFilesTest() {
+    fs::remove_all(Path("in"));
+    fs::create_directories(Path("in"));
+    fs::create_directories(Path("session"));
+  }
+  static std::string Content(int scan) {
+    return std::string(300000, static_cast<char>('a' + scan));
+  }
+  void MakeScans() {
+    database_ = std::make_unique<SessionDatabase>(Path("session.db"), true);
+    for (int i = 0; i < kScans; ++i) {
+      SessionScan scan;
+      scan.scan = i;
+      scan.file = std::to_string(i) + ".bin";
+      scan.skipped = i == 0;
+      scan.detail = "it is too short";
+      Write("in/" + scan.file, Content(i));
+      database_->Put(scan);
+    }
+  }
+  WatchFiles Files(DonePolicy policy) const {
+    return WatchFiles(Path("in"), Path("session"), policy);
+  }
+  // Each file is whole in one place at least, and in the one that it belongs to if it is not in the
+  // inbox any more.
+  void ExpectNothingIsLost(DonePolicy policy) const {
+    for (int i = 0; i < kScans; ++i) {
+      const std::string name = std::to_string(i) + ".bin";
+      const std::string to = Path((i == 0 ? "session/rejected/" : "session/done/") + name);
+      const bool here = fs::exists(Path("in/" + name));
+      EXPECT_TRUE(!here || Bytes(Path("in/" + name)) == Content(i)) << name;
+      if (!here && policy == DonePolicy::kDelete && i > 0) continue;
+      EXPECT_TRUE((here && !fs::exists(to)) || Bytes(to) == Content(i)) << to;
+    }
+  }
+
+  std::unique_ptr<SessionDatabase> database_;
+};
+
+TEST_F(ReleasedFilesTest, GoToAnotherFileSystemWhole) {
+  const SmallDisk disk(Path("in"), 16 << 20);
+  if (!disk.mounted()) GTEST_SKIP() << "only root can mount";
+  MakeScans();
+  // What copies that were cut short have left.
+  Write("session/rejected/0.bin", Content(0).substr(0, 1000));
+  Write("session/done/1.bin", Content(1).substr(0, 1000));
+  Write("session/done/2.bin.partial", Content(2).substr(0, 1000));
+  EXPECT_EQ(Files(DonePolicy::kMove).Release(*database_, 0, kScans), kScans);
+  ExpectNothingIsLost(DonePolicy::kMove);
+  EXPECT_THAT(FilesIn("in"), IsEmpty());
+  EXPECT_THAT(FilesIn("session"), ElementsAre("done/1.bin", "done/2.bin", "done/3.bin",
+                                              "done/4.bin", "rejected/0.bin"));
+}
+
+TEST_F(ReleasedFilesTest, StayWhereTheyAreWhileThereIsNoRoom) {
+  const SmallDisk disk(Path("session"), 4096);
+  if (!disk.mounted()) GTEST_SKIP() << "only root can mount";
+  for (const DonePolicy policy : {DonePolicy::kMove, DonePolicy::kDelete}) {
+    MakeScans();
+    // From room for next to nothing to room for all: each of the copies is cut short once.
+    std::int64_t next = 0;
+    for (std::uint64_t room = 100000; room < 2000000; room += 100000) {
+      ASSERT_TRUE(disk.Resize(room));
+      next = Files(policy).Release(*database_, next, kScans);
+      ExpectNothingIsLost(policy);
+      for (const std::string& name : FilesIn("session")) {
+        EXPECT_EQ(name.find(".partial"), std::string::npos) << name;
+      }
+    }
+    EXPECT_EQ(next, kScans);
+    EXPECT_THAT(FilesIn("in"), IsEmpty());
+    fs::remove_all(Path("session/done"));
+    fs::remove_all(Path("session/rejected"));
+  }
 }
 
 TEST_F(WatchFilesTest, TwentyThousandFilesAtOnceEnd) {

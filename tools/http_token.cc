@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "core/error.h"
+#include "io/disk_room.h"
 
 namespace lamina {
 
@@ -32,15 +33,15 @@ void WriteToken(const std::string& path, const std::string& token) {
   const auto fail = [&](const char* doing) {
     const int reason = errno;
     unlink(partial.c_str());
-    throw OutputError(fmt::format("cannot {} {}: {}", doing, path, std::strerror(reason)));
+    ThrowNotWritten(path, doing, reason);
   };
   unlink(partial.c_str());
   const int file =
       open(partial.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0600);
-  if (file < 0) fail("create");
+  if (file < 0) fail("cannot be created");
   const bool written = write(file, line.data(), line.size()) == static_cast<ssize_t>(line.size());
-  if (!(close(file) == 0 && written)) fail("write");
-  if (std::rename(partial.c_str(), path.c_str()) != 0) fail("write");
+  if (!(close(file) == 0 && written)) fail("cannot be written");
+  if (std::rename(partial.c_str(), path.c_str()) != 0) fail("cannot be written");
 }
 
 bool SameSecret(std::string_view given, std::string_view secret) {

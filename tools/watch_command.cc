@@ -1,9 +1,11 @@
 #include "tools/watch_command.h"
 
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <chrono>
 #include <csignal>
 #include <filesystem>
 #include <memory>
@@ -11,12 +13,14 @@
 #include <vector>
 
 #include "core/error.h"
+#include "io/disk_room.h"
 #include "tools/command_common.h"
 #include "tools/command_options.h"
 #include "tools/run_report.h"
 #include "tools/steady_heap.h"
 #include "tools/watch_daemon.h"
 #include "tools/watch_log.h"
+#include "tools/watch_room.h"
 
 namespace lamina {
 namespace {
@@ -73,6 +77,25 @@ void CheckFolders(const std::string& inbox, const std::string& session) {
   }
 }
 
+// Makes a daemon and runs it, anew whenever its disk was full and has room again.
+void RunDaemon(const WatchSetup& setup, const std::atomic<bool>& stop) {
+  // Room may be there for a moment, again and again, too little to get on with.
+  constexpr std::chrono::seconds kFirstWait{1}, kLongestWait{60};
+  for (std::chrono::seconds wait = kFirstWait;; wait = std::min(2 * wait, kLongestWait)) {
+    try {
+      WatchDaemon daemon(setup);
+      const auto forget = [](WatchDaemon*) { running_daemon = nullptr; };
+      const std::unique_ptr<WatchDaemon, decltype(forget)> running(&daemon, forget);
+      running_daemon = &daemon;
+      daemon.Run(stop);
+      return;
+    } catch (const DiskFullError& error) {
+      spdlog::error("{}", error.what());
+      if (!WaitForRoom(setup.session, wait, stop)) throw;
+    }
+  }
+}
+
 int Watch(const WatchArguments& a) {
   KeepHeapSteady();
   WatchSetup setup;
@@ -94,11 +117,8 @@ int Watch(const WatchArguments& a) {
   MakeDirectory(a.session);
   SetUpWatchLog(setup.config.log, a.session);
   const std::atomic<bool>& stop = StopOnSignals();
-  WatchDaemon daemon(std::move(setup));
-  running_daemon = &daemon;
   std::signal(SIGHUP, RequestReload);
-  daemon.Run(stop);
-  running_daemon = nullptr;
+  RunDaemon(setup, stop);
   PrintOutputs(a.session);
   return 0;
 }

@@ -52,6 +52,7 @@ LivePose LivePoseOf(const FinalPose& pose) {
 WatchDaemon::WatchDaemon(WatchSetup setup)
     : setup_(std::move(setup)),
       files_(setup_.inbox, setup_.session, setup_.done),
+      room_(setup_.session),
       queries_([this] { Wake(); }) {
   session_ = std::make_unique<Session>(MakeSessionSetup(), Hooks());
   WriteTextFile((fs::path(setup_.session) / "config.yaml").string(), ToYaml(setup_.config));
@@ -77,7 +78,11 @@ WatchDaemon::WatchDaemon(WatchSetup setup)
   spdlog::info("live page at {}", server_->url());
 }
 
-WatchDaemon::~WatchDaemon() = default;
+WatchDaemon::~WatchDaemon() {
+  server_.reset();
+  // What it still does on its threads uses the rest.
+  session_.reset();
+}
 
 SessionSetup WatchDaemon::MakeSessionSetup() const {
   SessionSetup setup;
@@ -141,17 +146,14 @@ void WatchDaemon::Run(const std::atomic<bool>& stop) {
   while (!stop) {
     if (reload_.exchange(false)) Reload();
     if (checkpoint_wanted_.exchange(false)) session_->RequestCheckpoint();
+    if (!room_.Enough()) {
+      Rest(LiveState::kIdle);
+      continue;
+    }
     TakeNotices();
     if (MapWaiting(stop)) continue;
     if (setup_.once) break;
-    const bool asked =
-        queries_.AnswerOne(session_->pipeline().map(), setup_.config.backend.min_surfel_frames);
-    ShowOpenPoses();
-    ShowStatus(LiveState::kIdle);
-    NotifyWatchdog();
-    // Pieces of a checkpoint follow one another as fast as they are written.
-    const int idle_ms = session_->Idle() ? 5 : 1000;
-    inbox_->Wait(std::chrono::milliseconds(asked ? 0 : idle_ms));
+    Rest(LiveState::kIdle);
   }
   NotifyService("STOPPING=1");
   ShowStatus(LiveState::kStopping);
@@ -163,11 +165,29 @@ void WatchDaemon::Run(const std::atomic<bool>& stop) {
 void WatchDaemon::Repeat(const std::atomic<bool>& stop) {
   const std::vector<SessionScan>& rows = session_->to_repeat();
   for (std::size_t i = 0; i < rows.size() && !stop;) {
+    if (!room_.Enough()) {
+      Rest(LiveState::kStarting);
+      continue;
+    }
     for (const std::size_t end = std::min(rows.size(), i + kBatch); i < end; ++i) {
       scans_->Append(FileOf(rows[i], files_));
     }
     session_->Process(scans_.get(), &stop);
   }
+}
+
+// What there is to do while nothing is mapped, and a wait for what may come.
+void WatchDaemon::Rest(LiveState state) {
+  const bool asked =
+      queries_.AnswerOne(session_->pipeline().map(), setup_.config.backend.min_surfel_frames);
+  ShowOpenPoses();
+  ShowStatus(state);
+  NotifyWatchdog();
+  // Pieces of a checkpoint follow one another as fast as they are written.
+  const bool busy = session_->Idle() || asked;
+  // Files that wait for room would end any wait of the inbox's.
+  if (!room_.wanted().empty()) return SleepFor(std::chrono::milliseconds(busy ? 5 : 200));
+  inbox_->Wait(std::chrono::milliseconds(asked ? 0 : busy ? 5 : 1000));
 }
 
 void WatchDaemon::TakeNotices() {
@@ -282,8 +302,7 @@ void WatchDaemon::OnCheckpoint(const SessionCheckpoint& done, std::int64_t relea
   SessionDatabase database((fs::path(setup_.session) / "session.db").string(), false);
   const std::int64_t from = std::stoll(database.Meta(kDoneUpTo).value_or("0"));
   if (released <= from) return;
-  files_.Release(database, from, released);
-  database.SetMeta(kDoneUpTo, std::to_string(released));
+  database.SetMeta(kDoneUpTo, std::to_string(files_.Release(database, from, released)));
 }
 
 void WatchDaemon::ShowStatus(LiveState state) {
@@ -306,6 +325,7 @@ void WatchDaemon::ShowStatus(LiveState state) {
   status.map_budget_bytes = static_cast<std::size_t>(map.options().BudgetBytes());
   status.tiles_on_disk = session_->stored_roots();
   status.degenerate_directions = degenerate_directions_;
+  status.failure = room_.wanted();
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     status.checkpoint = checkpoint_;

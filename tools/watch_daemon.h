@@ -10,6 +10,7 @@
 #include <atomic>
 #include <chrono>
 #include <deque>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -22,6 +23,7 @@
 #include "tools/live_view.h"
 #include "tools/map_queries.h"
 #include "tools/watch_files.h"
+#include "tools/watch_room.h"
 
 namespace lamina {
 
@@ -42,8 +44,9 @@ class WatchDaemon {
   explicit WatchDaemon(WatchSetup setup);
   ~WatchDaemon();
 
-  // Until `stop` is true (or all is mapped, if once). Then the session has its files. Throws
-  // OutputError when the session cannot be written any more.
+  // Until `stop` is true (or all is mapped, if once). Then the session has its files. While its
+  // disk has no room left it waits. Throws OutputError when the session cannot be written any more:
+  // DiskFullError if the disk was full all the same.
   void Run(const std::atomic<bool>& stop);
 
   // Safe in a signal handler. Ends a wait for scans.
@@ -61,6 +64,7 @@ class WatchDaemon {
   SessionHooks Hooks();
   void ContinueInbox();
   void Repeat(const std::atomic<bool>& stop);
+  void Rest(LiveState state);
   void TakeNotices();
   bool MapWaiting(const std::atomic<bool>& stop);
   void OnMapped(const ScanReport& report);
@@ -75,6 +79,7 @@ class WatchDaemon {
 
   WatchSetup setup_;
   WatchFiles files_;
+  WatchRoom room_;
   LiveView view_;
   std::unique_ptr<Session> session_;
   std::unique_ptr<Inbox> inbox_;

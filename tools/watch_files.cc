@@ -8,20 +8,30 @@
 
 #include "core/error.h"
 #include "core/printable_text.h"
-#include "tools/command_common.h"
+#include "io/disk_room.h"
+#include "io/file_writer.h"
 
 namespace lamina {
 namespace {
 
 namespace fs = std::filesystem;
 
-// Moves over file systems, too. Both names have their folders.
+// Moves over file systems, too: the original goes when the copy is on disk. A rename within one
+// needs no flushing: a power cut leaves the file under either name.
 void Move(const fs::path& from, const fs::path& to) {
   std::error_code error;
   fs::rename(from, to, error);
   if (!error) return;
-  fs::copy_file(from, to, fs::copy_options::overwrite_existing);
+  CopyFile(from.string(), to.string());
   fs::remove(from);
+}
+
+// Whether a file of that name and size is there: a copy that was cut short is none.
+bool HasCopy(const fs::path& from, const fs::path& to) {
+  std::error_code error;
+  if (!fs::is_regular_file(to, error)) return false;
+  const auto size = fs::file_size(from, error);
+  return !error && fs::file_size(to, error) == size && !error;
 }
 
 }  // namespace
@@ -60,25 +70,46 @@ void WatchFiles::NoteReason(const std::string& name, const std::string& reason) 
 
 void WatchFiles::Reject(const std::string& name, const std::string& reason) const {
   NoteReason(name, reason);
+  try {
+    CopyToRejected(name);
+  } catch (const std::exception& error) {
+    spdlog::warn("{}: cannot be copied to rejected/: {}", name, error.what());
+  }
+}
+
+void WatchFiles::CopyToRejected(const std::string& name) const {
   const fs::path from = fs::path(inbox_) / name;
   const fs::path to = fs::path(session_) / "rejected" / name;
   std::error_code error;
-  if (fs::exists(to, error) || !fs::exists(from, error)) return;
+  if (!fs::exists(from, error) || HasCopy(from, to)) return;
+  MakeDirectory(to.parent_path().string());
+  fs::remove(to, error);
   fs::create_hard_link(from, to, error);
-  if (error) fs::copy_file(from, to, error);
-  if (error) spdlog::warn("{}: cannot be copied to rejected/: {}", name, error.message());
+  if (error) CopyFile(from.string(), to.string());
 }
 
-void WatchFiles::Release(const SessionDatabase& database, std::int64_t from,
-                         std::int64_t to) const {
-  if (policy_ == DonePolicy::kKeep) return;
-  database.ForEach(from, to, [this](const SessionScan& scan) { ReleaseOne(scan); });
+std::int64_t WatchFiles::Release(const SessionDatabase& database, std::int64_t from,
+                                 std::int64_t to) const {
+  if (policy_ == DonePolicy::kKeep) return to;
+  std::int64_t next = from;
+  try {
+    database.ForEach(from, to, [&](const SessionScan& scan) {
+      ReleaseOne(scan);
+      next = scan.scan + 1;
+    });
+  } catch (const DiskFullError& error) {
+    spdlog::warn("mapped files stay in the inbox until there is room: {}", error.what());
+    return next;
+  }
+  return to;
 }
 
 void WatchFiles::ReleaseOne(const SessionScan& scan) const {
   const fs::path from = fs::path(inbox_) / scan.file;
   try {
     if (!fs::exists(fs::symlink_status(from))) return;
+    // There may have been no room for the copy when it was rejected.
+    if (scan.skipped) CopyToRejected(scan.file);
     if (policy_ == DonePolicy::kDelete || scan.skipped) {
       fs::remove(from);
       return;
@@ -86,6 +117,8 @@ void WatchFiles::ReleaseOne(const SessionScan& scan) const {
     const fs::path to = fs::path(session_) / "done" / scan.file;
     MakeDirectory(to.parent_path().string());
     Move(from, to);
+  } catch (const DiskFullError&) {
+    throw;
   } catch (const std::exception& error) {
     spdlog::warn("{}: is mapped, but cannot be {}: {}", from.string(),
                  policy_ == DonePolicy::kMove ? "moved" : "deleted", error.what());

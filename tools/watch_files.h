@@ -18,8 +18,9 @@ DonePolicy ParseDonePolicy(const std::string& name);
 //     rejected/NAME           could not be mapped, with rejected/NAME.reason.txt beside it
 //
 // NAME is the path in the inbox. A file is left in the inbox (keep), moved or deleted only when
-// nothing can make the session read it again; until then a rejected one is there twice (a link
-// where the file system has them). One thread at a time.
+// nothing can make the session read it again, and a rejected one when rejected/ has all of it;
+// until then that is there twice (a link, or a copy where it is on another file system). One thread
+// at a time.
 class WatchFiles {
  public:
   WatchFiles(std::string inbox, std::string session, DonePolicy policy);
@@ -33,9 +34,12 @@ class WatchFiles {
   void NoteReason(const std::string& name, const std::string& reason) const;
 
   // Does with the files of scans [from, to) what the policy says. The same again does no harm.
-  void Release(const SessionDatabase& database, std::int64_t from, std::int64_t to) const;
+  // Returns the scan from which on it is to be done again, since the disk was full; `to` otherwise.
+  std::int64_t Release(const SessionDatabase& database, std::int64_t from, std::int64_t to) const;
 
  private:
+  // Throws InputError, OutputError.
+  void CopyToRejected(const std::string& name) const;
   void ReleaseOne(const SessionScan& scan) const;
 
   std::string inbox_, session_;
