@@ -114,6 +114,8 @@ class Session {
   const MappingPipeline& pipeline() const { return *pipeline_; }
   // Root voxels that are on disk and not in memory.
   std::size_t stored_roots() const { return tiles_->records(); }
+  // For questions about tiles (VoxelMap::TrackTiles).
+  void TrackTiles() { pipeline_->map().TrackTiles(); }
   void SetOptions(const SessionOptions& options) { setup_.session = options; }
   const std::string& folder() const { return setup_.folder; }
 

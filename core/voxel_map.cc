@@ -315,7 +315,35 @@ void VoxelMap::Refresh() {
       node(marked_[i]).refreshed = static_cast<std::uint32_t>(refreshes_);
     }
   });
+  for (std::size_t i = 0; track_tiles_ && i < marked_.size(); ++i) {
+    TouchTile(TileOf(node(marked_[i]).key), refreshes_);
+  }
   marked_.clear();
+}
+
+void VoxelMap::TouchTile(VoxelKey tile, std::int64_t change) {
+  tiles_[SlotOf(tile)].Touch(PlaceOfTile(tile), change);
+}
+
+void VoxelMap::TrackTiles() {
+  track_tiles_ = true;
+  tiles_.clear();
+  for (NodeId root = oldest_; root != kNoNode; root = node(root).newer) {
+    TouchTile(TileOf(node(root).key), std::int64_t{node(root).refreshed});
+  }
+  if (store_ == nullptr) return;
+  store_->ForEachTile([this](VoxelKey tile) { TouchTile(tile, 0); });
+}
+
+const TileIndex* VoxelMap::tiles(std::int64_t piece) const {
+  static const TileIndex kNone;
+  if (!track_tiles_) return nullptr;
+  const auto found = tiles_.find(SlotOfPiece(piece));
+  return found == tiles_.end() ? &kNone : &found->second;
+}
+
+VoxelKey VoxelMap::TileAt(const Eigen::Vector3i& place, std::int64_t piece) const {
+  return TileAtPlace(place, SlotOfPiece(piece));
 }
 
 std::size_t VoxelMap::bytes() const {

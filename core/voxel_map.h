@@ -33,6 +33,7 @@
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <vector>
 
@@ -41,6 +42,7 @@
 #include "core/root_key.h"
 #include "core/state_archive.h"
 #include "core/surfel.h"
+#include "core/tile_index.h"
 #include "core/voxel_key.h"
 #include "core/voxel_store.h"
 
@@ -135,6 +137,15 @@ class VoxelMap {
   // that is `changed_by` or earlier (0 for what lies in the store).
   std::int64_t ForEachSurfaceOfTile(VoxelKey tile, std::int64_t changed_by, int min_frames,
                                     const VisitSurfel& visit) const;
+  // The tiles of a piece in memory and in the store, their changes numbered by refreshes(). Null
+  // unless TrackTiles() was called.
+  const TileIndex* tiles(std::int64_t piece = 0) const;
+  double TileSize() const { return options_.root_size_m * (1 << kTileBits); }
+  // The key of a tile by its indices, which are those of the lower corner in tiles.
+  VoxelKey TileAt(const Eigen::Vector3i& place, std::int64_t piece = 0) const;
+  // Whether the store has a part of a tile, so that showing it waits for the disk.
+  bool IsStored(VoxelKey tile) const { return store_ != nullptr && store_->Has(tile); }
+
   // Has the processor fetch a node that is soon to be read or written. Whoever walks many leaves in
   // an order of its own waits for memory more than for anything else.
   void Prefetch(NodeId id) const {
@@ -180,6 +191,9 @@ class VoxelMap {
 
   // Brings surfaces of all marked roots up to date.
   void Refresh();
+
+  // From now on there is an index of the tiles: a look-up for each root that a refresh changes.
+  void TrackTiles();
 
   // Moves the longest untouched roots to the store until bytes() fits the budget. Roots that are
   // held stay, even over budget. To be called after each frame. Returns the number moved.
@@ -243,6 +257,7 @@ class VoxelMap {
   }
   int SlotOfPiece(std::int64_t piece) const;
   void RemoveRoot(NodeId root);
+  void TouchTile(VoxelKey tile, std::int64_t change);
   NodeId NewNode(NodeId parent);
   void FreeTree(NodeId id);
   NodeId RootOf(NodeId id) const;
@@ -299,6 +314,9 @@ class VoxelMap {
   std::uint64_t touches_ = 0;
   // As it stood after each of the last frames; what was touched since, a recall does not evict.
   std::array<std::uint64_t, 16> recent_touches_ = {};
+
+  bool track_tiles_ = false;
+  std::map<int, TileIndex> tiles_;  // by slot; of those dropped, too: a walk may be under way
 
   bool snapshot_under_way_ = false;
   std::uint32_t snapshot_ = 0;

@@ -27,6 +27,8 @@ class VoxelStore {
   // Whether a tile has any record, cheap enough to ask for each voxel of a scan.
   virtual bool Has(VoxelKey tile) const = 0;
   virtual bool Empty() const = 0;
+  // Calls visit for each tile that has a record, in any order.
+  virtual void ForEachTile(const std::function<void(VoxelKey tile)>& visit) const = 0;
   // A root has one record at most.
   virtual void Put(VoxelKey tile, VoxelKey root, std::string_view record) = 0;
   // Takes out all records of a tile, in the order of their roots' keys.

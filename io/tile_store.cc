@@ -149,6 +149,10 @@ TileStore::Impl& TileStore::Open() const {
 
 bool TileStore::Has(VoxelKey tile) const { return impl_ && impl_->tiles.count(tile) > 0; }
 bool TileStore::Empty() const { return !impl_ || impl_->tiles.empty(); }
+void TileStore::ForEachTile(const std::function<void(VoxelKey tile)>& visit) const {
+  if (!impl_) return;
+  for (const auto& [tile, records] : impl_->tiles) visit(tile);
+}
 std::size_t TileStore::records() const { return impl_ ? impl_->records : 0; }
 std::size_t TileStore::taken() const { return impl_ ? impl_->taken : 0; }
 std::size_t TileStore::damaged() const { return impl_ ? impl_->damaged : 0; }

@@ -35,6 +35,7 @@ class TileStore final : public VoxelStore {
 
   bool Has(VoxelKey tile) const override;
   bool Empty() const override;
+  void ForEachTile(const std::function<void(VoxelKey tile)>& visit) const override;
   void Put(VoxelKey tile, VoxelKey root, std::string_view record) override;
   void Take(VoxelKey tile, const Visit& visit) override;
   void TakeRoot(VoxelKey tile, VoxelKey root, const Visit& visit) override;

@@ -58,7 +58,7 @@ class LiveWorld {
       const std::size_t at = seen / kPageSurfels;
       seen += cell->cell.surfels.size();
       if (at == query.page) page.cells.push_back(cell->cell);
-      page.more = page.more || at > query.page;
+      if (at > query.page) page.next = query.page + 1;
     }
     return page;
   }

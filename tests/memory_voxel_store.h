@@ -13,6 +13,9 @@ class MemoryVoxelStore final : public VoxelStore {
  public:
   bool Has(VoxelKey tile) const override { return tiles_.count(tile) > 0; }
   bool Empty() const override { return tiles_.empty(); }
+  void ForEachTile(const std::function<void(VoxelKey tile)>& visit) const override {
+    for (const auto& [tile, records] : tiles_) visit(tile);
+  }
   void Put(VoxelKey tile, VoxelKey root, std::string_view record) override {
     tiles_[tile][root] = record;
   }

@@ -76,7 +76,7 @@ class HttpServerTest : public FilesTest {
       MapPage page;
       page.cell_size_m = 2.0;
       page.version = 17;
-      page.more = query.page == 0;
+      page.next = query.page == 0 ? 3000000000U : 0U;
       Surfel s{{-1.5, 4.25, 7.0}, {0.0F, 0.0F, -1.0F}, {0.04F, 0.04F, 0.0001F}, 30};
       s.last_keyframe = 12;
       page.cells = {{-1, 2, 3, {s}}, {0, 0, 0, {}}};
@@ -291,7 +291,7 @@ TEST_F(HttpServerTest, MapPagesHoldCellsOfSurfels) {
   EXPECT_EQ(map.Get<std::int64_t>(), 17);
   EXPECT_EQ(map.Get<double>(), 2.0);
   EXPECT_EQ(map.Get<std::uint32_t>(), 1U);
-  EXPECT_EQ(map.Get<std::uint32_t>(), 1U);
+  EXPECT_EQ(map.Get<std::uint32_t>(), 3000000000U);
   for (const int i : {-1, 2, 3, 1}) EXPECT_EQ(map.Get<std::int32_t>(), i);
   for (const float x : {0.5F, 0.25F, 1.0F}) EXPECT_EQ(map.Get<float>(), x);
   for (const int n : {0, 0, -127, 0}) EXPECT_EQ(map.Get<std::int8_t>(), n);
@@ -315,6 +315,7 @@ TEST_F(HttpServerTest, BadParametersAreNamed) {
   refused("/api/map?x=0&y=1e99&z=0&radius=1", "y must be");
   refused("/api/map?x=0&y=0&z=0&radius=-1", "radius");
   refused("/api/map?x=0&y=0&z=0&radius=1&page=-1", "page");
+  refused("/api/map?x=0&y=0&z=0&radius=1&page=4294967296", "page");
   refused("/api/map?x=0&y=0&z=0&radius=1&newer_than=x", "newer_than");
   refused("/api/trajectory?since=1.5", "since");
   refused("/api/trajectory?from=99999999999999999999", "from");

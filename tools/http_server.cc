@@ -70,8 +70,10 @@ MapQuery QueryOf(const Request& request) {
   }
   query.radius_m = NumberParam(request, "radius", 0.0, kFarthestM);
   const std::int64_t page = IntegerParam(request, "page", 0);
-  if (page < 0) throw BadRequest{"page must not be negative"};
-  query.page = static_cast<std::size_t>(page);
+  if (page < 0 || page > std::numeric_limits<std::uint32_t>::max()) {
+    throw BadRequest{"page must be 0, or what the page before says"};
+  }
+  query.page = static_cast<std::uint32_t>(page);
   query.newer_than = IntegerParam(request, "newer_than", -1);
   query.piece = IntegerParam(request, "piece", 0);
   return query;

@@ -92,7 +92,7 @@ std::string EncodeMap(const MapPage& page, const std::string& run_id) {
   Put(&bytes, page.version);
   Put(&bytes, page.cell_size_m);
   Put(&bytes, static_cast<std::uint32_t>(surfels));
-  Put(&bytes, std::uint32_t{page.more ? 1U : 0U});
+  Put(&bytes, page.next);
   for (const MapCell& cell : page.cells) {
     const Eigen::Matrix<std::int32_t, 3, 1> place(cell.ix, cell.iy, cell.iz);
     PutVector(&bytes, place);

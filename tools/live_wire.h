@@ -8,7 +8,7 @@
 // Scan            "LSC2", u32 points, u64 run, i64 index (-1: none yet), f64 x y z of the origin,
 //                 i64 piece; then for each point f32 x y z from the origin, axes of the world
 // Map             "LMP1", u32 cells, u64 run, i64 version, f64 cell_size_m, u32 surfels in all,
-//                 u32 more (1: there is a further page); then for each cell i32 ix iy iz,
+//                 u32 next (the page that follows; 0: none); then for each cell i32 ix iy iz,
 //                 u32 surfels, and its surfels:
 //                   f32 x y z   centre, from the cell's lower corner (ix, iy, iz) * cell_size_m
 //                   i8  nx ny nz, 0   unit normal times 127
@@ -40,7 +40,8 @@ namespace lamina {
 struct MapQuery {
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
   double radius_m = 0.0;
-  std::size_t page = 0;
+  // 0, or MapPage::next of the page before, for the same centre and radius.
+  std::uint32_t page = 0;
   // Cells that have been touched since this version of the map; -1: all.
   std::int64_t newer_than = -1;
   std::int64_t piece = 0;  // of the map, in whose frame the place is
@@ -54,7 +55,7 @@ struct MapCell {
 struct MapPage {
   double cell_size_m = 1.0;
   std::vector<MapCell> cells;  // nearest first
-  bool more = false;
+  std::uint32_t next = 0;      // number of the page that follows; 0: there is none
   std::int64_t version = 0;
 };
 

@@ -58,6 +58,7 @@ WatchDaemon::WatchDaemon(WatchSetup setup)
   WriteTextFile((fs::path(setup_.session) / "config.yaml").string(), ToYaml(setup_.config));
   ContinueInbox();
   if (!setup_.http) return;
+  session_->TrackTiles();
   session_->database().ForEach(0, session_->next_scan(), [this](const SessionScan& row) {
     if (!row.skipped) view_.AddPast({row.scan, row.stamp_ns, row.T_world_lidar, row.piece});
   });
@@ -179,7 +180,7 @@ void WatchDaemon::Repeat(const std::atomic<bool>& stop) {
 // What there is to do while nothing is mapped, and a wait for what may come.
 void WatchDaemon::Rest(LiveState state) {
   const bool asked =
-      queries_.AnswerOne(session_->pipeline().map(), setup_.config.backend.min_surfel_frames);
+      queries_.AnswerSlice(session_->pipeline().map(), setup_.config.backend.min_surfel_frames);
   ShowOpenPoses();
   ShowStatus(state);
   NotifyWatchdog();
@@ -236,7 +237,7 @@ void WatchDaemon::OnScan(const ScanReport& report, const SessionScan& row) {
   }
   degenerate_directions_ = report.skipped ? 0 : report.odometry.match.degenerate;
   map_peak_bytes_ = std::max(map_peak_bytes_, session_->pipeline().map().bytes());
-  queries_.AnswerOne(session_->pipeline().map(), setup_.config.backend.min_surfel_frames);
+  queries_.AnswerSlice(session_->pipeline().map(), setup_.config.backend.min_surfel_frames);
   ShowScan(report);
   ShowStatus(setup_.base_map ? LiveState::kLocalising : LiveState::kMapping);
   NotifyWatchdog();

@@ -176,8 +176,8 @@
       // Cells come from near to far: what follows would have to go again at once.
       const inVain = request.newerThan < 0 && page.last &&
           distance(page.last, request.centre) > kept;
-      if (!page.more || inVain) return finishMap(request, sensor);
-      ++request.page;
+      if (page.next === 0 || inVain) return finishMap(request, sensor);
+      request.page = page.next;
     }
     state.mapRequest = request;
     return true;

@@ -49,7 +49,7 @@
       version: int64(view, 16),
       cellSize: view.getFloat64(24, true),
       surfels: view.getUint32(32, true),
-      more: view.getUint32(36, true) !== 0,
+      next: view.getUint32(36, true),
       buffer,
     };
   };
