@@ -144,12 +144,12 @@ TEST_F(WatchFilesTest, LinksOutOfTheInboxAreRefused) {
   EXPECT_THAT(FilesIn("session/rejected"), testing::Not(testing::Contains("velodyne/000004.bin")));
 }
 
-// A file whose name and header would retitle and recolour a terminal, and forge a line of the log.
+// A file whose name and content would retitle and recolour a terminal.
 TEST_F(WatchFilesTest, HostileBytesAreShownAndHaveNoEffect) {
   const std::string name = "velodyne/\x1b]0;owned\x07.pcd";
   const std::string pcd =
       "# .PCD v.7\nVERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT "
-      "1\nPOINTS \x1b[31m7\x07\xff\nDATA ascii\n1 2 3\n";
+      "1\nPOINTS 1\nDATA ascii\n1 2 \x1b[31m7\x07\xff\n";
   Write("in/" + name, pcd);
   Write("one/1.pcd", pcd);
   const Outcome text = Once();
