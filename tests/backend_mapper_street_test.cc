@@ -32,7 +32,8 @@ Outcome Map(const Drive& drive, unsigned seed) {
   const BayStreet street(seed);
   Draws draws(seed + 100);
   const MapperOptions options;
-  Mapper mapper(options);
+  VoxelMap map(options.map);
+  Mapper mapper(options, &map, 0);
   BundleProblem problem;
   int frames = 0, due = -1;
   Outcome outcome;
@@ -45,9 +46,9 @@ Outcome Map(const Drive& drive, unsigned seed) {
       mapper.ApplySolve(AdjustBundle(problem, options.backend.solver));
       due = -1;
     }
+    std::vector<TimedCluster> clusters = BuildScanClusters(points, options.map.LeafSize());
     const OdometryFrame frame =
-        mapper.Process(i * StampNs{100000000}, BuildScanClusters(points, options.map.LeafSize()))
-            .odometry;
+        mapper.Process(i, i * StampNs{100000000}, &clusters, /*may_restart=*/false).odometry;
     ++frames;
     if (due < 0 && mapper.SolveDue()) {
       problem = mapper.PrepareSolve();
