@@ -190,7 +190,7 @@ void AddOptions(CLI::App* command, SynthArguments* a) {
       ->add_option("--points", o.points,
                    "rays a scan, most of which return a point; 0: as many as the sensor has")
       ->capture_default_str();
-  command->add_option("--rings", o.rings, "beams of --sensor spinning; 0: 64")
+  command->add_option("--rings", o.rings, "beams of --sensor spinning and scattered; 0: 64")
       ->capture_default_str();
   AddMotionOptions(command, a);
   AddWeatherOptions(command, a);

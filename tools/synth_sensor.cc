@@ -12,6 +12,7 @@ namespace lamina::synth {
 namespace {
 
 constexpr double kDegree = M_PI / 180.0;
+constexpr double kHighestDeg = 15.0, kLowestDeg = -25.0;  // spinning, scattered
 
 std::vector<double> EvenlySpaced(double from, double to, int count) {
   std::vector<double> values;
@@ -55,12 +56,13 @@ float IntensityOf(Material material, double cosine) {
 }
 
 const std::vector<std::string>& SensorNames() {
-  static const std::vector<std::string> names = {"hdl64", "avia", "os1", "vlp16", "spinning"};
+  static const std::vector<std::string> names = {"hdl64", "avia",     "os1",
+                                                 "vlp16", "spinning", "scattered"};
   return names;
 }
 
 SensorModel::SensorModel(SensorKind kind, int rays, int beams) : kind_(kind) {
-  if (beams != 0 && kind != SensorKind::kSpinning) {
+  if (beams != 0 && kind != SensorKind::kSpinning && kind != SensorKind::kScattered) {
     throw OptionError(fmt::format("rings = {}: the sensor {} has its own; give --sensor spinning",
                                   beams, SensorNames()[static_cast<std::size_t>(kind)]));
   }
@@ -94,10 +96,11 @@ SensorModel::SensorModel(SensorKind kind, int rays, int beams) : kind_(kind) {
       stamp_fraction_ = 0.0;
       break;
     case SensorKind::kSpinning:
+    case SensorKind::kScattered:
       groups_ = 1024;
       min_range_m_ = 0.3;
       max_range_m_ = 120.0;
-      SetElevations(EvenlySpaced(15.0, -25.0, beams == 0 ? 64 : beams));
+      SetElevations(EvenlySpaced(kHighestDeg, kLowestDeg, beams == 0 ? 64 : beams));
       break;
   }
   if (rays != 0) {
@@ -129,6 +132,19 @@ void SensorModel::Directions(std::int64_t frame, std::size_t group,
     const double t = static_cast<double>(frame) * period_s() + TimeOf(frame, group);
     for (std::size_t beam = 0; beam < rays_per_group_; ++beam) {
       directions->push_back(RosetteDirection(t, beam));
+    }
+    return;
+  }
+  if (kind_ == SensorKind::kScattered) {
+    for (std::size_t ray = 0; ray < rays_per_group_; ++ray) {
+      HashStream random(
+          HashOf({0x5ca, frame, static_cast<std::int64_t>(group), static_cast<std::int64_t>(ray)}));
+      const double place = static_cast<double>(group) + random.Uniform();
+      const double azimuth = M_PI * (1.0 - 2.0 * place / static_cast<double>(groups_));
+      const double elevation = kDegree * random.Uniform(kLowestDeg, kHighestDeg);
+      const double level = std::cos(elevation);
+      directions->emplace_back(level * std::cos(azimuth), level * std::sin(azimuth),
+                               std::sin(elevation));
     }
     return;
   }

@@ -12,7 +12,10 @@
 //   spinning  64 beams, evenly from +15 to -25 deg, 1024 steps, 120 m; where in its first step a
 //           scan begins is drawn anew for each
 //
-// Each of them can have another number of rays a scan, `spinning` another number of beams.
+//   scattered  as spinning, but each ray points anywhere within its azimuth step and the field of
+//           view, drawn anew for each scan: no pattern that goes with the sensor
+//
+// Each of them can have another number of rays a scan, the last two another number of beams.
 //
 // The spinning sensors turn clockwise as seen from above and are cut at the rear. With f the
 // fraction of the sweep, azimuth = pi (1 - 2 f); the stamp is the instant when they face forward,
@@ -37,7 +40,7 @@ bool IsReturned(Material material, double range_m, double cosine, double max_ran
 // As KITTI has it: in steps of 0.01.
 float IntensityOf(Material material, double cosine);
 
-enum class SensorKind { kHdl64, kAvia, kOs1, kVlp16, kSpinning };
+enum class SensorKind { kHdl64, kAvia, kOs1, kVlp16, kSpinning, kScattered };
 // In the order of SensorKind.
 const std::vector<std::string>& SensorNames();
 
