@@ -78,6 +78,24 @@ inline VoxelKey TileOf(VoxelKey key) {
   }
   return tile;
 }
+// The tile by its indices, which are those of its lower corner in tiles, and back.
+inline VoxelKey TileAtPlace(const Eigen::Vector3i& place, int slot) {
+  VoxelKey tile = SlotBase(slot);
+  for (int axis = 0; axis < 3; ++axis) {
+    tile |= static_cast<VoxelKey>(place[axis] + (RootKeyLayout::kOffset[axis] >> kTileBits))
+            << RootKeyLayout::kShift[axis];
+  }
+  return tile;
+}
+inline Eigen::Vector3i PlaceOfTile(VoxelKey tile) {
+  Eigen::Vector3i place;
+  for (int axis = 0; axis < 3; ++axis) {
+    const VoxelKey index = (tile >> RootKeyLayout::kShift[axis]) & RootKeyLayout::Mask(axis);
+    place[axis] = static_cast<int>(static_cast<std::int64_t>(index) -
+                                   (RootKeyLayout::kOffset[axis] >> kTileBits));
+  }
+  return place;
+}
 // The voxel of a tile that is i steps along x, j along y and k along z from its first one; each of
 // them from 0 to 3.
 inline VoxelKey VoxelOfTile(VoxelKey tile, int i, int j, int k) {

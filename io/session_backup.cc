@@ -64,7 +64,9 @@ void SessionBackup::Add() const {
 
 void SessionBackup::RollBack(const std::string& copy) {
   if (!std::filesystem::exists(JournalOf(copy))) return;
-  RollBackJournal(copy);
+  OpenSqlite(copy, [&] {
+    SQLite::Database(copy, SQLite::OPEN_READWRITE).execAndGet("SELECT COUNT(*) FROM sqlite_master");
+  });
   // What is left of it now was not begun in earnest.
   std::filesystem::remove(JournalOf(copy));
 }

@@ -41,10 +41,6 @@ auto OnSqlite(const std::string& path, const char* doing, const Work& work) {
 // file that it opens, unless told that nobody writes; which holds for a file without a log.
 SQLite::Database OpenUntouched(const std::string& path);
 
-// Undoes what a process that was ended had begun to change in a database without a log. Before it
-// is read by anything but SQLite.
-void RollBackJournal(const std::string& path);
-
 // Brings the write-ahead log into the file, as far as nobody needs it. The log begins anew only if
 // nobody writes while it does: under a writer that never pauses it grows on. See LogLimit.
 void BringLogIntoFile(SQLite::Database* database);
