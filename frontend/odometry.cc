@@ -133,7 +133,13 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
   if (match.inlier_share < options_.lost_inlier_ratio * RecentInliers()) return false;
   if (vouched) return true;
   if (match.status != MatchResult::Status::kConverged) return false;
-  if (match.fit() < options_.doubtful_fit_ratio * Median(recent_fits_)) return false;
+  // What fits no better than chance fits badly, whatever went before.
+  constexpr double kLeastFit = 0.75;
+  if (match.fit() < std::max(kLeastFit, options_.doubtful_fit_ratio * Median(recent_fits_)))
+    return false;
+  // Without a speed the search does not reach as far as the sensor may have gone.
+  const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
+  if (lost_ && !motion_.moving_known() && sigma > options_.search.range_m) return false;
   if (match.overlap() < options_.min_overlap) return false;
   if (gap && WorstSigma(match.covariance) > options_.max_sigma_m) return false;
   return unique();

@@ -29,7 +29,7 @@ class SessionGrowthTest : public SessionTest {
 // The map's budget holds a part of the way: what is left behind goes to disk and comes back.
 TEST_F(SessionGrowthTest, TilesOnDiskStayAsManyAsAreAliveLapAfterLap) {
   mapping_.mapper.map.budget_mb = 1.0;
-  mapping_.mapper.map.root_size_m = 0.4;
+  mapping_.mapper.map.depth = 2;
   constexpr int kLaps = 8, kScans = 40, kFirstWholeLap = 4, kStep = 5;
   const Recording recording = Laps(kLaps, kScans, 16.0);
   SessionSetup setup = Setup("session");

@@ -1,6 +1,7 @@
 // Two recordings in one inbox are two pieces of a map, in every file, in the answers of the daemon
 // and on the pages.
 #include <httplib.h>
+#undef _res  // a macro of <resolv.h>; Eigen has variables of that name
 
 #include "io/map_io.h"
 #include "tests/browser.h"
