@@ -20,4 +20,10 @@ std::vector<HeldSpace> HeldSpaces(const BundleProblem& problem, const Vector6d& 
   return spaces;
 }
 
+void StiffenHeld(const HeldSpace& held, double largest,
+                 Eigen::Ref<Matrix6d, 0, Eigen::OuterStride<>> block) {
+  block.diagonal().array() += 1e-14 * largest;
+  block += 1e8 * largest * held * held.transpose();
+}
+
 }  // namespace lamina

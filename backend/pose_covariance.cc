@@ -64,12 +64,10 @@ std::vector<Matrix6d> PoseCovariances(const BundleProblem& problem, const std::v
   SymmetricBlocks H =
       problem.priors.empty() ? SparseBlocks(problem, system) : DenseBlocks(problem, poses, &system);
   const std::vector<HeldSpace> held = HeldSpaces(problem);
-  // Stiff where held, and a trifle everywhere, so that a frame without planes can be factorised.
   double largest = 1e-300;
   for (const auto& row : H.blocks) largest = std::max(largest, row.back().diagonal().maxCoeff());
   for (std::size_t k = 0; k < held.size(); ++k) {
-    H.blocks[k].back().diagonal().array() += 1e-14 * largest;
-    H.blocks[k].back() += 1e8 * largest * held[k] * held[k].transpose();
+    StiffenHeld(held[k], largest, H.blocks[k].back());
   }
   std::vector<Matrix6d> covariances;
   if (!InvertOnDiagonal(H, &covariances)) return {};

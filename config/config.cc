@@ -206,6 +206,7 @@ void LaminaConfig::Visit(OptionVisitor& v) {
   v.Group("session", &session);
   v.Group("log", &log);
   v.Group("registration", &registration);
+  v.Group("calibration", &calibration);
   v.Group("pairwise", &pairwise);
   v.Group("synchronisation", &synchronisation);
 }

@@ -12,6 +12,7 @@
 #include "backend/batch_registration.h"
 #include "backend/global_synchronisation.h"
 #include "backend/mapping_pipeline.h"
+#include "backend/sensor_calibration.h"
 #include "backend/session.h"
 #include "core/options.h"
 #include "frontend/pairwise_registration.h"
@@ -43,6 +44,7 @@ struct LaminaConfig {
   SessionOptions session;
   LogOptions log;
   RegistrationOptions registration;
+  CalibrationOptions calibration;
   PairwiseOptions pairwise;
   SynchronisationOptions synchronisation;
 

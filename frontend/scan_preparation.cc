@@ -51,6 +51,7 @@ void ScanPreparationOptions::Visit(OptionVisitor& v) {
   v.Number("min_range_m", &min_range_m, 0.0, 1000.0);
   v.Number("max_range_m", &max_range_m, 0.1, 10000.0);
   v.Number("vertical_correction_deg", &vertical_correction_deg, -5.0, 5.0);
+  v.Number("range_offset_m", &range_offset_m, -1.0, 1.0);
   v.EnumChoice("deskew", &deskew, {"off", "time", "azimuth", "auto"});
   v.EnumChoice("rotation", &rotation, {"clockwise", "counterclockwise"});
   v.Number("sweep_start_azimuth_deg", &sweep_start_azimuth_deg, -360.0, 360.0);
@@ -71,6 +72,7 @@ PreparedScan PrepareScan(const Scan& scan, const ScanPreparationOptions& options
   const double correction = options.vertical_correction_deg * M_PI / 180.0;
   const auto sine = static_cast<float>(std::sin(correction));
   const auto cosine = static_cast<float>(std::cos(correction));
+  const auto range_offset = static_cast<float>(options.range_offset_m);
 
   PreparedScan result;
   result.points.resize(scan.points.size());
@@ -106,6 +108,13 @@ PreparedScan PrepareScan(const Scan& scan, const ScanPreparationOptions& options
       p.x *= k;
       p.y *= k;
       p.z = cosine * raw.z + sine * flat;
+    }
+    if (range_offset != 0.0F && range2 > 0.0F) {
+      // Not below zero: no point changes sides.
+      const float k = std::max(0.0F, 1.0F + range_offset / std::sqrt(range2));
+      p.x *= k;
+      p.y *= k;
+      p.z *= k;
     }
     ++kept;
   }

@@ -1,5 +1,5 @@
-// From raw returns to usable points: finiteness and range filter, vertical-angle correction, and
-// the time of every point.
+// From raw returns to usable points: finiteness and range filter, correction of the vertical angle
+// and of the range (sensor_intrinsics.h), and the time of every point.
 //
 // Points are NOT deskewed here. They stay in the LiDAR frame of their own instant, with that
 // instant beside them; clusters of them are deskewed later, in closed form, under whatever motion
@@ -20,6 +20,8 @@ struct ScanPreparationOptions {
 
   // Turns each point p by this angle about p x z. HDL-64E scans of KITTI want +0.205.
   double vertical_correction_deg = 0.0;
+  // Added to each range, after the filter above.
+  double range_offset_m = 0.0;
 
   enum class Deskew {
     kOff,      // scans were deskewed before, or the sensor stood still

@@ -117,6 +117,23 @@ TEST(ScanPreparation, VerticalCorrectionTurnsAboutThePointsOwnHorizontalAxis) {
   EXPECT_EQ(PrepareScan(zenith, options, 0.1).points.at(0).z, 5.0F);
 }
 
+TEST(ScanPreparation, RangeOffsetStretchesEveryRayAndMixesWithTheVerticalCorrection) {
+  Draws draws(3);
+  const Scan scan = RandomScan(500, &draws);
+  ScanPreparationOptions options;
+  options.range_offset_m = -0.07;
+  options.vertical_correction_deg = 0.3;
+  const PreparedScan prepared = PrepareScan(scan, options, 0.1);
+  options.range_offset_m = 0.0;
+  const PreparedScan turned = PrepareScan(scan, options, 0.1);
+  ASSERT_EQ(prepared.points.size(), scan.points.size());
+  for (std::size_t i = 0; i < scan.points.size(); ++i) {
+    const Eigen::Vector3d p(turned.points[i].x, turned.points[i].y, turned.points[i].z);
+    const Eigen::Vector3d got(prepared.points[i].x, prepared.points[i].y, prepared.points[i].z);
+    EXPECT_LT((got - (p.norm() - 0.07) * p.normalized()).norm(), 2e-6 * p.norm());
+  }
+}
+
 TEST(SweepPeriod, IsTheMedianOfRecentDifferences) {
   constexpr StampNs kMs = 1000000;
   EXPECT_EQ(SweepPeriod({}, 0.25), 0.25);

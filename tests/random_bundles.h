@@ -19,6 +19,7 @@ struct BundleSceneOptions {
   double start_rotation_deg = 2.0;
   double start_translation_m = 0.1;
   double weight = 1.0;
+  double patch_m = 2.0;  // half an edge of a plane
 };
 
 struct BundleScene {
@@ -48,7 +49,8 @@ inline BundleScene MakeBundleScene(const BundleSceneOptions& options, Draws* dra
       const SE3 T_lidar_world = scene.truth[static_cast<std::size_t>(k)].Inverse();
       Points seen;
       for (int p = 0; p < options.points; ++p) {
-        seen.push_back(T_lidar_world * scene.patches.back().Point(2.0, options.sigma_m, draws));
+        seen.push_back(T_lidar_world *
+                       scene.patches.back().Point(options.patch_m, options.sigma_m, draws));
       }
       scene.problem.observations.push_back({k, ClusterOf(seen)});
       scene.points.push_back(std::move(seen));

@@ -14,6 +14,7 @@
 #include "core/error.h"
 #include "core/printable_text.h"
 #include "tools/adverse_command.h"
+#include "tools/calibrate_command.h"
 #include "tools/compare_command.h"
 #include "tools/eval_command.h"
 #include "tools/export_command.h"
@@ -40,6 +41,7 @@ int main(int argc, char** argv) {
   lamina::AddRunCommand(&app, &run);
   lamina::AddWatchCommand(&app, &run);
   lamina::AddRegisterCommand(&app, &run);
+  lamina::AddCalibrateCommand(&app, &run);
   lamina::AddEvalCommand(&app, &run);
   lamina::AddExportCommand(&app, &run);
   lamina::AddPlotCommand(&app, &run);

@@ -1,0 +1,21 @@
+#include "backend/map_thickness.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace lamina {
+
+MapThickness MeasureThickness(const VoxelMap& map, int min_frames) {
+  std::vector<float> variances;
+  map.ForEachSurface(min_frames, [&](const Surfel& s) { variances.push_back(s.eigenvalues(2)); });
+  MapThickness thickness;
+  thickness.planes = variances.size();
+  if (variances.empty()) return thickness;
+  const auto middle = variances.begin() + static_cast<std::ptrdiff_t>(variances.size() / 2);
+  std::nth_element(variances.begin(), middle, variances.end());
+  thickness.median_m = std::sqrt(std::max(0.0, static_cast<double>(*middle)));
+  return thickness;
+}
+
+}  // namespace lamina
