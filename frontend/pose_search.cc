@@ -142,7 +142,7 @@ bool PoseSearch::Beats(const std::vector<PointCluster>& clusters, const MatchRes
   // Where one place is as good as another, along a corridor, the one met first stays: that of the
   // prediction. A place that planes hold is better than one that the prediction holds.
   const bool held_by_planes = best.degenerate > 0 && r.worst_sigma_m < 0.5 * best.worst_sigma_m;
-  return held_by_planes || r.degenerate == 0 || ClearlyBetter(clusters, r, best, map);
+  return held_by_planes || ClearlyBetter(clusters, r, best, map);
 }
 
 MatchResult PoseSearch::Best(const std::vector<PointCluster>& clusters,
