@@ -56,9 +56,11 @@ Matrix6d MapResiduals::GradientScatter(const SE3& T, double kernel_sigma) {
   watching_ = false;
   VoxelIndex groups(clusters_.size() / 2 + 64);
   std::vector<Vector6d> gradients;
+  NormalEquations one;
   for (std::size_t i = 0; i < clusters_.size(); ++i) {
     if (surfaces_[i] == VoxelMap::kNoNode) continue;
-    NormalEquations one;
+    one.g.setZero();
+    one.weight = 0.0;
     AddCluster(i, R, T.t, kernel_sigma, &one);
     if (one.weight == 0.0) continue;
     const auto group = static_cast<std::size_t>(groups.FindOrInsert(

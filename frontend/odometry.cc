@@ -134,7 +134,7 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
   if (vouched) return true;
   if (match.status != MatchResult::Status::kConverged) return false;
   // What fits no better than chance fits badly, whatever went before.
-  constexpr double kLeastFit = 0.75;
+  constexpr double kLeastFit = 0.65;
   if (match.fit() < std::max(kLeastFit, options_.doubtful_fit_ratio * Median(recent_fits_)))
     return false;
   // Without a speed the search does not reach as far as the sensor may have gone.
