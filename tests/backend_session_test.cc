@@ -145,11 +145,17 @@ TEST_F(SessionContinueTest, TrajectoryFilesLoseNothingWhileScansAreRepeated) {
   SessionSetup setup = Setup("session");
   setup.session.trajectory_period_s = 0.01;
   setup.session.checkpoint_every_scans = 1000;
-  MapUntil(setup, recording, 16, Leave::kWhenDone);
-  const std::string kitti = Bytes(setup.folder + "/trajectory_kitti.txt");
-  EXPECT_GT(std::count(kitti.begin(), kitti.end(), '\n'), 10);
+  // A publication that is under way skips those that fall due meanwhile: on a slow disk the file
+  // stands some scans behind.
+  std::string kitti;
+  std::int64_t mapped = 15;
+  while (std::count(kitti.begin(), kitti.end(), '\n') <= 10 && mapped < 24) {
+    MapUntil(setup, recording, ++mapped, Leave::kWhenDone);
+    kitti = Bytes(setup.folder + "/trajectory_kitti.txt");
+  }
+  ASSERT_GT(std::count(kitti.begin(), kitti.end(), '\n'), 10);
   Session session(setup, {});
-  ASSERT_EQ(session.to_repeat().size(), 16U);
+  ASSERT_EQ(static_cast<std::int64_t>(session.to_repeat().size()), mapped);
   Map(&session, recording, 10);
   session.WaitForHousekeeping();
   EXPECT_EQ(Bytes(setup.folder + "/trajectory_kitti.txt"), kitti);
