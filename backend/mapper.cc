@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "core/error.h"
-#include "frontend/scan_agreement.h"
 
 namespace lamina {
 
@@ -47,7 +46,8 @@ Mapper::Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
       piece_(piece),
       T_world_start_(T_world_start),
       odometry_(options.odometry),
-      window_(options.backend.window, map) {
+      window_(options.backend.window, map),
+      lost_track_(options.odometry, options.map) {
   CheckOptions(options.backend, "backend");
   options.backend.CheckTogether();
 }
@@ -60,14 +60,17 @@ MappedFrame Mapper::Process(std::int64_t scan, StampNs stamp_ns,
   result.odometry = Register(stamp_ns, *clusters);
   OdometryFrame& frame = result.odometry;
   if (frame.status == OdometryFrame::Status::kLost) {
+    if (!odometry_.lost()) lost_track_.Add(stamp_ns, *clusters, frame.twist);
     odometry_.Lose();
-    result.to_restart = !localising_ && MayRestart(frame, *clusters) && may_restart;
+    ++lost_in_a_row_;
+    result.to_restart = !localising_ && MayRestart() && may_restart;
     if (result.to_restart) return result;
   } else {
     matched_ = matched_ || frame.status == OdometryFrame::Status::kTracked;
     lost_in_a_row_ = 0;
-    lost_scan_.clear();
     odometry_.Accept(frame);
+    if (lost_track_.scans() > 1) odometry_.Assume(lost_track_.Twist());
+    lost_track_.Clear();
     ++frames_since_keyframe_;
     result.keyframe = !localising_ && IsKeyframe(frame.T_world_lidar);
     if (result.keyframe) AddKeyframe(frame, std::move(*clusters));
@@ -83,23 +86,22 @@ MappedFrame Mapper::Process(std::int64_t scan, StampNs stamp_ns,
   return result;
 }
 
-bool Mapper::MayRestart(const OdometryFrame& frame, const std::vector<TimedCluster>& clusters) {
-  if (++lost_in_a_row_ <= options_.backend.restart_after_lost_frames) return false;
-  std::vector<PointCluster> scan = DeskewClusters(clusters, frame.twist);
-  // The motion from one lost scan to the next is the prediction's, and known about as well as at a
-  // start on foot.
-  constexpr double kSigmaM = 1.0, kSigmaRad = 0.2;
-  PosePrediction T_lost_this;
-  T_lost_this.T_world_lidar = T_world_lost_.Inverse() * frame.T_world_predicted;
-  T_lost_this.covariance.diagonal() << Eigen::Vector3d::Constant(kSigmaRad * kSigmaRad),
-      Eigen::Vector3d::Constant(kSigmaM * kSigmaM);
-  const bool agrees =
-      options_.backend.restart_after_lost_frames == 0 ||
-      (!lost_scan_.empty() && ScansAgree(lost_scan_, scan, T_lost_this, options_.map,
-                                         ScanMatcher(options_.odometry.matcher)));
-  lost_scan_ = std::move(scan);
-  T_world_lost_ = frame.T_world_predicted;
-  return agrees;
+OdometryFrame Mapper::FindAgain(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) {
+  lost_track_.Add(stamp_ns, clusters, odometry_.Twist(stamp_ns));
+  // A scan that agrees with no other is worth a search or two; a long track one now and then.
+  constexpr int kAlone = 3, kEach = 8, kThen = 5;
+  const std::int64_t scans = lost_track_.scans();
+  const bool search = scans > 1 ? scans <= kEach || scans % kThen == 0 : lost_in_a_row_ < kAlone;
+  OdometryFrame frame = odometry_.FindAgain(stamp_ns, lost_track_, *map_, search);
+  if (frame.match.status == MatchResult::Status::kConverged)
+    lost_track_.Guess(frame.match.T_world_lidar);
+  return frame;
+}
+
+bool Mapper::MayRestart() const {
+  constexpr int kAgreeing = 5;
+  const int after = options_.backend.restart_after_lost_frames;
+  return lost_in_a_row_ > after && (after == 0 || lost_track_.scans() >= kAgreeing);
 }
 
 void Mapper::RecallAround(const SE3& T_world_lidar, const std::vector<TimedCluster>& clusters) {
@@ -111,6 +113,7 @@ void Mapper::RecallAround(const SE3& T_world_lidar, const std::vector<TimedClust
 }
 
 OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) {
+  if (odometry_.lost()) return FindAgain(stamp_ns, clusters);
   OdometryFrame frame = odometry_.Register(stamp_ns, clusters, *map_, localising_);
   if (frame.status == OdometryFrame::Status::kFirst) frame.T_world_lidar = T_world_start_;
   const auto refine = [&] {
@@ -277,8 +280,7 @@ std::vector<Eigen::Vector3d> Mapper::NewestKeyframe() const {
 
 void Mapper::Archive(StateArchive& a) {
   a(&T_world_start_, &odometry_, &window_, &keyframes_, &first_id_, &keyframes_since_solve_,
-    &frames_since_keyframe_, &solving_, &lost_in_a_row_, &lost_scan_, &T_world_lost_, &matched_,
-    &localising_);
+    &frames_since_keyframe_, &solving_, &lost_in_a_row_, &lost_track_, &matched_, &localising_);
   open_.resize(a.Size(open_.size(), 1));
   for (OpenFrame& frame : open_) {
     a(&frame.scan, &frame.stamp_ns, &frame.keyframe_id, &frame.T_keyframe_lidar);

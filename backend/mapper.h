@@ -24,6 +24,7 @@
 #include "core/scan.h"
 #include "core/state_archive.h"
 #include "core/voxel_map.h"
+#include "frontend/lost_track.h"
 #include "frontend/odometry.h"
 
 namespace lamina {
@@ -69,8 +70,8 @@ struct MappedFrame {
   OdometryFrame odometry;
   bool keyframe = false;
   // Lost for so long that this scan is to begin a piece of its own, and was left out of this one.
-  // Only with a scan that shows the same place as the lost one before it: rain and spray begin no
-  // map.
+  // Only after scans that agree with one another, and that the map does not have: rain and spray
+  // begin no map.
   bool to_restart = false;
 };
 
@@ -134,8 +135,10 @@ class Mapper {
   void DropWindow();
   bool IsKeyframe(const SE3& T_world_lidar) const;
   void AddKeyframe(const OdometryFrame& frame, std::vector<TimedCluster> clusters);
-  // Whether a lost scan may begin a map anew; remembers it for the next.
-  bool MayRestart(const OdometryFrame& frame, const std::vector<TimedCluster>& clusters);
+  // The same for a scan that follows a lost one.
+  OdometryFrame FindAgain(StampNs stamp_ns, const std::vector<TimedCluster>& clusters);
+  // Whether a lost scan is to begin a map anew.
+  bool MayRestart() const;
   // Deskews the last keyframe again, now that the motion after it is known too. False if it makes
   // no difference.
   bool RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar);
@@ -162,9 +165,7 @@ class Mapper {
   int frames_since_keyframe_ = 0;
   std::vector<std::int64_t> solving_;  // ids of the frames of the problem under way
   int lost_in_a_row_ = 0;
-  // The last lost scan, deskewed, while the next may restart the map, and where it was expected.
-  std::vector<PointCluster> lost_scan_;
-  SE3 T_world_lost_;
+  LostTrack lost_track_;
   bool matched_ = false;  // any scan, ever
   bool localising_ = false;
 };

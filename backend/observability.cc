@@ -51,7 +51,7 @@ void ForEachRows(const BundleProblem& problem, const std::vector<PlaneFrame>& pl
     const Plane& plane = problem.planes[p];
     if (!IsShared(plane)) continue;
     const Eigen::Vector3d& l = planes[p].l;
-    const double normal_error2 = NormalError2(l(1) > 0.0 ? l(2) / l(1) : 1.0);
+    const double normal_error2 = NormalError2(l(2), l(1), 0.0);
     for (int i = plane.first; i < plane.first + plane.count; ++i) {
       const PlaneObservation& o = problem.observations[static_cast<std::size_t>(i)];
       const auto k = static_cast<std::size_t>(o.frame);

@@ -261,7 +261,8 @@ Surface VoxelMap::SurfaceOf(const PointCluster& cluster, int frames) const {
   if (cluster.count < options_.min_points) return s;
   const Eigen3 eigen = cluster.Eigen();
   s.kind = Surface::Kind::kRough;
-  s.variance = static_cast<float>(std::max(0.0, eigen.l(2)));
+  constexpr double kLeastVariance = 1e-8;  // m^2, so that the breadth follows from the flatness
+  s.variance = static_cast<float>(std::max(kLeastVariance, eigen.l(2)));
   if (eigen.l(1) > 0.0) s.flatness = s.variance / static_cast<float>(eigen.l(1));
   s.normal = eigen.u.col(2).cast<float>();
   const double thickness2 = options_.max_thickness_m * options_.max_thickness_m;

@@ -6,9 +6,10 @@
 
 namespace lamina {
 
-double NormalError2(double flatness) {
-  constexpr double kLeastError = 0.02;
-  return kLeastError * kLeastError + std::max(0.0, flatness);
+double NormalError2(double variance, double breadth2, double beam2) {
+  constexpr double kLeastError = 0.02, kLeastBreadth2 = 1e-8;
+  return kLeastError * kLeastError +
+         (std::max(0.0, variance) + beam2) / std::max(kLeastBreadth2, breadth2);
 }
 
 void DirectionEvidence::Add(const Vector6d& j, double weight, double normal_error2,

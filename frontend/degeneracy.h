@@ -35,10 +35,16 @@ inline Matrix6d DividedByArm(Matrix6d m) {
   return m;
 }
 
-// Squared angle, rad^2, by which the normal of a plane may be wrong: 0.02 rad, and its thickness
-// over its breadth (flatness: smallest over middle eigenvalue of its points), as of a plane that
-// stands for steps, foliage or two walls.
-double NormalError2(double flatness);
+// Squared angle, rad^2, by which the normal of a plane may be wrong. `variance` and `breadth2` are
+// the smallest and the middle eigenvalue of its points, `beam2` the square of what two beams of the
+// sensor may disagree by, in range or height, all in m^2:
+//
+//     0.02^2 + (variance + beam2) / breadth2
+//
+// The thickness over the breadth stands for steps, foliage or two walls; the beams' error over the
+// breadth for the plane through two rings that lie close together, which leans by as much and moves
+// along with the sensor.
+double NormalError2(double variance, double breadth2, double beam2);
 
 struct DirectionEvidence {
   Matrix6d directions = Matrix6d::Identity();  // columns: the directions, orthonormal

@@ -80,7 +80,6 @@ void MapResiduals::Associate(const SE3& T, const Eigen::Matrix3d& R) {
       (T.t - associated_at_.t).norm() + kFarM * RotationAngle(associated_at_, T) < near_m) {
     return;
   }
-  associated_ = true;
   associated_at_ = T;
   ParallelChunks(clusters_.size(), 1024, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
@@ -88,6 +87,31 @@ void MapResiduals::Associate(const SE3& T, const Eigen::Matrix3d& R) {
       surfaces_[i] = map_.CanHold(p) ? map_.FindSurface(p) : VoxelMap::kNoNode;
     }
   });
+  if (!associated_) FindTypicalThickness();
+  associated_ = true;
+}
+
+void MapResiduals::FindTypicalThickness() {
+  // Planes across one ring, or two, are no measure of how well beams agree.
+  constexpr float kBroad2 = 0.04F;  // m^2
+  std::vector<float> variances;
+  for (const VoxelMap::NodeId id : surfaces_) {
+    if (id == VoxelMap::kNoNode) continue;
+    const Surface& surface = map_.surface(id);
+    if (surface.kind != Surface::Kind::kPlane || surface.variance < kBroad2 * surface.flatness)
+      continue;
+    variances.push_back(surface.variance);
+  }
+  double typical2 = 0.0;
+  if (!variances.empty()) {
+    const auto middle = variances.begin() + static_cast<std::ptrdiff_t>(variances.size() / 2);
+    std::nth_element(variances.begin(), middle, variances.end());
+    typical2 = static_cast<double>(*middle);
+  }
+  constexpr double kBelief = 1.0, kBeams = 2.0;
+  const double noise2 = options_.noise_floor_m * options_.noise_floor_m;
+  floor2_ = std::max(noise2, kBelief * kBelief * typical2);
+  beam2_ = std::max(noise2, kBeams * kBeams * typical2);
 }
 
 void MapResiduals::AddCluster(std::size_t i, const Eigen::Matrix3d& R, const Eigen::Vector3d& t,
@@ -111,14 +135,14 @@ void MapResiduals::AddPlane(const PointCluster& cluster, const Eigen::Matrix3d& 
   if (std::abs(row.distance) > options_.max_distance_m) return;
   row.normal_lidar = R.transpose() * row.normal;
   const double spread = row.normal_lidar.dot(cluster.scatter * row.normal_lidar) / cluster.count;
-  const double variance = options_.noise_floor_m * options_.noise_floor_m +
-                          static_cast<double>(surface.variance) + spread;
+  const double variance = floor2_ + static_cast<double>(surface.variance) + spread;
   const double distance2 = row.distance * row.distance;
   const double robust = GemanMcClureWeight(distance2 / (variance * kernel_sigma * kernel_sigma));
   row.young = surface.frames < options_.young_frames && AlongSight(row.normal_lidar, cluster.mean);
   const double doubt = row.young ? options_.young_sigma_m * options_.young_sigma_m : 0.0;
   row.w = robust * std::min(cluster.count, options_.max_cluster_weight) / (variance + doubt);
-  row.normal_error2 = NormalError2(static_cast<double>(surface.flatness));
+  const double breadth2 = static_cast<double>(surface.variance / surface.flatness);
+  row.normal_error2 = NormalError2(static_cast<double>(surface.variance), breadth2, beam2_);
   AddRow(row, cluster.mean, sum);
   sum->robust += robust;
   sum->residual2 += robust * distance2;
@@ -134,7 +158,6 @@ void MapResiduals::AddRough(const PointCluster& cluster, const Eigen::Matrix3d& 
   Symmetric3 joint = map_cluster.Covariance();
   joint += cluster.Covariance().Rotated(R);
   const Eigen3 eigen = EigenDecompose(joint);
-  const double floor2 = options_.noise_floor_m * options_.noise_floor_m;
   const double widest2 = std::pow(kNarrow * map_.options().LeafSize(), 2);
   Row row;
   const bool young = map_.surface(leaf).frames < options_.young_frames;
@@ -143,12 +166,12 @@ void MapResiduals::AddRough(const PointCluster& cluster, const Eigen::Matrix3d& 
     row.normal = eigen.u.col(i);
     row.normal_lidar = R.transpose() * row.normal;
     row.distance = row.normal.dot(p - map_cluster.mean);
-    const double variance = floor2 + eigen.l(i);
+    const double variance = floor2_ + eigen.l(i);
     const double e2 = row.distance * row.distance / (variance * kernel_sigma * kernel_sigma);
     row.w =
         GemanMcClureWeight(e2) * std::min(cluster.count, options_.max_cluster_weight) / variance;
     row.young = young && AlongSight(row.normal_lidar, cluster.mean);
-    row.normal_error2 = NormalError2(eigen.l(0) > 0.0 ? eigen.l(i) / eigen.l(0) : 1.0);
+    row.normal_error2 = NormalError2(eigen.l(i), eigen.l(0), beam2_);
     AddRow(row, cluster.mean, sum);
   }
 }

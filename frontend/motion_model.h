@@ -44,8 +44,8 @@ class MotionModel {
   void Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follows);
   // The last pose moves: T -> correction * T.
   void Correct(const SE3& correction) { T_world_last_ = correction * T_world_last_; }
-  // The next scan is of another recording: nothing is known of the time in between.
-  void Interrupt() { interrupted_ = true; }
+  // A body velocity, per second, that is known otherwise; how well stays as it is.
+  void Assume(const Vector6d& velocity) { velocity_ = velocity; }
   // Makes this pose the last one; the next scan is expected there.
   void StartAt(const SE3& T_world_lidar);
 

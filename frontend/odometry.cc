@@ -15,6 +15,9 @@ double SigmasApart(const PosePrediction& prediction, const MatchResult& match) {
   return std::sqrt(std::max(0.0, delta.dot(both.ldlt().solve(delta))));
 }
 
+// Standard deviations of the prediction within which a lost sensor is looked for.
+constexpr double kLikelySigmas = 2.0;
+
 // Largest standard deviation over all directions of the scaled tangent, metres.
 double WorstSigma(const Matrix6d& covariance) {
   Matrix6d scaled = covariance;
@@ -61,13 +64,14 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
   const int passes = timed ? options_.deskew_passes : 0;
   frame.match = passes > 0 ? matcher_.MatchPose(deskewed, prediction, map)
                            : matcher_.Match(deskewed, prediction, map);
-  std::vector<SE3> hypotheses;
+  const bool starting = !lost_ && !map_is_older && !motion_.moving_known();
+  PoseHypotheses hypotheses;
   if (options_.search.enabled && (map_is_older || NeedsSearch(frame.match, prediction))) {
     hypotheses = Hypotheses(prediction, map_is_older);
     frame.searched = !hypotheses.empty();
   }
   if (frame.searched) {
-    frame.match = search_.Best(deskewed, hypotheses, frame.match, prediction, map);
+    frame.match = search_.Best({deskewed, prediction, map, starting}, hypotheses, frame.match);
     if (passes == 0)
       frame.match = matcher_.Match(deskewed, prediction, frame.match.T_world_lidar, map);
   }
@@ -76,15 +80,53 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
     deskewed = DeskewClusters(clusters, frame.twist);
     frame.match = matcher_.Match(deskewed, prediction, frame.match.T_world_lidar, map);
   }
-  frame.T_world_lidar = frame.match.T_world_lidar;
-  frame.status = OdometryFrame::Status::kTracked;
-  if (!Believed(frame, prediction, [&] {
-        return search_.Unique(deskewed, hypotheses, frame.match, prediction, map);
-      })) {
-    frame.status = OdometryFrame::Status::kLost;
-    frame.T_world_lidar = frame.T_world_predicted;
-  }
+  Judge({deskewed, prediction, map, starting}, hypotheses, &frame);
   return frame;
+}
+
+OdometryFrame Odometry::FindAgain(StampNs stamp_ns, const LostTrack& track, const VoxelMap& map,
+                                  bool search) const {
+  OdometryFrame frame;
+  frame.stamp_ns = stamp_ns;
+  frame.status = OdometryFrame::Status::kLost;
+  PosePrediction prediction = motion_.Predict(track.first_stamp_ns());
+  const SE3 T_first_newest = track.T_first_newest();
+  const double turn2 = std::min(prediction.covariance.diagonal().head<3>().maxCoeff(),
+                                std::pow(options_.search.range_deg * M_PI / 180.0, 2));
+  prediction.covariance.diagonal().tail<3>().array() += turn2 * T_first_newest.t.squaredNorm();
+  prediction.T_world_lidar = prediction.T_world_lidar * T_first_newest;
+  frame.T_world_predicted = frame.T_world_lidar = prediction.T_world_lidar;
+  frame.twist = track.Twist();
+  if (!search || !options_.search.enabled || !Searchable(prediction)) return frame;
+  const std::vector<PointCluster> clusters = track.Together();
+  SearchedScan scan{clusters, prediction, map, false};
+  const PoseHypotheses hypotheses = Hypotheses(prediction, false);
+  frame.searched = true;
+  frame.match = search_.Best(scan, hypotheses, matcher_.MatchPose(clusters, prediction, map));
+  frame.match = matcher_.Match(clusters, prediction, frame.match.T_world_lidar, map);
+  // Scans that lead to the same place again and again need not tell it from others so clearly.
+  constexpr int kAgreeing = 2;
+  constexpr double kAgreeingSigmas = 2.0;
+  if (track.Guessed(frame.match.T_world_lidar) >= kAgreeing) scan.clear_sigmas = kAgreeingSigmas;
+  Judge(scan, hypotheses, &frame);
+  return frame;
+}
+
+void Odometry::Judge(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+                     OdometryFrame* frame) const {
+  frame->T_world_lidar = frame->match.T_world_lidar;
+  frame->status = OdometryFrame::Status::kTracked;
+  if (!Believed(*frame, scan.prediction,
+                [&] { return search_.Unique(scan, hypotheses, frame->match); })) {
+    frame->status = OdometryFrame::Status::kLost;
+    frame->T_world_lidar = frame->T_world_predicted;
+  }
+}
+
+bool Odometry::Searchable(const PosePrediction& prediction) const {
+  const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
+  return sigma <= (motion_.moving_known() ? options_.search.max_way_m / kLikelySigmas
+                                          : options_.search.range_m);
 }
 
 bool Odometry::NeedsSearch(const MatchResult& match, const PosePrediction& prediction) const {
@@ -105,20 +147,25 @@ bool Odometry::Leaps(const MatchResult& match, const PosePrediction& prediction)
          (a.t - b.t).norm() > options_.search.trigger_translation_m;
 }
 
-std::vector<SE3> Odometry::Hypotheses(const PosePrediction& prediction, bool map_is_older) const {
+PoseHypotheses Odometry::Hypotheses(const PosePrediction& prediction, bool map_is_older) const {
   const SE3& centre = prediction.T_world_lidar;
   // The first match has no speed, and the second none yet.
   const bool starting = !motion_.moving_known() || (map_is_older && recent_inliers_.size() < 2);
-  std::vector<SE3> hypotheses;
-  if (starting) hypotheses = search_.OffsetsAbout(centre);
+  PoseHypotheses hypotheses;
+  if (starting) hypotheses.dense = search_.OffsetsAbout(centre);
   if (map_is_older && starting) return hypotheses;
-  const std::vector<SE3> turns = search_.TurnsAbout({centre, motion_.T_world_last()});
-  hypotheses.insert(hypotheses.end(), turns.begin(), turns.end());
+  std::vector<SE3> about{centre};
+  const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
+  const SE3& last = motion_.T_world_last();
+  if (starting || (centre.t - last.t).norm() < std::max(kLikelySigmas * sigma, 1.0))
+    about.push_back(last);
+  const std::vector<SE3> turns = search_.TurnsAbout(about);
+  hypotheses.dense.insert(hypotheses.dense.end(), turns.begin(), turns.end());
   const Eigen::Vector3d way = centre.t - motion_.T_world_last().t;
   constexpr double kLeastWayM = 0.1;
   if (!starting && way.norm() > kLeastWayM) {
-    const std::vector<SE3> along = search_.AlongTheWay(prediction, way.normalized(), way.norm());
-    hypotheses.insert(hypotheses.end(), along.begin(), along.end());
+    hypotheses.way = way.normalized();
+    hypotheses.coarse = search_.AlongTheWay(prediction, hypotheses.way, way.norm());
   }
   return hypotheses;
 }
@@ -137,10 +184,10 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
   constexpr double kLeastFit = 0.65;
   if (match.fit() < std::max(kLeastFit, options_.doubtful_fit_ratio * Median(recent_fits_)))
     return false;
-  // Without a speed the search does not reach as far as the sensor may have gone.
-  const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
-  if (lost_ && !motion_.moving_known() && sigma > options_.search.range_m) return false;
+  // Beyond the reach of the search there may be a better place.
+  if (gap && !Searchable(prediction)) return false;
   if (match.overlap() < options_.min_overlap) return false;
+  if (gap && SigmasApart(prediction, match) > kLikelySigmas) return false;
   if (gap && WorstSigma(match.covariance) > options_.max_sigma_m) return false;
   return unique();
 }

@@ -18,6 +18,7 @@
 #include "core/scan.h"
 #include "core/state_archive.h"
 #include "core/voxel_map.h"
+#include "frontend/lost_track.h"
 #include "frontend/motion_model.h"
 #include "frontend/pose_search.h"
 #include "frontend/scan_clusters.h"
@@ -34,7 +35,7 @@ struct OdometryOptions {
   // worse than this part of the recent median, ...
   double doubtful_fit_ratio = 0.85;
   // ... or less of the scan than this meets one.
-  double min_overlap = 0.4;
+  double min_overlap = 0.25;
   // Standard deviations from the prediction beyond which it does not.
   double max_prediction_sigmas = 4.5;
   // After a gap longer than this it does not, either, ...
@@ -76,15 +77,23 @@ class Odometry {
   OdometryFrame Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                          const VoxelMap& map, bool map_is_older = false) const;
 
+  // Where the map has the scans of a track that was lost: the pose of its newest one. They are
+  // expected where the first of them would have been, and believed on more evidence than a scan
+  // that was never lost.
+  // Without `search` the prediction is all that is filled in.
+  OdometryFrame FindAgain(StampNs stamp_ns, const LostTrack& track, const VoxelMap& map,
+                          bool search) const;
+
   // Makes a frame the last one: the next prediction starts from it. Not for lost frames, unless
   // mapping is to start anew from there.
   void Accept(const OdometryFrame& frame);
-  // A frame that Register called lost: the next match must be a better one.
+  // A frame that was called lost: the next one is for FindAgain.
   void Lose() { lost_ = true; }
+  bool lost() const { return lost_; }
   // The last pose moves: T -> correction * T.
   void Correct(const SE3& correction) { motion_.Correct(correction); }
-  // The next scan is of another recording: nothing is known of the time in between.
-  void Interrupt() { motion_.Interrupt(); }
+  // A body twist of the last frame that is known better than from the way since the frame before.
+  void Assume(const Vector6d& twist) { motion_.Assume(twist); }
   // Makes this pose the last one: the next scan is expected there.
   void StartAt(const SE3& T_world_lidar);
 
@@ -93,6 +102,7 @@ class Odometry {
   // Whether there is a last pose.
   bool started() const { return motion_.started(); }
   const Vector6d& velocity() const { return motion_.velocity(); }
+  Vector6d Twist(StampNs stamp_ns) const { return motion_.Twist(stamp_ns); }
 
  private:
   double RecentInliers() const { return Median(recent_inliers_); }
@@ -101,10 +111,15 @@ class Odometry {
   bool Leaps(const MatchResult& match, const PosePrediction& prediction) const;
   // Whether matching alone cannot be trusted to find the way.
   bool NeedsSearch(const MatchResult& match, const PosePrediction& prediction) const;
-  std::vector<SE3> Hypotheses(const PosePrediction& prediction, bool map_is_older) const;
+  PoseHypotheses Hypotheses(const PosePrediction& prediction, bool map_is_older) const;
+  // Whether a search covers what the prediction leaves open.
+  bool Searchable(const PosePrediction& prediction) const;
   // Whether a match is to be believed. `unique` tells whether a search finds no rival to it.
   bool Believed(const OdometryFrame& frame, const PosePrediction& prediction,
                 const std::function<bool()>& unique) const;
+  // Status and pose of a frame that was matched.
+  void Judge(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+             OdometryFrame* frame) const;
 
   OdometryOptions options_;
   ScanMatcher matcher_;

@@ -13,10 +13,12 @@ namespace {
 int StepsIn(double range, double step) { return static_cast<int>(std::floor(range / step + 1e-9)); }
 
 // Poses that are another place, not another start into the same minimum.
-bool Apart(const SE3& a, const SE3& b) {
-  constexpr double kApartM = 0.75, kApartRad = 0.07;
-  return (a.t - b.t).norm() > kApartM || RotationAngle(a, b) > kApartRad;
+constexpr double kApartM = 0.75, kApartRad = 0.07;
+bool Apart(const SE3& a, const SE3& b, double share = 1.0) {
+  return (a.t - b.t).norm() > share * kApartM || RotationAngle(a, b) > share * kApartRad;
 }
+
+constexpr double kCompareScale = 1.5;  // of the score's scale
 
 }  // namespace
 
@@ -33,6 +35,19 @@ void PoseSearchOptions::Visit(OptionVisitor& v) {
   v.Integer("clusters", &clusters, 10, 100000);
   v.Number("score_scale_m", &score_scale_m, 0.001, 10.0);
   v.Integer("refined", &refined, 1, 1000);
+}
+
+ScanMatcherOptions PoseSearch::Coarse(ScanMatcherOptions options) {
+  constexpr double kWide = 5.0;
+  options.kernel_start_sigma *= kWide;
+  options.kernel_end_sigma *= kWide;
+  options.max_iterations = 8;
+  options.max_distance_m *= 1.5;
+  return options;
+}
+
+std::size_t PoseSearch::Stride(std::size_t clusters) const {
+  return std::max<std::size_t>(1, clusters / static_cast<std::size_t>(options_.clusters));
 }
 
 std::vector<SE3> PoseSearch::TurnsAbout(const std::vector<SE3>& centres) const {
@@ -65,111 +80,163 @@ std::vector<SE3> PoseSearch::OffsetsAbout(const SE3& centre) const {
 
 std::vector<SE3> PoseSearch::AlongTheWay(const PosePrediction& prediction,
                                          const Eigen::Vector3d& way, double way_m) const {
-  constexpr double kSigmas = 2.5;
-  // A turn that was not predicted leads to the side by a part of the way.
-  constexpr double kSideways = 0.15;
+  constexpr double kSigmas = 2.0;
+  // Steps from the middle of which a coarse descent finds the way.
+  constexpr double kStepM = 1.0, kTurn = 6.0 * M_PI / 180.0;
+  // What a turn does not explain: a part of the way.
+  constexpr double kSideways = 0.05;
   const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
   const double turn_sigma = std::sqrt(prediction.covariance.diagonal().head<3>().maxCoeff());
   const double reach = std::min(kSigmas * sigma, options_.max_way_m);
   std::vector<SE3> hypotheses;
-  if (reach < options_.step_m) return hypotheses;
+  if (reach < 0.5 * kStepM) return hypotheses;
   const SE3& centre = prediction.T_world_lidar;
   const Eigen::Vector3d up = centre.q * Eigen::Vector3d::UnitZ();
   const Eigen::Vector3d side = up.cross(way).normalized();
-  const int steps = StepsIn(reach, options_.step_m);
-  const int sides = StepsIn(std::min(reach, kSideways * way_m), 2.0 * options_.step_m);
-  const double turn = options_.step_deg * M_PI / 180.0;
+  const int steps = static_cast<int>(std::ceil(reach / kStepM));
+  const int sides = static_cast<int>(std::ceil(std::min(reach, kSideways * way_m) / kStepM));
   const int turns =
-      StepsIn(std::min(kSigmas * turn_sigma, options_.range_deg * M_PI / 180.0), turn);
+      StepsIn(std::min(kSigmas * turn_sigma, options_.range_deg * M_PI / 180.0), kTurn);
   for (int along = -steps; along <= steps; ++along) {
-    for (int across = -sides; across <= sides; ++across) {
-      for (int about = -turns; about <= turns; ++about) {
-        const Eigen::Vector3d offset = options_.step_m * (along * way + 2.0 * across * side);
-        hypotheses.emplace_back(centre.q * ExpSO3(turn * about * Eigen::Vector3d::UnitZ()),
-                                centre.t + offset);
+    for (int about = -turns; about <= turns; ++about) {
+      const double on_m = kStepM * along, turn = kTurn * about;
+      // A steady turn leads to the side by half of it.
+      const double aside_m = 0.5 * turn * std::max(0.0, way_m + on_m);
+      for (int across = -sides; across <= sides; ++across) {
+        hypotheses.emplace_back(centre.q * ExpSO3(turn * Eigen::Vector3d::UnitZ()),
+                                centre.t + on_m * way + (aside_m + kStepM * across) * side);
       }
     }
   }
   return hypotheses;
 }
 
-std::vector<MatchResult> PoseSearch::Refine(const std::vector<PointCluster>& clusters,
-                                            const std::vector<SE3>& hypotheses, std::size_t most,
-                                            const Wanted& wanted, const PosePrediction& prediction,
-                                            const VoxelMap& map) const {
-  const std::size_t stride =
-      std::max<std::size_t>(1, clusters.size() / static_cast<std::size_t>(options_.clusters));
+std::vector<SE3> PoseSearch::Promising(const SearchedScan& scan, const std::vector<SE3>& hypotheses,
+                                       double chance, double apart, std::size_t most,
+                                       const Wanted& wanted) const {
+  const std::size_t stride = Stride(scan.clusters.size());
   std::vector<std::pair<double, std::size_t>> scores(hypotheses.size());
   ParallelChunks(hypotheses.size(), 16, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      scores[i] = {-matcher_->Score(clusters, hypotheses[i], map, options_.score_scale_m, stride),
+      scores[i] = {-matcher_->Score(scan.clusters, hypotheses[i], scan.map, options_.score_scale_m,
+                                    stride, chance),
                    i};
     }
   });
   std::sort(scores.begin(), scores.end());
-  std::vector<SE3> starts;
-  for (std::size_t k = 0; k < scores.size() && starts.size() < most; ++k) {
-    if (wanted(hypotheses[scores[k].second])) starts.push_back(hypotheses[scores[k].second]);
+  std::vector<SE3> best;
+  for (std::size_t k = 0; k < scores.size() && best.size() < most; ++k) {
+    const SE3& T = hypotheses[scores[k].second];
+    const bool known = std::any_of(best.begin(), best.end(),
+                                   [&](const SE3& other) { return !Apart(T, other, apart); });
+    if (!known && wanted(T)) best.push_back(T);
+  }
+  return best;
+}
+
+std::vector<SE3> PoseSearch::Descend(const SearchedScan& scan, std::vector<SE3> poses) const {
+  std::vector<PointCluster> part;
+  for (std::size_t i = 0; i < scan.clusters.size(); i += Stride(scan.clusters.size()))
+    part.push_back(scan.clusters[i]);
+  ParallelChunks(poses.size(), 4, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      poses[i] = coarse_matcher_.MatchPose(part, {poses[i], scan.prediction.covariance}, scan.map)
+                     .T_world_lidar;
+    }
+  });
+  return poses;
+}
+
+std::vector<MatchResult> PoseSearch::Refine(const SearchedScan& scan,
+                                            const PoseHypotheses& hypotheses, std::size_t most,
+                                            const Wanted& wanted) const {
+  std::vector<SE3> starts = Promising(scan, hypotheses.dense, 0.0, 1.0, most, wanted);
+  if (!hypotheses.coarse.empty()) {
+    // At a minimum the fit tells, however much of the scan meets planes at all. Beside the right
+    // one there are others.
+    constexpr double kMinimaApart = 0.3;
+    const std::vector<SE3> minima = Promising(scan, Descend(scan, hypotheses.coarse),
+                                              MatchResult::kChanceFit, kMinimaApart, most, wanted);
+    starts.insert(starts.end(), minima.begin(), minima.end());
   }
   std::vector<MatchResult> results(starts.size());
   ParallelChunks(starts.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       // Along what planes leave open, each hypothesis is its own prediction.
-      results[i] = matcher_->MatchPose(clusters, {starts[i], prediction.covariance}, map);
+      results[i] =
+          matcher_->MatchPose(scan.clusters, {starts[i], scan.prediction.covariance}, scan.map);
     }
   });
   return results;
 }
 
-bool PoseSearch::ClearlyBetter(const std::vector<PointCluster>& clusters, const MatchResult& best,
-                               const MatchResult& other, const VoxelMap& map) const {
-  constexpr double kClearSigmas = 4.0, kClearShare = 0.01;
-  const ScoreDifference difference = matcher_->Compare(
-      clusters, best.T_world_lidar, other.T_world_lidar, map, options_.score_scale_m);
-  return difference.mean > std::max(kClearShare, kClearSigmas * difference.sigma);
+bool PoseSearch::Better(double sigmas, const SearchedScan& scan, const MatchResult& ours,
+                        const MatchResult& theirs) const {
+  const FitDifference difference =
+      matcher_->Compare(scan.clusters, ours.T_world_lidar, theirs.T_world_lidar, scan.map,
+                        kCompareScale * options_.score_scale_m);
+  if (scan.starting) return difference.votes_sigmas > sigmas;
+  // Clusters beside one another err alike.
+  constexpr double kLeastEvidence = 0.002;
+  return difference.evidence_sigmas > sigmas && difference.evidence > kLeastEvidence;
 }
 
-bool PoseSearch::Beats(const std::vector<PointCluster>& clusters, const MatchResult& r,
-                       const MatchResult& best, const VoxelMap& map) const {
+bool PoseSearch::Beats(const SearchedScan& scan, const MatchResult& r,
+                       const MatchResult& best) const {
   if (r.status == MatchResult::Status::kTooFewMatches) return false;
   if (best.status == MatchResult::Status::kTooFewMatches) return true;
   // What meets hardly any plane speaks neither for its pose nor against it.
   constexpr double kLeastOverlap = 0.1;
   if (r.overlap() < kLeastOverlap) return false;
   if (best.overlap() < kLeastOverlap) return true;
-  if (r.evidence() <= best.evidence()) return false;
-  if (!Apart(r.T_world_lidar, best.T_world_lidar)) return true;
+  if (!Apart(r.T_world_lidar, best.T_world_lidar)) return r.evidence() > best.evidence();
   // Where one place is as good as another, along a corridor, the one met first stays: that of the
   // prediction. A place that planes hold is better than one that the prediction holds.
   const bool held_by_planes = best.degenerate > 0 && r.worst_sigma_m < 0.5 * best.worst_sigma_m;
-  return held_by_planes || ClearlyBetter(clusters, r, best, map);
+  if (held_by_planes && r.evidence() > best.evidence()) return true;
+  constexpr double kBetterSigmas = 1.5;
+  return Better(kBetterSigmas, scan, r, best);
 }
 
-MatchResult PoseSearch::Best(const std::vector<PointCluster>& clusters,
-                             const std::vector<SE3>& hypotheses, const MatchResult& given,
-                             const PosePrediction& prediction, const VoxelMap& map) const {
+MatchResult PoseSearch::Best(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+                             const MatchResult& given) const {
   const auto most = static_cast<std::size_t>(options_.refined);
   MatchResult best = given;
-  for (const MatchResult& r : Refine(
-           clusters, hypotheses, most, [](const SE3&) { return true; }, prediction, map)) {
-    if (Beats(clusters, r, best, map)) best = r;
+  for (const MatchResult& r : Refine(scan, hypotheses, most, [](const SE3&) { return true; })) {
+    if (Beats(scan, r, best)) best = r;
   }
+  if (!hypotheses.coarse.empty()) best = BestBeside(scan, hypotheses.way, best);
   // From afar a weak direction takes more steps than from a good prediction.
   constexpr int kMoreRounds = 4;
   for (int i = 0; i < kMoreRounds && best.status == MatchResult::Status::kIterationLimit; ++i) {
-    best = matcher_->MatchPose(clusters, {best.T_world_lidar, prediction.covariance}, map);
+    best = matcher_->MatchPose(scan.clusters, {best.T_world_lidar, scan.prediction.covariance},
+                               scan.map);
   }
   return best;
 }
 
-bool PoseSearch::Unique(const std::vector<PointCluster>& clusters,
-                        const std::vector<SE3>& hypotheses, const MatchResult& best,
-                        const PosePrediction& prediction, const VoxelMap& map) const {
+MatchResult PoseSearch::BestBeside(const SearchedScan& scan, const Eigen::Vector3d& way,
+                                   const MatchResult& match) const {
+  constexpr double kStepM = 0.25;
+  constexpr int kSteps = 3;
+  MatchResult best = match;
+  for (int i = -kSteps; i <= kSteps; ++i) {
+    SE3 start = match.T_world_lidar;
+    start.t += kStepM * i * way;
+    const MatchResult r =
+        matcher_->MatchPose(scan.clusters, {start, scan.prediction.covariance}, scan.map);
+    if (r.status != MatchResult::Status::kTooFewMatches && r.evidence() > best.evidence()) best = r;
+  }
+  return best;
+}
+
+bool PoseSearch::Unique(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+                        const MatchResult& best) const {
   constexpr std::size_t kRivals = 6;
   const auto apart = [&](const SE3& T) { return Apart(T, best.T_world_lidar); };
-  for (const MatchResult& r : Refine(clusters, hypotheses, kRivals, apart, prediction, map)) {
+  for (const MatchResult& r : Refine(scan, hypotheses, kRivals, apart)) {
     if (r.status != MatchResult::Status::kTooFewMatches && apart(r.T_world_lidar) &&
-        !ClearlyBetter(clusters, best, r, map))
+        !Better(scan.clear_sigmas, scan, best, r))
       return false;
   }
   return true;

@@ -37,9 +37,33 @@ struct PoseSearchOptions {
   double range_m = 3.0;
   double step_m = 0.5;
   // After a gap: offsets along the way, as far as the prediction is uncertain, but no farther.
-  double max_way_m = 30.0;
+  double max_way_m = 50.0;
 
   void Visit(OptionVisitor& v);
+};
+
+// What is searched for, and where. Refers to its parts.
+struct SearchedScan {
+  const std::vector<PointCluster>& clusters;
+  const PosePrediction& prediction;
+  const VoxelMap& map;
+  // The map is young, and the sensor may never have moved in it: places are compared by votes
+  // (FitDifference), which the errors of its beams do not sway.
+  bool starting = false;
+  // By how many standard deviations a match must be better than each rival.
+  double clear_sigmas = 4.0;
+};
+
+struct PoseHypotheses {
+  // As dense as matching reaches: the best by score are refined.
+  std::vector<SE3> dense;
+  // Too far apart for a score to tell which are near a minimum: each is brought to one first, on a
+  // part of the clusters.
+  std::vector<SE3> coarse;
+  // Direction in which they are spread, a unit vector in the world.
+  Eigen::Vector3d way = Eigen::Vector3d::Zero();
+
+  bool empty() const { return dense.empty() && coarse.empty(); }
 };
 
 // Stateless; thread-safe while the map is only read. Same bits at any number of threads.
@@ -47,7 +71,7 @@ class PoseSearch {
  public:
   // The matcher must outlive it.
   PoseSearch(const PoseSearchOptions& options, const ScanMatcher* matcher)
-      : options_(options), matcher_(matcher) {}
+      : options_(options), matcher_(matcher), coarse_matcher_(Coarse(matcher->options())) {}
 
   // Turns of the sensor about each of these poses.
   std::vector<SE3> TurnsAbout(const std::vector<SE3>& centres) const;
@@ -55,33 +79,44 @@ class PoseSearch {
   std::vector<SE3> OffsetsAbout(const SE3& centre) const;
   // Offsets along the way (unit vector, world), to either side of it and turned about the sensor's
   // z axis, as far as the prediction is uncertain; `way_m` is the way predicted since the last
-  // pose. Empty where matching reaches as far itself.
+  // pose. Coarse; empty where matching reaches as far itself.
   std::vector<SE3> AlongTheWay(const PosePrediction& prediction, const Eigen::Vector3d& way,
                                double way_m) const;
 
   // The best of the matches from the hypotheses and the given one, without a covariance.
-  MatchResult Best(const std::vector<PointCluster>& clusters, const std::vector<SE3>& hypotheses,
-                   const MatchResult& given, const PosePrediction& prediction,
-                   const VoxelMap& map) const;
+  MatchResult Best(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+                   const MatchResult& given) const;
   // Whether no other place that the hypotheses lead to fits about as well.
-  bool Unique(const std::vector<PointCluster>& clusters, const std::vector<SE3>& hypotheses,
-              const MatchResult& best, const PosePrediction& prediction, const VoxelMap& map) const;
+  bool Unique(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+              const MatchResult& best) const;
 
  private:
-  // Matches from the `most` best of the hypotheses that are wanted.
+  // Every how many-th cluster is scored.
+  std::size_t Stride(std::size_t clusters) const;
+  // For Descend: a wide kernel throughout, and few steps.
+  static ScanMatcherOptions Coarse(ScanMatcherOptions options);
+  // Matches from the `most` best of the hypotheses that are wanted and apart from one another.
   using Wanted = std::function<bool(const SE3&)>;
-  std::vector<MatchResult> Refine(const std::vector<PointCluster>& clusters,
-                                  const std::vector<SE3>& hypotheses, std::size_t most,
-                                  const Wanted& wanted, const PosePrediction& prediction,
-                                  const VoxelMap& map) const;
+  std::vector<MatchResult> Refine(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+                                  std::size_t most, const Wanted& wanted) const;
+  // The best match from starts beside this one along the way: there a street has minima in rows.
+  MatchResult BestBeside(const SearchedScan& scan, const Eigen::Vector3d& way,
+                         const MatchResult& match) const;
+  // Minima near the hypotheses.
+  std::vector<SE3> Descend(const SearchedScan& scan, std::vector<SE3> hypotheses) const;
+  // The `most` best of the hypotheses that are wanted, by Score, and apart from one another by that
+  // share of what is another place.
+  std::vector<SE3> Promising(const SearchedScan& scan, const std::vector<SE3>& hypotheses,
+                             double chance, double apart, std::size_t most,
+                             const Wanted& wanted) const;
   // Whether r takes the place of the best match so far.
-  bool Beats(const std::vector<PointCluster>& clusters, const MatchResult& r,
-             const MatchResult& best, const VoxelMap& map) const;
-  bool ClearlyBetter(const std::vector<PointCluster>& clusters, const MatchResult& best,
-                     const MatchResult& other, const VoxelMap& map) const;
+  bool Beats(const SearchedScan& scan, const MatchResult& r, const MatchResult& best) const;
+  bool Better(double sigmas, const SearchedScan& scan, const MatchResult& ours,
+              const MatchResult& theirs) const;
 
   PoseSearchOptions options_;
   const ScanMatcher* matcher_;
+  ScanMatcher coarse_matcher_;
 };
 
 }  // namespace lamina

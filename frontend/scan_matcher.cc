@@ -182,33 +182,34 @@ class Descent {
   Held held_;
 };
 
-// What a cluster says for a pose.
+// How well a cluster fits the plane around it at a pose.
 class PlaneScore {
  public:
-  // Where there is a plane, `chance` is taken off.
-  PlaneScore(const SE3& T_world_lidar, const VoxelMap& map, double scale_m, double chance)
+  static constexpr double kNone = -1.0;
+
+  PlaneScore(const SE3& T_world_lidar, const VoxelMap& map, double scale_m)
       : R_(T_world_lidar.R()),
         t_(T_world_lidar.t),
         map_(map),
-        inverse2_(1.0 / (scale_m * scale_m)),
-        chance_(chance) {}
+        inverse2_(1.0 / (scale_m * scale_m)) {}
 
+  // In (0, 1]; kNone where there is no plane.
   double Of(const PointCluster& cluster) const {
     const Eigen::Vector3d p = R_ * cluster.mean + t_;
-    if (!map_.CanHold(p)) return 0.0;
+    if (!map_.CanHold(p)) return kNone;
     const VoxelMap::NodeId id = map_.FindSurface(p);
-    if (id == VoxelMap::kNoNode) return 0.0;
+    if (id == VoxelMap::kNoNode) return kNone;
     const Surface& surface = map_.surface(id);
-    if (surface.kind != Surface::Kind::kPlane) return 0.0;
+    if (surface.kind != Surface::Kind::kPlane) return kNone;
     const double distance = surface.normal.cast<double>().dot(p - surface.mean);
-    return GemanMcClureWeight(distance * distance * inverse2_) - chance_;
+    return GemanMcClureWeight(distance * distance * inverse2_);
   }
 
  private:
   Eigen::Matrix3d R_;
   Eigen::Vector3d t_;
   const VoxelMap& map_;
-  double inverse2_, chance_;
+  double inverse2_;
 };
 
 }  // namespace
@@ -260,29 +261,39 @@ MatchResult ScanMatcher::Run(const std::vector<PointCluster>& clusters,
 }
 
 double ScanMatcher::Score(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
-                          const VoxelMap& map, double scale_m, std::size_t stride) const {
-  const PlaneScore score(T_world_lidar, map, scale_m, 0.0);
+                          const VoxelMap& map, double scale_m, std::size_t stride,
+                          double chance) const {
+  const PlaneScore score(T_world_lidar, map, scale_m);
   double sum = 0.0;
   std::size_t visited = 0;
-  for (std::size_t i = 0; i < clusters.size(); i += stride, ++visited) sum += score.Of(clusters[i]);
+  for (std::size_t i = 0; i < clusters.size(); i += stride, ++visited) {
+    const double fit = score.Of(clusters[i]);
+    if (fit > PlaneScore::kNone) sum += fit - chance;
+  }
   return visited == 0 ? 0.0 : sum / static_cast<double>(visited);
 }
 
-ScoreDifference ScanMatcher::Compare(const std::vector<PointCluster>& clusters, const SE3& a,
-                                     const SE3& b, const VoxelMap& map, double scale_m) const {
-  ScoreDifference result;
-  if (clusters.empty()) return result;
-  const PlaneScore score_a(a, map, scale_m, MatchResult::kChanceFit);
-  const PlaneScore score_b(b, map, scale_m, MatchResult::kChanceFit);
-  double sum = 0.0, squares = 0.0;
+FitDifference ScanMatcher::Compare(const std::vector<PointCluster>& clusters, const SE3& ours,
+                                   const SE3& theirs, const VoxelMap& map, double scale_m) const {
+  constexpr double kDecisive = 0.3, kNoPlane = 0.5;
+  const PlaneScore our_score(ours, map, scale_m), their_score(theirs, map, scale_m);
+  double our_votes = 0.0, their_votes = 0.0, sum = 0.0, squares = 0.0;
   for (const PointCluster& cluster : clusters) {
-    const double difference = score_a.Of(cluster) - score_b.Of(cluster);
-    sum += difference;
-    squares += difference * difference;
+    const double a = our_score.Of(cluster), b = their_score.Of(cluster);
+    const bool met_a = a > PlaneScore::kNone, met_b = b > PlaneScore::kNone;
+    const double vote = (met_a ? a : kNoPlane) - (met_b ? b : kNoPlane);
+    our_votes += vote > kDecisive ? 1.0 : 0.0;
+    their_votes += vote < -kDecisive ? 1.0 : 0.0;
+    const double evidence =
+        (met_a ? a - MatchResult::kChanceFit : 0.0) - (met_b ? b - MatchResult::kChanceFit : 0.0);
+    sum += evidence;
+    squares += evidence * evidence;
   }
-  const auto n = static_cast<double>(clusters.size());
-  result.mean = sum / n;
-  result.sigma = std::sqrt(std::max(0.0, squares / n - result.mean * result.mean) / n);
+  FitDifference result;
+  const double votes = our_votes + their_votes;
+  if (votes > 0.0) result.votes_sigmas = (our_votes - their_votes) / std::sqrt(votes);
+  if (squares > 0.0) result.evidence_sigmas = sum / std::sqrt(squares);
+  if (!clusters.empty()) result.evidence = sum / static_cast<double>(clusters.size());
   return result;
 }
 

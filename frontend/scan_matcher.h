@@ -78,8 +78,9 @@ struct PosePrediction {
 };
 
 struct MatchResult {
-  // Fit that a scan has anywhere among planes: ground on ground, facade on facade.
-  static constexpr double kChanceFit = 0.5;
+  // Fit above which planes speak for a pose: a wrong one has up to 0.65 anywhere in a street,
+  // ground on ground and facade on facade, a right one 0.85 and more.
+  static constexpr double kChanceFit = 0.7;
 
   enum class Status {
     kConverged,
@@ -115,9 +116,17 @@ struct MatchResult {
   Vector6d degenerate_information = Vector6d::Zero();
 };
 
-struct ScoreDifference {
-  double mean = 0.0;
-  double sigma = 0.0;  // standard error of the mean
+// How much better one of two poses fits the map, in standard deviations of the sum over the
+// clusters.
+struct FitDifference {
+  // Clusters that fit the plane around them at one pose and at the other miss it, or meet none, as
+  // votes. Those that fit at both say nothing, however much better one fit is: the errors of a
+  // sensor's beams fit best where it has not moved.
+  double votes_sigmas = 0.0;
+  // Mean over the clusters of (fit - kChanceFit where there is a plane). What meets no plane says
+  // nothing: poses may see more or less of what the map has.
+  double evidence_sigmas = 0.0;
+  double evidence = 0.0;
 };
 
 // Stateless; thread-safe as long as nobody writes to the map. Same input, same bits, at any number
@@ -126,6 +135,8 @@ class ScanMatcher {
  public:
   // Throws OptionError.
   explicit ScanMatcher(const ScanMatcherOptions& options);
+
+  const ScanMatcherOptions& options() const { return options_; }
 
   // Clusters in the LiDAR frame, deskewed to one instant. The descent starts at `initial`; the
   // prediction decides where planes do not.
@@ -143,16 +154,16 @@ class ScanMatcher {
     return Run(clusters, prediction, prediction.T_world_lidar, map, false);
   }
 
-  // How well the clusters lie on the map's planes at a pose, in [0, 1]: the mean over the clusters
-  // of GemanMcClureWeight((distance / scale_m)^2), a cluster without a plane around it counting 0.
+  // How well the clusters lie on the map's planes at a pose: the mean over the clusters of
+  // GemanMcClureWeight((distance / scale_m)^2) - chance, a cluster without a plane around it
+  // counting 0.
   // Visits every `stride`-th cluster: cheap enough to compare hundreds of poses.
   double Score(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
-               const VoxelMap& map, double scale_m, std::size_t stride = 1) const;
+               const VoxelMap& map, double scale_m, std::size_t stride = 1,
+               double chance = 0.0) const;
 
-  // Which of two poses the clusters speak for: Score(a) - Score(b), cluster by cluster, less
-  // kChanceFit wherever there is a plane (MatchResult::evidence).
-  ScoreDifference Compare(const std::vector<PointCluster>& clusters, const SE3& a, const SE3& b,
-                          const VoxelMap& map, double scale_m) const;
+  FitDifference Compare(const std::vector<PointCluster>& clusters, const SE3& ours,
+                        const SE3& theirs, const VoxelMap& map, double scale_m) const;
 
  private:
   MatchResult Run(const std::vector<PointCluster>& clusters, const PosePrediction& prediction,

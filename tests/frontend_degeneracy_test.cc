@@ -17,7 +17,8 @@ void Face(const Eigen::Vector3d& normal, int count, double sigma_m, DirectionEvi
   Vector6d j;
   j << Eigen::Vector3d::Zero(), normal;
   for (int i = 0; i < count; ++i) {
-    evidence->Add(j, 1.0 / (sigma_m * sigma_m), NormalError2(0.0025), 10.0 / kRotationArmM, 1.0);
+    evidence->Add(j, 1.0 / (sigma_m * sigma_m), NormalError2(0.0004, 0.16, 0.0),
+                  10.0 / kRotationArmM, 1.0);
   }
 }
 

@@ -51,9 +51,20 @@ TEST(MotionModel, BeforeAnyMotionTheSpeedIsUnknown) {
   EXPECT_LT(WaySigma(model, 2 * kPeriodNs), 0.1);
 }
 
-TEST(MotionModel, AfterAnInterruptionItIsExpectedWhereItWas) {
+TEST(MotionModel, AnAssumedVelocityMovesThePredictionAndIsNoBetterKnown) {
+  MotionModel model{MotionOptions()};
+  model.Accept(0, Along(0.0), false);
+  const double sigma = WaySigma(model, kPeriodNs);
+  Vector6d velocity = Vector6d::Zero();
+  velocity(3) = 10.0;
+  model.Assume(velocity);
+  EXPECT_NEAR(model.Predict(kPeriodNs).T_world_lidar.t.x(), 1.0, 1e-9);
+  EXPECT_EQ(WaySigma(model, kPeriodNs), sigma);
+}
+
+TEST(MotionModel, SetDownSomewhereItIsExpectedThere) {
   MotionModel model = Driving();
-  model.Interrupt();
+  model.StartAt(Along(15.0));
   EXPECT_EQ(model.Predict(5).T_world_lidar.t.x(), 15.0);
   EXPECT_EQ(model.Twist(5).norm(), 0.0);
   EXPECT_GT(WaySigma(model, 5), 5.0);
