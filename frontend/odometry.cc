@@ -185,7 +185,7 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
   if (match.fit() < std::max(kLeastFit, options_.doubtful_fit_ratio * Median(recent_fits_)))
     return false;
   // Beyond the reach of the search there may be a better place.
-  if (gap && !Searchable(prediction)) return false;
+  if ((lost_ || motion_.moving_known()) && gap && !Searchable(prediction)) return false;
   if (match.overlap() < options_.min_overlap) return false;
   if (gap && SigmasApart(prediction, match) > kLikelySigmas) return false;
   if (gap && WorstSigma(match.covariance) > options_.max_sigma_m) return false;

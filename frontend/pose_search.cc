@@ -89,7 +89,7 @@ std::vector<SE3> PoseSearch::AlongTheWay(const PosePrediction& prediction,
   const double turn_sigma = std::sqrt(prediction.covariance.diagonal().head<3>().maxCoeff());
   const double reach = std::min(kSigmas * sigma, options_.max_way_m);
   std::vector<SE3> hypotheses;
-  if (reach < 0.5 * kStepM) return hypotheses;
+  if (reach < kStepM) return hypotheses;
   const SE3& centre = prediction.T_world_lidar;
   const Eigen::Vector3d up = centre.q * Eigen::Vector3d::UnitZ();
   const Eigen::Vector3d side = up.cross(way).normalized();
@@ -124,8 +124,12 @@ std::vector<SE3> PoseSearch::Promising(const SearchedScan& scan, const std::vect
     }
   });
   std::sort(scores.begin(), scores.end());
+  // What fits far worse before matching hardly ever fits best after it. A young map is no measure.
+  constexpr double kLeastShare = 0.8;
+  const double least = scan.starting || scores.empty() ? -1.0 : -kLeastShare * scores[0].first;
   std::vector<SE3> best;
-  for (std::size_t k = 0; k < scores.size() && best.size() < most; ++k) {
+  for (std::size_t k = 0; k < scores.size() && best.size() < most && -scores[k].first >= least;
+       ++k) {
     const SE3& T = hypotheses[scores[k].second];
     const bool known = std::any_of(best.begin(), best.end(),
                                    [&](const SE3& other) { return !Apart(T, other, apart); });

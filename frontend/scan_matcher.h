@@ -80,7 +80,7 @@ struct PosePrediction {
 struct MatchResult {
   // Fit above which planes speak for a pose: a wrong one has up to 0.65 anywhere in a street,
   // ground on ground and facade on facade, a right one 0.85 and more.
-  static constexpr double kChanceFit = 0.7;
+  static constexpr double kChanceFit = 0.5;
 
   enum class Status {
     kConverged,
