@@ -346,11 +346,11 @@ void Session::OnSettled() {
 }
 
 // What has come back from disk stays in the file of the tiles until two more checkpoints are there:
-// with one for each quarter of the map that comes back, that is less than what is alive.
+// with one for each sixth of the map that comes back, that is half of what is alive at most.
 bool Session::TilesTurnedOver() const {
-  constexpr std::size_t kLeast = 400;
-  const std::size_t alive = tiles_->records() + pipeline_->map().roots();
-  return tiles_->taken() - taken_at_checkpoint_ > std::max(kLeast, alive / 4);
+  constexpr std::size_t kLeast = 200;
+  const std::size_t alive = std::max(tiles_->records(), pipeline_->map().roots());
+  return tiles_->taken() - taken_at_checkpoint_ > std::max(kLeast, alive / 6);
 }
 
 // Whether a scan that is repeated could be read the first time, and cannot now.

@@ -47,13 +47,16 @@ void ThrowFailed(const std::string& path, const char* doing, const SQLite::Excep
   ThrowOutput(path, doing, error);
 }
 
-SQLite::Database OpenUntouched(const std::string& path) {
+std::string UntouchedUri(const std::string& path) {
   std::string uri = "file:";
   for (const char c : path) {
     uri += c == '%' || c == '?' || c == '#' ? fmt::format("%{:02x}", c) : std::string(1, c);
   }
-  if (!std::filesystem::exists(path + "-wal")) uri += "?immutable=1";
-  return SQLite::Database(uri, SQLite::OPEN_READONLY | SQLite::OPEN_URI);
+  return uri + (std::filesystem::exists(path + "-wal") ? "?mode=ro" : "?mode=ro&immutable=1");
+}
+
+SQLite::Database OpenUntouched(const std::string& path) {
+  return SQLite::Database(UntouchedUri(path), SQLite::OPEN_READONLY | SQLite::OPEN_URI);
 }
 
 void BringLogIntoFile(SQLite::Database* database) {

@@ -1,6 +1,5 @@
 #include "io/tile_store.h"
 
-#include <SQLiteCpp/Backup.h>
 #include <SQLiteCpp/SQLiteCpp.h>
 #include <fmt/format.h>
 
@@ -14,26 +13,15 @@
 #include "core/error.h"
 #include "io/checksum.h"
 #include "io/sqlite_file.h"
+#include "io/tile_file.h"
 
 namespace lamina {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kSchema =
-    "CREATE TABLE IF NOT EXISTS voxels("
-    " tile INTEGER NOT NULL, root INTEGER NOT NULL, stored_at INTEGER NOT NULL,"
-    " taken_at INTEGER, crc INTEGER NOT NULL, record BLOB NOT NULL,"
-    " PRIMARY KEY(tile, root, stored_at)) WITHOUT ROWID;"
-    "CREATE INDEX IF NOT EXISTS taken ON voxels(taken_at) WHERE taken_at IS NOT NULL;";
-// With the journal in memory a crash may leave a scratch file in pieces, which nobody will miss.
-constexpr const char* kScratch =
-    "PRAGMA journal_mode=MEMORY; PRAGMA synchronous=OFF; PRAGMA locking_mode=EXCLUSIVE;";
-// The journal is brought into the file by SyncToDisk(), on a thread that has time.
-constexpr const char* kKept =
-    "PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL; PRAGMA wal_autocheckpoint=0;"
-    "PRAGMA journal_size_limit=33554432;";
-// Where that thread cannot keep up with a writer that never pauses, Commit() has to.
+// SyncToDisk() brings the journal into the file, on a thread that has time. Where that cannot keep
+// up with a writer that never pauses, Commit() has to.
 constexpr std::size_t kMostLogBytes = 32 << 20;
 
 // Its being there says that the file was found damaged while in use: SQLite looks at a page when it
@@ -46,25 +34,29 @@ std::int64_t Signed(VoxelKey key) { return static_cast<std::int64_t>(key); }
 
 struct TileStore::Impl {
   Impl(const std::string& path, Lifetime lifetime)
-      : database(path, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE) {
-    database.setBusyTimeout(10000);
-    database.exec(lifetime == Lifetime::kScratch ? kScratch : kKept);
-    database.exec(kSchema);
-    put.emplace(database, "INSERT OR REPLACE INTO voxels VALUES(?, ?, ?, NULL, ?, ?)");
+      : file(path, lifetime == Lifetime::kScratch ? TileFile::Purpose::kScratch
+                                                  : TileFile::Purpose::kKept),
+        keeps_taken(lifetime == Lifetime::kKept),
+        database(file.database()) {
+    put.emplace(database, "INSERT INTO voxels VALUES(?, ?, ?, NULL, ?, ?)");
     show.emplace(
         database,
         "SELECT crc, record FROM voxels WHERE tile = ? AND taken_at IS NULL ORDER BY root");
-    take.emplace(database, "UPDATE voxels SET taken_at = ? WHERE tile = ? AND taken_at IS NULL");
     show_root.emplace(database,
                       "SELECT crc, record FROM voxels WHERE tile = ? AND root = ? AND taken_at IS "
                       "NULL");
-    take_root.emplace(database,
-                      "UPDATE voxels SET taken_at = ? WHERE tile = ? AND root = ? AND taken_at IS "
-                      "NULL");
+    // Nobody goes back in a scratch file: what is taken goes at once.
+    const std::string leave =
+        keeps_taken ? "UPDATE voxels SET taken_at = ?3" : "DELETE FROM voxels";
+    const std::string of_tile = " WHERE tile = ?1 AND taken_at IS NULL";
+    const std::string bytes = " RETURNING length(record)";
+    take.emplace(database, leave + of_tile + bytes);
+    take_root.emplace(database, leave + of_tile + " AND root = ?2" + bytes);
     forget.emplace(database,
-                   "DELETE FROM voxels WHERE (tile, root, stored_at) IN (SELECT tile, root, "
-                   "stored_at FROM voxels WHERE taken_at <= ? LIMIT ?)");
-    if (lifetime == Lifetime::kKept) log_limit.emplace(&database, kMostLogBytes);
+                   "DELETE FROM voxels WHERE rowid IN (SELECT rowid FROM voxels WHERE taken_at <= "
+                   "?1 ORDER BY taken_at LIMIT ?2)" +
+                       bytes);
+    if (keeps_taken) log_limit.emplace(&database, kMostLogBytes);
     CountTiles();
   }
 
@@ -78,6 +70,25 @@ struct TileStore::Impl {
       tiles[static_cast<VoxelKey>(count.getColumn(0).getInt64())] = number;
       records += number;
     }
+  }
+
+  // Runs a statement that returns the bytes of each record that it finds. Returns their number.
+  std::size_t Run(SQLite::Statement* statement, bool removes) {
+    std::size_t rows = 0;
+    for (; statement->executeStep(); ++rows) {
+      if (removes) file.CountRemoved(static_cast<std::size_t>(statement->getColumn(0).getInt64()));
+    }
+    statement->reset();
+    if (removes && !keeps_taken) TidyScratch(rows);
+    return rows;
+  }
+
+  void TidyScratch(std::size_t removed) {
+    constexpr std::size_t kRows = 400;
+    taken_at_tidy += removed;
+    if (taken_at_tidy < kRows) return;
+    file.Tidy(2 * std::exchange(taken_at_tidy, 0));
+    CommitTransaction();
   }
 
   // Records of columns crc, record.
@@ -100,12 +111,21 @@ struct TileStore::Impl {
     if (!transaction) transaction.emplace(database);
   }
 
-  SQLite::Database database;
+  void CommitTransaction() {
+    file.WriteTotals();
+    transaction->commit();
+    transaction.reset();
+  }
+
+  TileFile file;
+  const bool keeps_taken;
+  SQLite::Database& database;
   std::optional<SQLite::Statement> put, show, take, show_root, take_root, forget;
   std::optional<SQLite::Transaction> transaction;
   std::optional<LogLimit> log_limit;
   std::unordered_map<VoxelKey, std::size_t> tiles;  // those that have records, and how many
   std::size_t records = 0, damaged = 0;
+  std::size_t taken_at_tidy = 0;    // records of a scratch file, since TileFile::Tidy()
   std::size_t taken = 0;            // records, since the beginning
   std::size_t taken_at_forget = 0;  // ... and until the last Forget()
 };
@@ -168,6 +188,7 @@ void TileStore::Put(VoxelKey tile, VoxelKey root, std::string_view record) {
     impl.put->bindNoCopy(5, record.data(), static_cast<int>(record.size()));
     impl.put->exec();
     impl.put->reset();
+    impl.file.CountAdded(record.size());
   });
   ++impl.tiles[tile];
   ++impl.records;
@@ -179,10 +200,9 @@ void TileStore::Take(VoxelKey tile, const Visit& visit) {
   Impl& impl = *impl_;
   Guarded("cannot be written", [&] {
     impl.Begin();
-    impl.take->bind(1, scan_);
-    impl.take->bind(2, Signed(tile));
-    impl.take->exec();
-    impl.take->reset();
+    impl.take->bind(1, Signed(tile));
+    if (impl.keeps_taken) impl.take->bind(3, scan_);
+    impl.Run(&*impl.take, !impl.keeps_taken);
   });
   impl.records -= impl.tiles.at(tile);
   impl.taken += impl.tiles.at(tile);
@@ -192,17 +212,15 @@ void TileStore::Take(VoxelKey tile, const Visit& visit) {
 void TileStore::TakeRoot(VoxelKey tile, VoxelKey root, const Visit& visit) {
   if (!Has(tile)) return;
   Impl& impl = *impl_;
-  const int taken = Guarded("cannot be written", [&] {
+  const std::size_t taken = Guarded("cannot be written", [&] {
     impl.show_root->bind(1, Signed(tile));
     impl.show_root->bind(2, Signed(root));
     impl.ShowRows(&*impl.show_root, visit);
     impl.Begin();
-    impl.take_root->bind(1, scan_);
-    impl.take_root->bind(2, Signed(tile));
-    impl.take_root->bind(3, Signed(root));
-    const int rows = impl.take_root->exec();
-    impl.take_root->reset();
-    return rows;
+    impl.take_root->bind(1, Signed(tile));
+    impl.take_root->bind(2, Signed(root));
+    if (impl.keeps_taken) impl.take_root->bind(3, scan_);
+    return impl.Run(&*impl.take_root, !impl.keeps_taken);
   });
   if (taken == 0) return;
   --impl.records;
@@ -232,19 +250,23 @@ void TileStore::CopyFrom(const std::string& path, std::int64_t scan) {
   Impl& impl = Open();
   OnSqlite(path_, "cannot be copied to", [&] {
     impl.transaction.reset();
+    SQLite::Statement attach(impl.database, "ATTACH ? AS other");
+    attach.bind(1, UntouchedUri(path));
+    attach.exec();
     {
-      SQLite::Database other = OpenUntouched(path);
-      SQLite::Backup backup(impl.database, other);
-      backup.executeStep(-1);
+      SQLite::Transaction transaction(impl.database);
+      impl.database.exec("DELETE FROM voxels");
+      SQLite::Statement copy(impl.database,
+                             "INSERT INTO voxels SELECT tile, root, -1, NULL, crc, record FROM "
+                             "other.voxels WHERE stored_at <= ?1 AND (taken_at IS NULL OR "
+                             "taken_at > ?1)");
+      copy.bind(1, scan);
+      copy.exec();
+      impl.file.Recount();
+      impl.file.WriteTotals();
+      transaction.commit();
     }
-    impl.database.exec(kKept);
-    SQLite::Transaction transaction(impl.database);
-    SQLite::Statement drop(impl.database,
-                           "DELETE FROM voxels WHERE stored_at > ?1 OR taken_at <= ?1");
-    drop.bind(1, scan);
-    drop.exec();
-    impl.database.exec("UPDATE voxels SET stored_at = -1, taken_at = NULL");
-    transaction.commit();
+    impl.database.exec("DETACH other");
     impl.CountTiles();
   });
 }
@@ -253,14 +275,20 @@ void TileStore::RollBackTo(std::int64_t scan) {
   Impl& impl = Open();
   Commit();
   Guarded("cannot be written", [&] {
-    SQLite::Transaction transaction(impl.database);
-    SQLite::Statement drop(impl.database, "DELETE FROM voxels WHERE stored_at > ?");
-    drop.bind(1, scan);
-    drop.exec();
+    impl.Begin();
+    for (const char* statement :
+         {"DELETE FROM voxels INDEXED BY here WHERE taken_at IS NULL AND stored_at > ? RETURNING "
+          "length(record)",
+          "DELETE FROM voxels INDEXED BY taken WHERE taken_at IS NOT NULL AND stored_at > ? "
+          "RETURNING length(record)"}) {
+      SQLite::Statement drop(impl.database, statement);
+      drop.bind(1, scan);
+      impl.Run(&drop, true);
+    }
     SQLite::Statement untake(impl.database, "UPDATE voxels SET taken_at = NULL WHERE taken_at > ?");
     untake.bind(1, scan);
     untake.exec();
-    transaction.commit();
+    impl.CommitTransaction();
     impl.CountTiles();
   });
 }
@@ -274,16 +302,15 @@ void TileStore::Forget(std::int64_t scan) {
     impl_->Begin();
     impl_->forget->bind(1, scan);
     impl_->forget->bind(2, static_cast<std::int64_t>(most));
-    impl_->forget->exec();
-    impl_->forget->reset();
+    impl_->Run(&*impl_->forget, true);
+    impl_->file.Tidy(most);
   });
 }
 
 void TileStore::Commit() {
   if (!impl_ || !impl_->transaction) return;
   Guarded("cannot be written", [&] {
-    impl_->transaction->commit();
-    impl_->transaction.reset();
+    impl_->CommitTransaction();
     if (impl_->log_limit) impl_->log_limit->Keep();
   });
 }

@@ -3,12 +3,11 @@
 //
 // Time is counted in scans. A record that is taken out stays in the file, with the scan at which
 // it left, until Forget(); so the store can go back to what it was after an earlier scan, which a
-// mapping that resumes from a checkpoint needs.
+// mapping that resumes from a checkpoint needs. (A scratch file has no past: what is taken out goes
+// at once.) The form of the file, and how it stays small: io/tile_file.h.
 //
-//     voxels(tile, root, stored_at, taken_at, crc, record)   taken_at NULL: here
-//
-// `crc` is the CRC-32 of the record. A damaged record is left out and counted; where the file
-// itself is damaged, whoever meets that fails, and the next one who opens it is told.
+// A damaged record is left out and counted, by its CRC-32; where the file itself is damaged,
+// whoever meets that fails, and the next one who opens it is told.
 #pragma once
 
 #include <cstdint>

@@ -6,6 +6,7 @@
 #include <memory>
 #include <set>
 
+#include "io/checksum.h"
 #include "io_test_files.h"
 #include "tests/memory_voxel_store.h"
 #include "tests/random_scenes.h"
@@ -237,6 +238,91 @@ TEST_F(TileStoreTest, ForgettingRemovesWhatLeftAndNoMoreThanSomeHundredAtATime) 
   EXPECT_EQ(store.records(), static_cast<std::size_t>(kRecords / 2));
 }
 
+// Of all records that are there only some stay, which lie far apart: what is between them is free.
+TEST_F(TileStoreTest, TheFileIsAsSmallAsWhatIsInItWhateverLeaves) {
+  constexpr int kRecords = 6000, kPerCall = 200;
+  constexpr std::size_t kConstant = 1 << 20;
+  Draws draws(5);
+  TileStore store(Tiles(), Lifetime::kKept);
+  std::size_t bytes = 0, most = 0;
+  for (int i = 0; i < kRecords; ++i) {
+    const auto key = static_cast<VoxelKey>(i);
+    const std::string record(static_cast<std::size_t>(draws.Integer(100, 4000)), 'r');
+    store.Put(key, key, record);
+    bytes += record.size();
+  }
+  store.Commit();
+  store.SyncToDisk();
+  most = fs::file_size(Tiles());
+  EXPECT_LT(most, bytes + bytes / 3 + kConstant);
+  for (int scan = 1; scan <= kRecords / kPerCall; ++scan) {
+    store.SetScan(scan);
+    for (int i = kPerCall * (scan - 1); i < kPerCall * scan; ++i) {
+      const VoxelKey key = (static_cast<VoxelKey>(i) * 7919) % kRecords;
+      if (key % 5 == 0) continue;
+      store.Take(key, [&](std::string_view record) { bytes -= record.size(); });
+    }
+    store.Forget(scan);
+    store.Commit();
+    store.SyncToDisk();
+    EXPECT_LT(fs::file_size(Tiles()), bytes + bytes / 3 + kConstant) << "after scan " << scan;
+  }
+  EXPECT_EQ(store.records(), static_cast<std::size_t>(kRecords / 5));
+  EXPECT_EQ(Rows(), kRecords / 5);
+  EXPECT_EQ(All(store).size(), store.records()) << "moved, not lost";
+  EXPECT_LT(fs::file_size(Tiles()), most / 2);
+}
+
+TEST_F(TileStoreTest, AScratchFileDoesNotGrowWhereRecordsComeAndGo) {
+  TileStore store(Tiles(), Lifetime::kScratch);
+  const std::string record(1500, 'r');
+  std::uintmax_t first = 0;
+  for (int lap = 0; lap < 12; ++lap) {
+    for (VoxelKey key = 0; key < 1000; ++key) store.Put(key / 4, key, record);
+    for (VoxelKey tile = 0; tile < 250; ++tile) store.Take(tile, [](std::string_view) {});
+    if (lap == 2) first = fs::file_size(Tiles());
+  }
+  EXPECT_LE(fs::file_size(Tiles()), first + (1 << 20));
+}
+
+TEST_F(TileStoreTest, AFileInTheOrderOfItsKeysIsWrittenAnew) {
+  auto reference = std::make_unique<MemoryVoxelStore>();
+  std::size_t bytes = 0;
+  {
+    SQLite::Database old(Tiles(), SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE);
+    old.exec(
+        "PRAGMA journal_mode=WAL; CREATE TABLE voxels(tile INTEGER NOT NULL, root INTEGER NOT "
+        "NULL, stored_at INTEGER NOT NULL, taken_at INTEGER, crc INTEGER NOT NULL, record BLOB NOT "
+        "NULL, PRIMARY KEY(tile, root, stored_at)) WITHOUT ROWID; CREATE INDEX taken ON "
+        "voxels(taken_at) WHERE taken_at IS NOT NULL; BEGIN");
+    for (int i = 0; i < 2000; ++i) {
+      const auto key = static_cast<VoxelKey>(i);
+      const std::string record = Pack(key, key, i) + std::string(1200, 'r');
+      SQLite::Statement put(old, "INSERT INTO voxels VALUES(?1, ?1, ?2, ?3, ?4, ?5)");
+      put.bind(1, i);
+      put.bind(2, i % 10);
+      if (i % 3 == 0) put.bind(3, 15);
+      put.bind(4, static_cast<std::int64_t>(Crc32(record)));
+      put.bind(5, record.data(), static_cast<int>(record.size()));
+      put.exec();
+      bytes += record.size();
+      if (i % 10 < 5) reference->Put(key, key, record);
+    }
+    old.exec("COMMIT");
+  }
+  ASSERT_GT(fs::file_size(Tiles()), 2 * bytes);
+  {
+    TileStore store(Tiles(), Lifetime::kKept);
+    store.SyncToDisk();
+    EXPECT_LT(fs::file_size(Tiles()), bytes + bytes / 3 + (1 << 20));
+    EXPECT_EQ(store.records(), 1333U);
+    store.RollBackTo(4);
+    ExpectSame(store, *reference);
+  }
+  ExpectSame(TileStore(Tiles(), Lifetime::kKept), *reference);
+  EXPECT_FALSE(fs::exists(Tiles() + ".partial"));
+}
+
 TEST_F(TileStoreTest, DamagedRecordsAreLeftOutAndCounted) {
   const Records records = {Record(1, 1, 1), Record(1, 2, 2), Record(1, 3, 3), Record(2, 4, 4)};
   {
@@ -267,12 +353,12 @@ TEST_F(TileStoreTest, DamagedRecordsAreLeftOutAndCounted) {
 TEST_F(TileStoreTest, AnyDamagedPageIsFoundAtTheLatestAtTheNextStart) {
   {
     TileStore store(Tiles(), Lifetime::kKept);
-    for (VoxelKey i = 0; i < 12; ++i) store.Put(i, i, std::string(9000, 'r'));
+    for (VoxelKey i = 0; i < 12; ++i) store.Put(i, i, std::string(36000, 'r'));
     store.Commit();
     store.SyncToDisk();
   }
   const std::string sound = Bytes(Tiles());
-  constexpr std::size_t kPage = 4096;
+  constexpr std::size_t kPage = 16384;
   ASSERT_GT(sound.size(), 20 * kPage);
   int at_start = 0, left_out = 0, in_use = 0;
   for (std::size_t page = 1; page < sound.size() / kPage; ++page) {
