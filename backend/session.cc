@@ -7,7 +7,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cstring>
 #include <filesystem>
 #include <sstream>
@@ -173,15 +172,10 @@ void Session::OpenDatabase() {
   try {
     database_ = std::make_unique<SessionDatabase>(path, true);
     // A file that is gone or cut to nothing makes a new database.
-    const std::optional<std::string> options = database_->Meta(kFixedOptions);
-    // The text of the options has no control characters but its line ends.
-    const bool damaged = options && std::any_of(options->begin(), options->end(), [](char c) {
-                           return c != '\n' && std::iscntrl(static_cast<unsigned char>(c)) != 0;
-                         });
-    if ((options && !damaged) || !fs::exists(backup)) return;
+    if (database_->Meta(kFixedOptions) || !fs::exists(backup)) return;
     database_.reset();
-    spdlog::error("{}: {}; going back to the copy of the last checkpoint", path,
-                  damaged ? "is damaged" : "has lost all that was in it");
+    spdlog::error("{}: has lost all that was in it; going back to the copy of the last checkpoint",
+                  path);
   } catch (const OtherFormatError&) {
     throw;
   } catch (const InputError& error) {

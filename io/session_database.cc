@@ -8,6 +8,7 @@
 #include <filesystem>
 
 #include "core/error.h"
+#include "io/checksum.h"
 #include "io/disk_room.h"
 #include "io/file_writer.h"
 #include "io/session_rows.h"
@@ -22,6 +23,10 @@ constexpr const char* kVersion = "2";
 // More than is written between two checkpoints of a session: mostly Tidy() does it, beside the
 // writer.
 constexpr std::size_t kMostLogBytes = 8 << 20;
+
+// The row of `meta` behind that of a key. There is none in sessions of older programs.
+constexpr const char* kChecksum = ".crc32";
+std::string ChecksumOf(const std::string& value) { return std::to_string(Crc32(value)); }
 
 }  // namespace
 
@@ -125,19 +130,29 @@ SessionDatabase::SessionDatabase(const std::string& path, bool check) {
 SessionDatabase::~SessionDatabase() = default;
 
 std::optional<std::string> SessionDatabase::Meta(const std::string& key) const {
-  return impl_->Guarded("cannot be read", [&]() -> std::optional<std::string> {
+  const auto value_of = [this](const std::string& name) -> std::optional<std::string> {
     SQLite::Statement get(impl_->database, "SELECT value FROM meta WHERE key = ?");
-    get.bind(1, key);
+    get.bind(1, name);
     if (!get.executeStep()) return std::nullopt;
     return get.getColumn(0).getString();
+  };
+  return impl_->Guarded("cannot be read", [&] {
+    const std::optional<std::string> value = value_of(key), checksum = value_of(key + kChecksum);
+    if (value && checksum && *checksum != ChecksumOf(*value)) {
+      throw InputError(
+          fmt::format("{}: is damaged: the checksum of '{}' differs", impl_->path, key));
+    }
+    return value;
   });
 }
 
 void SessionDatabase::SetMeta(const std::string& key, const std::string& value) {
   impl_->Guarded("cannot be written", [&] {
-    SQLite::Statement set(impl_->database, "INSERT OR REPLACE INTO meta VALUES(?,?)");
+    SQLite::Statement set(impl_->database, "INSERT OR REPLACE INTO meta VALUES(?,?),(?,?)");
     set.bind(1, key);
     set.bind(2, value);
+    set.bind(3, key + kChecksum);
+    set.bind(4, ChecksumOf(value));
     set.exec();
   });
 }

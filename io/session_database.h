@@ -1,7 +1,8 @@
 // What a mapping session remembers, in one SQLite file (write-ahead log, every commit on disk
 // before it returns):
 //
-//     meta       key, value      version, the options that decide results
+//     meta       key, value      version, the options that decide results; and the CRC-32 of each,
+//                                under its key with .crc32 behind
 //     scans      a row a scan    file, stamp, pose, covariance, figures (SessionScan)
 //     solves     a row a window that bundle adjustment solved
 //     set_aside  files that never became a scan, and why
@@ -73,6 +74,7 @@ class SessionDatabase {
   SessionDatabase(const std::string& path, bool check);
   ~SessionDatabase();
 
+  // Throws InputError, naming file and key, if the value is not the one that was set.
   std::optional<std::string> Meta(const std::string& key) const;
   void SetMeta(const std::string& key, const std::string& value);
 

@@ -285,6 +285,15 @@ TEST_F(SessionDatabaseTest, MetaIsKept) {
   EXPECT_EQ(Open()->Meta("empty"), "");
   Open()->SetMeta("key", "three");
   EXPECT_EQ(Open()->Meta("key"), "three");
+  const auto execute = [this](const char* statement) {
+    SQLite::Database(Path("session.db"), SQLite::OPEN_READWRITE).exec(statement);
+  };
+  execute("UPDATE meta SET value = 'thrEe' WHERE key = 'key'");
+  EXPECT_THAT(MessageOf<InputError>([this] { Open()->Meta("key"); }),
+              HasSubstr("is damaged: the checksum of 'key' differs"));
+  // Of an older program.
+  execute("DELETE FROM meta WHERE key = 'key.crc32'");
+  EXPECT_EQ(Open()->Meta("key"), "thrEe");
 }
 
 TEST_F(SessionDatabaseTest, ADamagedRowIsNamed) {
