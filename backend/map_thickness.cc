@@ -4,6 +4,8 @@
 #include <cmath>
 #include <vector>
 
+#include "core/median.h"
+
 namespace lamina {
 
 MapThickness MeasureThickness(const VoxelMap& map, int min_frames) {
@@ -12,9 +14,7 @@ MapThickness MeasureThickness(const VoxelMap& map, int min_frames) {
   MapThickness thickness;
   thickness.planes = variances.size();
   if (variances.empty()) return thickness;
-  const auto middle = variances.begin() + static_cast<std::ptrdiff_t>(variances.size() / 2);
-  std::nth_element(variances.begin(), middle, variances.end());
-  thickness.median_m = std::sqrt(std::max(0.0, static_cast<double>(*middle)));
+  thickness.median_m = std::sqrt(std::max(0.0, static_cast<double>(UpperMedian(&variances))));
   return thickness;
 }
 

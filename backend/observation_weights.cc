@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "backend/sliding_window.h"
+#include "core/median.h"
 #include "core/robust_kernel.h"
 #include "core/voxel_key.h"
 
@@ -60,10 +61,8 @@ void ObservationWeights::ScaleKernels(const KernelOptions& options) {
   std::vector<double> variances;
   variances.reserve(planes_.size());
   for (const Support& plane : planes_) variances.push_back(plane.scale2);
-  const auto middle = variances.begin() + static_cast<std::ptrdiff_t>(variances.size() / 2);
-  std::nth_element(variances.begin(), middle, variances.end());
-  const double most =
-      options.resist_outliers ? kMostOfUsual * *middle : std::numeric_limits<double>::infinity();
+  const double most = options.resist_outliers ? kMostOfUsual * UpperMedian(&variances)
+                                              : std::numeric_limits<double>::infinity();
   for (Support& plane : planes_) {
     plane.scale2 = options.kernel_sigma * options.kernel_sigma *
                    (options.noise_floor_m * options.noise_floor_m + std::min(plane.scale2, most));

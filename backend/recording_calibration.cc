@@ -8,6 +8,7 @@
 #include "backend/map_thickness.h"
 #include "core/central_twist.h"
 #include "core/error.h"
+#include "core/median.h"
 #include "core/parallel.h"
 
 namespace lamina {
@@ -82,10 +83,7 @@ double MedianRange(const ScanSource& source, const MappingOptions& mapping, std:
       ranges.push_back(c.points.mean.norm());
     }
   }
-  if (ranges.empty()) return 0.0;
-  const auto middle = ranges.begin() + static_cast<std::ptrdiff_t>(ranges.size() / 2);
-  std::nth_element(ranges.begin(), middle, ranges.end());
-  return *middle;
+  return ranges.empty() ? 0.0 : UpperMedian(&ranges);
 }
 
 std::vector<CalibrationSegment> ReadSegments(const ScanSource& source,

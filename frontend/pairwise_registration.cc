@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "core/median.h"
 #include "core/voxel_key.h"
 #include "frontend/fast_global_registration.h"
 #include "frontend/pcl_registration.h"
@@ -48,9 +49,7 @@ double FeatureVoxel(const std::vector<std::vector<Eigen::Vector3f>>& scans) {
     for (std::size_t i = 0; i < scan.size(); i += kStride) ranges.push_back(scan[i].norm());
   }
   if (ranges.empty()) return 0.25;
-  const auto middle = ranges.begin() + static_cast<std::ptrdiff_t>(ranges.size() / 2);
-  std::nth_element(ranges.begin(), middle, ranges.end());
-  return std::clamp(0.04 * static_cast<double>(*middle), 0.1, 0.3);
+  return std::clamp(0.04 * static_cast<double>(UpperMedian(&ranges)), 0.1, 0.3);
 }
 
 std::unique_ptr<PairwiseMethod> MakePairwiseMethod(PairwiseKind kind,

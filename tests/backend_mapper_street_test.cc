@@ -105,15 +105,18 @@ TEST(MapperStreet, HardBrakingIsFollowed) {
   EXPECT_LT(outcome.worst_m, 0.1);
 }
 
+// From scan 60 on, at full speed, so many of another kind.
+Outcome MapInterrupted(ScanKind by, int count, int scans, unsigned seed) {
+  Drive drive;
+  drive.scans = scans;
+  drive.way_m = Accelerating;
+  drive.kind = [by, count](int i) { return i >= 60 && i < 60 + count ? by : ScanKind::kStreet; };
+  return Map(drive, seed);
+}
+
 TEST(MapperStreet, AfterSprayTheWayIsFoundAgain) {
   for (const int count : {11, 15}) {
-    Drive drive;
-    drive.scans = 85;
-    drive.way_m = Accelerating;
-    drive.kind = [count](int i) {
-      return i >= 60 && i < 60 + count ? ScanKind::kSpray : ScanKind::kStreet;
-    };
-    const Outcome outcome = Map(drive, 6);
+    const Outcome outcome = MapInterrupted(ScanKind::kSpray, count, 85, 6);
     EXPECT_GE(outcome.lost, count);
     EXPECT_LE(outcome.lost, count + 1);
     EXPECT_LT(outcome.worst_m, 0.1);
@@ -122,13 +125,7 @@ TEST(MapperStreet, AfterSprayTheWayIsFoundAgain) {
 
 TEST(MapperStreet, AfterAGapOfTheRecorderTheWayIsFoundAgain) {
   for (const int count : {10, 20}) {
-    Drive drive;
-    drive.scans = 95;
-    drive.way_m = Accelerating;
-    drive.kind = [count](int i) {
-      return i >= 60 && i < 60 + count ? ScanKind::kMissing : ScanKind::kStreet;
-    };
-    const Outcome outcome = Map(drive, 7);
+    const Outcome outcome = MapInterrupted(ScanKind::kMissing, count, 95, 7);
     EXPECT_LE(outcome.lost, 1);
     EXPECT_LT(outcome.worst_m, 0.1);
   }

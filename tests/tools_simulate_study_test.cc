@@ -112,10 +112,6 @@ TEST(SimulateStudy, SweptValuesReachTheScene) {
 }
 
 TEST(SimulateReport, MediansAndShares) {
-  EXPECT_EQ(Median({3.0, 1.0, 2.0}), 2.0);
-  EXPECT_EQ(Median({4.0, 1.0, 2.0, 3.0}), 2.5);
-  EXPECT_EQ(Median({1.0, TrialResult::kNever, TrialResult::kNever}), TrialResult::kNever);
-  EXPECT_TRUE(std::isnan(Median({})));
   std::vector<TrialResult> results(4);
   for (std::size_t i = 0; i < 4; ++i) {
     results[i].iterations = static_cast<int>(10 * i);

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "core/error.h"
+#include "core/median.h"
 #include "tools/simulate_report.h"
 
 namespace lamina {

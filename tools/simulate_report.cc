@@ -6,6 +6,8 @@
 #include <cmath>
 #include <limits>
 
+#include "core/median.h"
+
 namespace lamina {
 namespace {
 
@@ -98,13 +100,6 @@ void TrialTable::Append(const std::vector<TrialResult>& trial) {
         Cell(t.iterations_to_optimum), Cell(t.ms_to_optimum), t.truth_cost, t.fits ? 1 : 0,
         t.success ? 1 : 0));
   }
-}
-
-double Median(std::vector<double> values) {
-  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-  std::sort(values.begin(), values.end());
-  const double low = values[(values.size() - 1) / 2], high = values[values.size() / 2];
-  return low == high ? low : 0.5 * (low + high);
 }
 
 std::vector<TrialSummary> SummariseTrials(const std::vector<TrialResult>& results) {

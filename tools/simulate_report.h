@@ -36,9 +36,6 @@ struct TrialSummary {
   double iterations_to_optimum = 0.0, ms_to_optimum = 0.0;
 };
 
-// The mean of the middle two for an even count; NaN of none.
-double Median(std::vector<double> values);
-
 // In the order in which value and formulation first appear.
 std::vector<TrialSummary> SummariseTrials(const std::vector<TrialResult>& results);
 
