@@ -39,6 +39,8 @@ const char* ToString(SkipReason reason) {
       return "stamp_not_after_last";
     case SkipReason::kNoRoomForPiece:
       return "no_room_for_piece";
+    case SkipReason::kTooSoonAfterOtherSensor:
+      return "too_soon_after_other_sensor";
   }
   return "unknown";
 }
@@ -49,13 +51,15 @@ DecodedScan DecodeScan(const ScanSource& source, const ScanPreparationOptions& p
   ScanDecodeReport& report = decoded.report;
   report.index = i;
   report.recording = source.Recording(i);
+  report.sensor = source.Sensor(i);
   report.stamp_ns = source.Stamp(i);
   Stopwatch watch;
   try {
     const Scan scan = source.Read(i);
     report.stamp_ns = scan.stamp_ns;
     report.read_ms = watch.LapMilliseconds();
-    PreparedScan prepared = PrepareScan(scan, preparation, PeriodAt(source, begin, i));
+    PreparedScan prepared =
+        PrepareScan(scan, preparation, PeriodAt(source, begin, i), source.T_vehicle_lidar(i));
     report.points = prepared.points.size();
     report.prepare_ms = watch.LapMilliseconds();
     if (report.points < static_cast<std::size_t>(min_points)) {

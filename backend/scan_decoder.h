@@ -27,12 +27,19 @@ struct PipelineOptions {
 };
 
 // Why a scan got no pose of its own.
-enum class SkipReason { kUnreadable, kTooFewPoints, kStampNotAfterLast, kNoRoomForPiece };
+enum class SkipReason {
+  kUnreadable,
+  kTooFewPoints,
+  kStampNotAfterLast,
+  kNoRoomForPiece,
+  kTooSoonAfterOtherSensor,  // of its vehicle (io/vehicle_scans.h)
+};
 const char* ToString(SkipReason reason);
 
 struct ScanDecodeReport {
   std::size_t index = 0;  // in the source
-  std::string recording;  // that it is of (ScanSource::Recording)
+  std::string recording;  // that it is of (ScanSource::Recording), and its sensor there
+  std::string sensor;
   StampNs stamp_ns = 0;
   bool skipped = false;
   SkipReason reason = SkipReason::kUnreadable;

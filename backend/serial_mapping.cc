@@ -36,12 +36,7 @@ void SerialMapping::Process(ScanReport* report, std::vector<TimedCluster>* clust
     Skip(SkipReason::kNoRoomForPiece,
          "the map holds " + std::to_string(kMostSlots) + " pieces and no more", report);
   } else {
-    if (!report->skipped && recording->any && report->stamp_ns <= recording->last_stamp_ns) {
-      Skip(SkipReason::kStampNotAfterLast,
-           "its stamp " + std::to_string(report->stamp_ns) + " ns is not after the last one, " +
-               std::to_string(recording->last_stamp_ns) + " ns",
-           report);
-    }
+    if (!report->skipped && recording->any) CheckStamp(*recording, report);
     if (!report->skipped) Map(recording, report, clusters);
     report->piece = recording->mapper->mapper().piece();
   }
@@ -55,6 +50,24 @@ void SerialMapping::Process(ScanReport* report, std::vector<TimedCluster>* clust
   if (!report->skipped) recording->mapper->StartDueSolve();
   SolveSilent(report->index);
   if (callbacks_.on_settled) callbacks_.on_settled();
+}
+
+void SerialMapping::CheckStamp(const Recording& recording, ScanReport* report) {
+  constexpr StampNs kLeastApartNs = 10'000'000;
+  const std::string times = "its stamp " + std::to_string(report->stamp_ns) + " ns is not ";
+  const std::string last = std::to_string(recording.last_stamp_ns) + " ns";
+  const bool other = report->sensor != recording.last_sensor;
+  // In this order: the difference of two stamps might not fit.
+  if (report->stamp_ns < recording.last_stamp_ns ||
+      (!other && report->stamp_ns == recording.last_stamp_ns)) {
+    Skip(SkipReason::kStampNotAfterLast, times + "after the last one, " + last, report);
+  } else if (other && SecondsBetween(recording.last_stamp_ns, report->stamp_ns) <
+                          kSecondsPerNs * static_cast<double>(kLeastApartNs)) {
+    Skip(SkipReason::kTooSoonAfterOtherSensor,
+         times + "10 ms after that of sensor '" + recording.last_sensor + "' of its vehicle, " +
+             last,
+         report);
+  }
 }
 
 SerialMapping::Recording* SerialMapping::FindOrBegin(const ScanReport& report) {
@@ -106,6 +119,7 @@ void SerialMapping::End(PieceMapper* mapper, std::size_t scan) {
 void SerialMapping::Map(Recording* recording, ScanReport* report,
                         std::vector<TimedCluster>* clusters) {
   recording->last_stamp_ns = report->stamp_ns;
+  recording->last_sensor = report->sensor;
   recording->any = true;
   const MappedFrame frame = Register(recording, report, clusters);
   report->odometry = frame.odometry;
@@ -218,7 +232,8 @@ void SerialMapping::Archive(StateArchive& a) {
     Recording& recording = recordings_[name];
     std::int64_t piece = a.reading() ? 0 : recording.mapper->mapper().piece();
     FinalPoses::Stream stream = a.reading() ? 0 : recording.mapper->stream();
-    a(&recording.any, &recording.last_stamp_ns, &recording.last_scan, &piece, &stream);
+    a(&recording.any, &recording.last_stamp_ns, &recording.last_sensor, &recording.last_scan,
+      &piece, &stream);
     if (a.reading()) {
       recording.mapper =
           std::make_unique<PieceMapper>(options_.mapper, &map_, piece, stream, SE3());

@@ -53,6 +53,7 @@ class SerialMapping {
   struct Recording {
     bool any = false;  // scan that was not skipped
     StampNs last_stamp_ns = 0;
+    std::string last_sensor;
     std::int64_t last_scan = 0;  // skipped or not
     std::unique_ptr<PieceMapper> mapper;
   };
@@ -62,6 +63,7 @@ class SerialMapping {
   std::unique_ptr<PieceMapper> BeginPiece(const SE3& T_world_start);
   void EndLongestSilent(std::size_t scan);
   void End(PieceMapper* mapper, std::size_t scan);
+  static void CheckStamp(const Recording& recording, ScanReport* report);
   void Map(Recording* recording, ScanReport* report, std::vector<TimedCluster>* clusters);
   MappedFrame Register(Recording* recording, ScanReport* report,
                        std::vector<TimedCluster>* clusters);

@@ -4,6 +4,7 @@
 #include <yaml-cpp/yaml.h>
 
 #include <algorithm>
+#include <cmath>
 #include <fstream>
 #include <map>
 #include <set>
@@ -21,9 +22,56 @@ std::string JoinNames(const std::vector<std::string>& names) {
 struct Setting {
   std::string value;
   std::string place;  // file:line, or the pair as given
+  bool list = false;
 };
 
 using Settings = std::map<std::string, Setting>;
+
+// The numbers of a list, or of a list of rows.
+std::vector<double> NumbersOf(const YAML::Node& node) {
+  if (node.IsScalar()) return {node.as<double>()};
+  std::vector<double> numbers;
+  for (const YAML::Node& part : node) {
+    const std::vector<double> more = NumbersOf(part);
+    numbers.insert(numbers.end(), more.begin(), more.end());
+  }
+  return numbers;
+}
+
+// From x y z qx qy qz qw, or the 3x4 or 4x4 numbers of a matrix, row by row.
+SE3 PoseFromNumbers(const std::vector<double>& v) {
+  constexpr double kTolerance = 1e-3;
+  if (v.size() == 7) {
+    SE3 pose;
+    pose.t = {v[0], v[1], v[2]};
+    pose.q = Eigen::Quaterniond(v[6], v[3], v[4], v[5]);
+    const double norm = pose.q.norm();
+    if (!(std::abs(norm - 1.0) <= kTolerance)) {
+      throw OptionError(fmt::format("its quaternion must have length 1, not {:.6g}", norm));
+    }
+    // What has been written by ToYaml stays as it is, to the last bit.
+    if (std::abs(norm - 1.0) > 1e-12) pose.q.normalize();
+    return pose;
+  }
+  if (v.size() != 12 && v.size() != 16) {
+    throw OptionError(fmt::format(
+        "must be 7 numbers, x y z qx qy qz qw, or the 12 or 16 of a matrix, not {}", v.size()));
+  }
+  const Eigen::Matrix<double, 3, 4> T =
+      Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(v.data());
+  const Eigen::Matrix3d R = T.leftCols<3>();
+  const double off = (R * R.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  if (!(off <= kTolerance) || R.determinant() < 0.0) {
+    throw OptionError(fmt::format(
+        "its 3x3 part must be a rotation: R R^T is off the identity by {:.6g}, its determinant is "
+        "{:.6g}",
+        off, R.determinant()));
+  }
+  if (v.size() == 16 && !(v[12] == 0.0 && v[13] == 0.0 && v[14] == 0.0 && v[15] == 1.0)) {
+    throw OptionError("its last row must be 0 0 0 1");
+  }
+  return SE3(R, T.col(3));
+}
 
 // Gives options the values of `settings`, and remembers which names there are.
 class Assigner final : public NamedOptionVisitor {
@@ -52,13 +100,59 @@ class Assigner final : public NamedOptionVisitor {
     *index = static_cast<int>(found - names.begin());
   }
 
+  void FolderPoses(const char* name, std::map<std::string, SE3>* poses, double most_m) override {
+    const Setting* whole = Find(name);
+    if (whole != nullptr && whole->value != "{}") {
+      throw OptionError(
+          fmt::format("{}: {} = {}: must be a group, a pose for each folder: {}.FOLDER",
+                      whole->place, FullName(name), whole->value, FullName(name)));
+    }
+    const std::string prefix = FullName(name) + ".";
+    for (auto it = settings_.lower_bound(prefix);
+         it != settings_.end() && it->first.compare(0, prefix.size(), prefix) == 0; ++it) {
+      const auto& [full_name, setting] = *it;
+      names_.push_back(full_name);
+      const std::string folder = full_name.substr(prefix.size());
+      (*poses)[folder] = PoseOf(full_name, setting);
+      std::map<std::string, SE3> one{{folder, (*poses)[folder]}};
+      InPlace(setting,
+              [&] { OptionChecker("").FolderPoses(FullName(name).c_str(), &one, most_m); });
+    }
+  }
+
   const std::vector<std::string>& names() const { return names_; }
 
  private:
   const Setting* Find(const char* name) {
     names_.push_back(FullName(name));
     const auto found = settings_.find(names_.back());
-    return found == settings_.end() ? nullptr : &found->second;
+    if (found == settings_.end()) return nullptr;
+    if (found->second.list) {
+      throw OptionError(fmt::format("{}: '{}' must be a single value or a group",
+                                    found->second.place, found->first));
+    }
+    return &found->second;
+  }
+
+  static SE3 PoseOf(const std::string& name, const Setting& setting) {
+    try {
+      return PoseFromNumbers(NumbersOf(YAML::Load(setting.value)));
+    } catch (const YAML::Exception&) {
+    } catch (const OptionError& error) {
+      throw OptionError(
+          fmt::format("{}: {} = {}: {}", setting.place, name, setting.value, error.what()));
+    }
+    throw OptionError(
+        fmt::format("{}: {} = {}: must be a list of numbers", setting.place, name, setting.value));
+  }
+
+  template <typename Check>
+  static void InPlace(const Setting& setting, const Check& check) {
+    try {
+      check();
+    } catch (const OptionError& error) {
+      throw OptionError(fmt::format("{}: {}", setting.place, error.what()));
+    }
   }
 
   template <typename T, typename Check>
@@ -71,11 +165,7 @@ class Assigner final : public NamedOptionVisitor {
       throw OptionError(fmt::format("{}: {} = {}: must be {}", setting->place, FullName(name),
                                     setting->value, rule));
     }
-    try {
-      check();
-    } catch (const OptionError& error) {
-      throw OptionError(fmt::format("{}: {}", setting->place, error.what()));
-    }
+    InPlace(*setting, check);
   }
 
   const Settings& settings_;
@@ -120,8 +210,12 @@ void Flatten(const YAML::Node& node, const std::string& prefix, const std::strin
     const std::string place = fmt::format("{}:{}", file, entry.first.Mark().line + 1);
     if (entry.second.IsMap()) {
       Flatten(entry.second, name, file, settings);
-    } else if (entry.second.IsScalar()) {
-      if (!settings->emplace(name, Setting{entry.second.Scalar(), place}).second) {
+    } else if (entry.second.IsScalar() || entry.second.IsSequence()) {
+      YAML::Emitter list;
+      list << YAML::Flow << entry.second;
+      const bool scalar = entry.second.IsScalar();
+      const Setting setting{scalar ? entry.second.Scalar() : list.c_str(), place, !scalar};
+      if (!settings->emplace(name, setting).second) {
         throw OptionError(fmt::format("{}: option '{}' is given twice", place, name));
       }
     } else {
@@ -160,6 +254,17 @@ class Emitter final : public OptionVisitor {
   void Flag(const char* name, bool* value) override { Line(name, *value ? "true" : "false"); }
   void Choice(const char* name, int* index, const std::vector<std::string>& names) override {
     Line(name, names.at(static_cast<std::size_t>(*index)));
+  }
+  void FolderPoses(const char* name, std::map<std::string, SE3>* poses, double) override {
+    if (poses->empty()) return Line(name, "{}");
+    BeginGroup(name);
+    for (const auto& [folder, T] : *poses) {
+      YAML::Emitter quoted;
+      quoted << YAML::DoubleQuoted << folder;
+      Line(quoted.c_str(), fmt::format("[{}, {}, {}, {}, {}, {}, {}]", T.t.x(), T.t.y(), T.t.z(),
+                                       T.q.x(), T.q.y(), T.q.z(), T.q.w()));
+    }
+    EndGroup();
   }
   void BeginGroup(const char* name) override {
     text += std::string(indent_, ' ') + name + ":\n";
@@ -224,7 +329,7 @@ LaminaConfig LoadConfig(const std::string& path, const std::vector<std::string>&
     if (equals == std::string::npos || equals == 0) {
       throw OptionError(fmt::format("--set {}: must have the form key=value", pair));
     }
-    pairs[pair.substr(0, equals)] = {pair.substr(equals + 1), "--set " + pair};
+    pairs[pair.substr(0, equals)] = {pair.substr(equals + 1), "--set " + pair, false};
   }
   Apply(pairs, &config);
   config.backend.CheckTogether();

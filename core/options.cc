@@ -2,6 +2,8 @@
 
 #include <sstream>
 
+#include "core/se3.h"
+
 namespace lamina {
 namespace {
 
@@ -36,6 +38,22 @@ void OptionChecker::Integer(const char* name, int* value, int low, int high) {
 
 void OptionChecker::Choice(const char* name, int* index, const std::vector<std::string>& names) {
   CheckRange(FullName(name), *index, 0, static_cast<int>(names.size()) - 1);
+}
+
+void OptionChecker::FolderPoses(const char* name, std::map<std::string, SE3>* poses,
+                                double most_m) {
+  constexpr double kUnit = 1e-6;
+  for (const auto& [folder, pose] : *poses) {
+    if (folder.empty() || folder.front() == '/' || folder.back() == '/') {
+      throw OptionError(FullName(name) + ": '" + folder +
+                        "' must be the name of a folder, without a slash at either end");
+    }
+    const std::string of_folder = FullName(name) + "." + folder;
+    for (int i = 0; i < 3; ++i) {
+      CheckRange(of_folder + " " + "xyz"[i], pose.t(i), -most_m, most_m);
+    }
+    CheckRange(of_folder + " length of the quaternion", pose.q.norm(), 1.0 - kUnit, 1.0 + kUnit);
+  }
 }
 
 }  // namespace lamina

@@ -10,12 +10,15 @@
 // home.
 #pragma once
 
+#include <map>
 #include <string>
 #include <vector>
 
 #include "core/error.h"
 
 namespace lamina {
+
+struct SE3;
 
 class OptionVisitor {
  public:
@@ -27,6 +30,8 @@ class OptionVisitor {
   virtual void Flag(const char* name, bool* value) = 0;
   // One of `names`; *index is its position.
   virtual void Choice(const char* name, int* index, const std::vector<std::string>& names) = 0;
+  // Poses of the folders that the user names, with no coordinate beyond `most_m`.
+  virtual void FolderPoses(const char* name, std::map<std::string, SE3>* poses, double most_m) = 0;
   virtual void BeginGroup(const char* name) = 0;
   virtual void EndGroup() = 0;
 
@@ -66,6 +71,7 @@ class OptionChecker final : public NamedOptionVisitor {
   void Integer(const char* name, int* value, int low, int high) override;
   void Flag(const char*, bool*) override {}
   void Choice(const char* name, int* index, const std::vector<std::string>& names) override;
+  void FolderPoses(const char* name, std::map<std::string, SE3>* poses, double most_m) override;
 };
 
 // Every algorithm calls this on the options that it is constructed with.

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/median.h"
+
 namespace lamina {
 namespace {
 
@@ -45,6 +47,16 @@ class AzimuthClock {
   float sign_, start_, stamp_fraction_, period_;
 };
 
+void MoveInto(const SE3& T_vehicle_lidar, std::vector<TimedPoint>* points) {
+  const Eigen::Matrix3f R = T_vehicle_lidar.R().cast<float>();
+  const Eigen::Vector3f t = T_vehicle_lidar.t.cast<float>();
+  if (R == Eigen::Matrix3f::Identity() && t.isZero(0.0F)) return;
+  for (TimedPoint& p : *points) {
+    const Eigen::Vector3f moved = R * Eigen::Vector3f(p.x, p.y, p.z) + t;
+    p = {moved.x(), moved.y(), moved.z(), p.time_s};
+  }
+}
+
 }  // namespace
 
 void ScanPreparationOptions::Visit(OptionVisitor& v) {
@@ -60,7 +72,7 @@ void ScanPreparationOptions::Visit(OptionVisitor& v) {
 }
 
 PreparedScan PrepareScan(const Scan& scan, const ScanPreparationOptions& options,
-                         double sweep_period_s) {
+                         double sweep_period_s, const SE3& T_vehicle_lidar) {
   using Deskew = ScanPreparationOptions::Deskew;
   const bool from_azimuth = options.deskew == Deskew::kAzimuth;
   const bool from_file =
@@ -119,6 +131,7 @@ PreparedScan PrepareScan(const Scan& scan, const ScanPreparationOptions& options
     ++kept;
   }
   result.points.resize(kept);
+  MoveInto(T_vehicle_lidar, &result.points);
   return result;
 }
 
@@ -130,10 +143,7 @@ double SweepPeriod(const std::vector<StampNs>& stamps_up_to_i, double fallback_s
     if (period > 0.0) periods.push_back(period);
   }
   if (periods.empty()) return fallback_s;
-  std::nth_element(periods.begin(),
-                   periods.begin() + static_cast<std::ptrdiff_t>(periods.size() / 2),
-                   periods.end());
-  return periods[periods.size() / 2];
+  return UpperMedian(&periods);
 }
 
 }  // namespace lamina

@@ -56,9 +56,10 @@ struct PreparedScan {
 };
 
 // Pure function of its arguments; thread-safe. `sweep_period_s` is the time between scans by their
-// stamps, used where the option of that name is 0.
+// stamps, used where the option of that name is 0. Points are returned in the frame of the vehicle,
+// after all that is done in that of the sensor.
 PreparedScan PrepareScan(const Scan& scan, const ScanPreparationOptions& options,
-                         double sweep_period_s);
+                         double sweep_period_s, const SE3& T_vehicle_lidar = SE3());
 
 // The period that PrepareScan wants for scan i: the median of the last (up to 9) positive
 // differences of the stamps up to i, or `fallback_s` where there is none. A dropped scan does not

@@ -15,8 +15,10 @@
 #include "io/arriving_files.h"
 #include "io/file_arrival.h"
 #include "io/inbox_sequence.h"
+#include "io/inbox_turns.h"
 #include "io/inbox_watcher.h"
 #include "io/name_set.h"
+#include "io/vehicle_scans.h"
 
 namespace lamina {
 namespace {
@@ -52,7 +54,8 @@ class Inbox::Impl final : public InboxWatcher::Events {
         known_(std::move(known)),
         now_(std::move(now)),
         watcher_(root_, static_cast<InboxWatcher::Kind>(options.watch)),
-        arriving_(root_, options) {
+        arriving_(root_, options),
+        turns_(options.reorder_wait_s) {
     Look();
   }
 
@@ -74,11 +77,6 @@ class Inbox::Impl final : public InboxWatcher::Events {
  private:
   using How = InboxWatcher::How;
 
-  struct FolderBefore {
-    bool operator()(const InboxSequence* a, const InboxSequence* b) const {
-      return NaturalLess(a->folder(), b->folder());
-    }
-  };
   struct Placed {
     bool ready = false;
     InboxTime due = kNever;
@@ -106,6 +104,7 @@ class Inbox::Impl final : public InboxWatcher::Events {
   void Wake(InboxSequence* sequence) { awake_.insert(sequence); }
   void Place(InboxSequence* sequence);
   void PlaceAt(InboxSequence* sequence, bool ready, InboxTime due);
+  InboxSequence* Turn(InboxTime* due) const { return turns_.Next(now_(), drained_, due); }
   InboxTime NextDue() const;
 
   const std::string root_;
@@ -128,7 +127,7 @@ class Inbox::Impl final : public InboxWatcher::Events {
   std::unordered_set<InboxSequence*> awake_;
   std::unordered_map<InboxSequence*, Placed> placed_;
   std::set<std::pair<InboxTime, InboxSequence*>> due_;
-  std::set<InboxSequence*, FolderBefore> ready_;
+  InboxTurns turns_;
 };
 
 InboxSequence* Inbox::Impl::FindSequence(const std::string& folder) const {
@@ -141,6 +140,9 @@ InboxSequence* Inbox::Impl::SequenceOf(const std::string& folder) {
   if (sequence == nullptr) {
     const std::string directory = folder.empty() ? root_ : root_ + "/" + folder;
     sequence = std::make_unique<InboxSequence>(folder, directory, scans_, options_);
+    if (const auto mount = FindMount(scans_.T_vehicle_lidar, folder)) {
+      turns_.PutOnVehicle(sequence.get(), mount->vehicle);
+    }
     for (const std::string& path : sequence->StampPaths()) {
       by_stamp_file_[path].push_back(sequence.get());
       const fs::path stamps(path);
@@ -295,12 +297,18 @@ void Inbox::Impl::Place(InboxSequence* sequence) {
   for (;;) {
     const InboxSequence::Decision decision = sequence->Decide(now_(), drained_);
     if (decision.kind == Kind::kWait) return PlaceAt(sequence, false, decision.due);
-    if (decision.kind == Kind::kHandOut) return PlaceAt(sequence, true, kNever);
+    const bool unordered = decision.kind == Kind::kHandOut && !decision.recorded_stamp &&
+                           scans_.T_vehicle_lidar.size() > 1 && turns_.IsOnVehicle(sequence);
+    if (decision.kind == Kind::kHandOut && !unordered) return PlaceAt(sequence, true, kNever);
     const std::string name = sequence->NameOf(decision.file);
-    sequence->Take(decision.kind);
+    sequence->Take(unordered ? Kind::kRefuse : decision.kind);
     --waiting_;
     arriving_.Forget(name);
-    if (decision.kind == Kind::kRefuse) {
+    if (unordered) {
+      Refuse(name,
+             "has no stamp, which the sensors of scans.T_vehicle_lidar need: scans of several are "
+             "put in order by them");
+    } else if (decision.kind == Kind::kRefuse) {
       Refuse(name, decision.reason);
     } else {
       seen_.Insert(name);
@@ -311,23 +319,25 @@ void Inbox::Impl::Place(InboxSequence* sequence) {
 
 void Inbox::Impl::PlaceAt(InboxSequence* sequence, bool ready, InboxTime due) {
   Placed& placed = placed_[sequence];
-  if (placed.ready) ready_.erase(sequence);
   if (placed.due != kNever) due_.erase({placed.due, sequence});
   placed = {ready, due};
-  if (ready) ready_.insert(sequence);
+  turns_.SetReady(sequence, ready);
   if (due != kNever) due_.emplace(due, sequence);
 }
 
 InboxTime Inbox::Impl::NextDue() const {
   InboxTime next = next_look_;
+  InboxTime turn = kNever;
+  Turn(&turn);
+  next = std::min(next, turn);
   if (!due_.empty()) next = std::min(next, due_.begin()->first);
   return std::min(next, arriving_.NextCheck());
 }
 
 std::optional<InboxFile> Inbox::Impl::Next() {
   Advance();
-  while (!ready_.empty()) {
-    InboxSequence* sequence = *ready_.begin();
+  InboxTime due = kNever;
+  while (InboxSequence* sequence = Turn(&due)) {
     const InboxSequence::Decision decision = sequence->Decide(now_(), drained_);
     if (decision.kind != InboxSequence::Decision::Kind::kHandOut) {
       Place(sequence);
@@ -364,7 +374,8 @@ Inbox::Woken Inbox::Impl::Wait(std::chrono::nanoseconds timeout) {
   const std::size_t notices = late.size() + refused.size();
   const auto ready = [&] {
     Advance();
-    return !ready_.empty() || late.size() + refused.size() > notices;
+    InboxTime due = kNever;
+    return Turn(&due) != nullptr || late.size() + refused.size() > notices;
   };
   const InboxTime start = now_();
   for (;;) {

@@ -18,7 +18,9 @@
 //             its number is the last one's plus 1, or its stamp follows within one and a half
 //             of the least of the last eight gaps. An incomplete file holds up those behind it.
 //             Sequences take turns whenever they have a file ready, in natural order of their
-//             folders.
+//             folders. Those of sensors on one vehicle (io/vehicle_scans.h) give their files in the
+//             order of stamps: one waits up to reorder_wait_s for the other sensors to have one,
+//             too. Without a recorded stamp it is refused.
 //   late      What comes before a file of its sequence that was handed out is set aside, never
 //             handed out.
 //   first     The first file of a sequence waits for the second (at most incomplete_wait_s), and

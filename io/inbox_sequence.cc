@@ -309,6 +309,7 @@ InboxSequence::Decision InboxSequence::Decide(InboxTime now, bool drain) {
   decision.kind = Decision::Kind::kHandOut;
   decision.stamp_ns = stamp.ns;
   decision.recorded_stamp = source != Source::kMadeUp;
+  decision.ready_since = since;
   const auto second = std::next(head);
   if (handed_out_ == 0 && second != waiting_.end()) {
     const Stamp next = StampOf(second->first, 1, source);

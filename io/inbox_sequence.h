@@ -56,6 +56,7 @@ class InboxSequence {
     StampNs stamp_ns = 0;
     bool recorded_stamp = false;
     std::optional<StampNs> next_stamp_ns;
+    InboxTime ready_since = kNever;  // of kHandOut: when it was complete; kNever if it is not
     std::string reason;
   };
   // `drain`: nothing more comes. Looks at the stamp file where a stamp is wanted.

@@ -14,6 +14,7 @@
 #include "io/scan_layout.h"
 #include "io/scan_names.h"
 #include "io/text_input.h"
+#include "io/vehicle_scans.h"
 
 namespace lamina {
 namespace {
@@ -43,6 +44,7 @@ class FileScanSource final : public ScanSource {
   std::size_t size() const override { return files_.size(); }
   std::string Name(std::size_t i) const override { return files_.at(i).string(); }
   StampNs Stamp(std::size_t i) const override { return stamps_.at(i); }
+  bool recorded_stamps() const override { return recorded_stamps_; }
   SE3 T_camera_lidar() const override { return T_camera_lidar_; }
 
   Scan Read(std::size_t i) const override {
@@ -105,10 +107,13 @@ class FileScanSource final : public ScanSource {
 void ScanSourceOptions::Visit(OptionVisitor& v) {
   v.Number("frame_period_s", &frame_period_s, 1e-6, 1e6);
   v.EnumChoice("point_time_unit", &point_time_unit, {"auto", "s", "ms", "us", "ns"});
+  constexpr double kMostM = 100.0;
+  v.FolderPoses("T_vehicle_lidar", &T_vehicle_lidar, kMostM);
 }
 
 std::unique_ptr<ScanSource> OpenScans(const std::string& path, const ScanSourceOptions& options) {
   CheckOptions(options, "scans");
+  if (!options.T_vehicle_lidar.empty()) return std::make_unique<VehicleScans>(path, options);
   return std::make_unique<FileScanSource>(FindScanLayout(path), options);
 }
 

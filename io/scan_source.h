@@ -14,10 +14,13 @@
 // Stamps come from times.txt / timestamps.txt where there is one (a line each scan; further lines
 // are fine), else from file names that are whole numbers of nanoseconds, microseconds or
 // milliseconds since the Unix epoch, or seconds with a decimal point; else from `frame_period_s`.
+//
+// With T_vehicle_lidar, PATH is the folder that holds those folders: io/vehicle_scans.h.
 #pragma once
 
 #include <algorithm>
 #include <cstddef>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -35,6 +38,8 @@ struct ScanSourceOptions {
   // about as long as scans do, between 1 ms and 10 s.
   enum class TimeUnit { kAuto, kSeconds, kMilliseconds, kMicroseconds, kNanoseconds };
   TimeUnit point_time_unit = TimeUnit::kAuto;
+  // Where sensors are on their vehicle, by the folders of their scans: see io/vehicle_scans.h.
+  std::map<std::string, SE3> T_vehicle_lidar;
 
   void Visit(OptionVisitor& v);
 };
@@ -53,11 +58,15 @@ class ScanSource {
   // pipeline to judge.
   virtual StampNs Stamp(std::size_t i) const = 0;
 
-  // The recording that scan i is of: scans of one clock and one sensor, which follow one another.
-  // Those of several may alternate.
+  // The recording that scan i is of: scans of one clock and one sensor, or of the sensors of one
+  // vehicle, which follow one another. Those of several may alternate.
   virtual std::string Recording(std::size_t) const { return ""; }
+  // Its sensor: the recording, or one of those on the vehicle.
+  virtual std::string Sensor(std::size_t i) const { return Recording(i); }
+  // Where the sensor of scan i is on its vehicle, whose poses are wanted.
+  virtual SE3 T_vehicle_lidar(std::size_t) const { return SE3(); }
 
-  // Stamps of scan i and of those of its recording before it, at most `most` in all and none before
+  // Stamps of scan i and of those of its sensor before it, at most `most` in all and none before
   // scan `begin`, in order.
   virtual std::vector<StampNs> StampsUpTo(std::size_t i, std::size_t begin,
                                           std::size_t most) const {
@@ -68,8 +77,8 @@ class ScanSource {
     return stamps;
   }
 
-  // Stamp of the scan after i, if it is known by now: from these two the period of a sweep is
-  // learned when there is none before.
+  // Stamp of the scan of its sensor after i, if it is known by now: from these two the period of a
+  // sweep is learned when there is none before.
   virtual std::optional<StampNs> StampAfter(std::size_t i) const {
     if (i + 1 < size()) return Stamp(i + 1);
     return std::nullopt;
@@ -81,6 +90,9 @@ class ScanSource {
   // else count from the scan's earliest point. Throws InputError naming file, place and rule
   // (missing, truncated, not a point file, no points, ...).
   virtual Scan Read(std::size_t i) const = 0;
+
+  // False if stamps are made up from frame_period_s.
+  virtual bool recorded_stamps() const { return true; }
 
   // T_camera_lidar of KITTI odometry's calib.txt ("Tr:"); identity where there is none.
   virtual SE3 T_camera_lidar() const { return SE3(); }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "io/vehicle_scans.h"
+
 namespace lamina {
 
 void StreamedScans::Append(InboxFile file) {
@@ -34,6 +36,16 @@ std::vector<StampNs> StreamedScans::StampsUpTo(std::size_t i, std::size_t begin,
   }
   std::reverse(stamps.begin(), stamps.end());
   return stamps;
+}
+
+std::string StreamedScans::Recording(std::size_t i) const {
+  const auto mount = FindMount(options_.T_vehicle_lidar, File(i).sequence);
+  return mount ? mount->vehicle : File(i).sequence;
+}
+
+SE3 StreamedScans::T_vehicle_lidar(std::size_t i) const {
+  const auto mount = FindMount(options_.T_vehicle_lidar, File(i).sequence);
+  return mount ? mount->T_vehicle_lidar : SE3();
 }
 
 Scan StreamedScans::Read(std::size_t i) const {

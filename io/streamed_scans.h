@@ -35,7 +35,9 @@ class StreamedScans final : public ScanSource {
   std::size_t size() const override { return first_ + files_.size(); }
   std::string Name(std::size_t i) const override { return File(i).path; }
   StampNs Stamp(std::size_t i) const override { return File(i).stamp_ns; }
-  std::string Recording(std::size_t i) const override { return File(i).sequence; }
+  std::string Recording(std::size_t i) const override;
+  std::string Sensor(std::size_t i) const override { return File(i).sequence; }
+  SE3 T_vehicle_lidar(std::size_t i) const override;
   std::vector<StampNs> StampsUpTo(std::size_t i, std::size_t begin,
                                   std::size_t most) const override;
   std::optional<StampNs> StampAfter(std::size_t i) const override { return File(i).next_stamp_ns; }

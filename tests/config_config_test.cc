@@ -104,6 +104,45 @@ TEST_F(Config, OptionsThatContradictOneAnotherAreBothNamed) {
   EXPECT_NO_THROW(LoadConfig("", {"backend.hand_over_lag_frames=20", "backend.window.frames=30"}));
 }
 
+TEST_F(Config, PosesOfSensorsAreListsOrMatricesByFolder) {
+  const std::string list = "scans:\n  T_vehicle_lidar:\n    front: [1, 2, 3, 0, 0, 0.6, 0.8]\n";
+  const std::string matrix =
+      "    \"a b/rear.1\": [[0, -1, 0, 4], [1, 0, 0, 5], [0, 0, 1, 6], [0, 0, 0, 1]]\n";
+  const LaminaConfig config =
+      LoadConfig(Write("a.yaml", list + matrix), {"scans.T_vehicle_lidar.top=[0,0,2, 0,0,0,1]"});
+  const auto& poses = config.scans.T_vehicle_lidar;
+  ASSERT_EQ(poses.size(), 3U);
+  EXPECT_EQ(poses.at("front").t, Eigen::Vector3d(1, 2, 3));
+  EXPECT_NEAR(poses.at("front").q.w(), 0.8, 1e-12);
+  EXPECT_NEAR((poses.at("a b/rear.1") * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(4, 6, 6)).norm(),
+              0.0, 1e-12);
+  EXPECT_EQ(poses.at("top").t.z(), 2.0);
+  const std::string written = ToYaml(config);
+  EXPECT_EQ(ToYaml(LoadConfig(Write("again.yaml", written), {})), written);
+}
+
+TEST_F(Config, PosesOfSensorsThatAreNoneAreRefusedWithValueAndRule) {
+  const auto complaint = [&](const std::string& pose) {
+    return Complaint("", {"scans.T_vehicle_lidar.front=" + pose});
+  };
+  EXPECT_THAT(complaint("[1, 2, 3]"),
+              testing::AllOf(HasSubstr("scans.T_vehicle_lidar.front = [1, 2, 3]"),
+                             HasSubstr("7 numbers"), HasSubstr("not 3")));
+  EXPECT_THAT(complaint("[0, 0, 0, 0, 0, 0, 2]"), HasSubstr("must have length 1, not 2"));
+  EXPECT_THAT(complaint("[500, 0, 0, 0, 0, 0, 1]"),
+              testing::AllOf(HasSubstr("front x = 500"), HasSubstr("[-100, 100]")));
+  EXPECT_THAT(complaint("[.nan, 0, 0, 0, 0, 0, 1]"), HasSubstr("front x = nan"));
+  EXPECT_THAT(complaint("[2, 0, 0, 0,  0, 1, 0, 0,  0, 0, 1, 0]"), HasSubstr("must be a rotation"));
+  EXPECT_THAT(complaint("[1, 0, 0, 0,  0, 1, 0, 0,  0, 0, -1, 0]"), HasSubstr("determinant is -1"));
+  EXPECT_THAT(complaint("[a, b]"), HasSubstr("must be a list of numbers"));
+  EXPECT_THAT(complaint("{x: 1}"), HasSubstr("must be a list of numbers"));
+  EXPECT_THAT(Complaint("", {"scans.T_vehicle_lidar./front=[0, 0, 0, 0, 0, 0, 1]"}),
+              HasSubstr("'/front' must be the name of a folder"));
+  EXPECT_THAT(Complaint("scans:\n  T_vehicle_lidar: [0, 0, 0, 0, 0, 0, 1]\n"),
+              HasSubstr("must be a single value or a group"));
+  EXPECT_THAT(Complaint("scans:\n  T_vehicle_lidar: 3\n"), HasSubstr("a pose for each folder"));
+}
+
 TEST_F(Config, WrongTypesAreRefused) {
   EXPECT_THAT(Complaint("map:\n  root_size_m: big\n"),
               testing::AllOf(HasSubstr(":2:"), HasSubstr("map.root_size_m = big"),

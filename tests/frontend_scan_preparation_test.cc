@@ -147,5 +147,23 @@ TEST(SweepPeriod, IsTheMedianOfRecentDifferences) {
   EXPECT_NEAR(SweepPeriod(stamps, 0.25), 0.1, 1e-12);
 }
 
+TEST(ScanPreparation, PointsComeInTheFrameOfTheVehicleWithRangesAndTimesOfTheSensor) {
+  Scan scan;
+  scan.points = {{1.5F, 0, 0, 0}, {4, 0, 1, 0}, {0, 12, 0, 0}};
+  scan.time_s = {0.01F, 0.02F, 0.03F};
+  ScanPreparationOptions options;
+  options.min_range_m = 2.0;
+  options.max_range_m = 10.0;
+  // Looks back from 3 m behind: its first point is 4.5 m away from the vehicle's origin.
+  const SE3 T_vehicle_lidar(ExpSO3({0, 0, M_PI}), {-3, 0, 2});
+  const PreparedScan prepared = PrepareScan(scan, options, 0.1, T_vehicle_lidar);
+  ASSERT_EQ(prepared.points.size(), 1U);
+  EXPECT_EQ(prepared.out_of_range, 2U);
+  EXPECT_NEAR(prepared.points[0].x, -7.0F, 1e-5F);
+  EXPECT_NEAR(prepared.points[0].y, 0.0F, 1e-5F);
+  EXPECT_NEAR(prepared.points[0].z, 3.0F, 1e-5F);
+  EXPECT_EQ(prepared.points[0].time_s, 0.02F);
+}
+
 }  // namespace
 }  // namespace lamina

@@ -82,9 +82,10 @@ class Corridor {
 struct Recording {
   std::vector<InboxFile> files;
   std::vector<SE3> truth;
+  ScanSourceOptions options;
 
   StreamedScans From(std::int64_t next) const {
-    StreamedScans scans(0, {});
+    StreamedScans scans(0, options);
     for (std::size_t i = 0; i < static_cast<std::size_t>(next); ++i) scans.Append(files[i]);
     return scans;
   }

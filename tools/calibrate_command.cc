@@ -59,6 +59,12 @@ std::string DescribePass(const CalibrationPass& pass) {
 int Calibrate(const CalibrateArguments& arguments) {
   const auto limit = LimitThreads(arguments.threads);
   const LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
+  if (!config.scans.T_vehicle_lidar.empty()) {
+    throw OptionError(
+        "calibrate and scans.T_vehicle_lidar exclude each other: angles and ranges are those of "
+        "one "
+        "sensor; give its folder as --scans, and no option scans.T_vehicle_lidar");
+  }
   const auto source = OpenScans(arguments.scans, config.scans);
   const FrameRange range = ParseFrameRange(arguments.frames, source->size());
   const std::atomic<bool>& stop = StopOnSignals();

@@ -73,7 +73,8 @@ struct Charge {
 Points UsablePoints(const ScanSource& scans, const ScanPreparationOptions& options, std::size_t i) {
   constexpr double kPeriodS = 0.1;  // of no account: the scanner stands still
   Points points;
-  for (const TimedPoint& p : PrepareScan(scans.Read(i), options, kPeriodS).points) {
+  for (const TimedPoint& p :
+       PrepareScan(scans.Read(i), options, kPeriodS, scans.T_vehicle_lidar(i)).points) {
     points.emplace_back(p.x, p.y, p.z);
   }
   return points;

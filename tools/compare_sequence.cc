@@ -66,7 +66,8 @@ std::vector<std::vector<Eigen::Vector3f>> ReadThinned(const std::string& path,
   std::vector<std::vector<Eigen::Vector3f>> scans;
   for (std::size_t i = 0; i < source->size(); ++i) {
     std::vector<Eigen::Vector3f> points;
-    for (const TimedPoint& p : PrepareScan(source->Read(i), config.preparation, 0.1).points) {
+    for (const TimedPoint& p :
+         PrepareScan(source->Read(i), config.preparation, 0.1, source->T_vehicle_lidar(i)).points) {
       points.emplace_back(p.x, p.y, p.z);
     }
     // Returns themselves and not means of voxels, which lie beside edges.

@@ -42,7 +42,8 @@ WorldScan ReadWorldScan(const ScanSource& scans, const PosedScan& posed,
                         const ExportOptions& options) {
   const Scan scan = scans.Read(posed.scan);
   const double period_s = SweepPeriodOfScan(scans, posed.scan, options.frame_period_s);
-  const PreparedScan prepared = PrepareScan(scan, options.preparation, period_s);
+  const PreparedScan prepared =
+      PrepareScan(scan, options.preparation, period_s, scans.T_vehicle_lidar(posed.scan));
   const SweepDeskew deskew(posed.twist);
   const Eigen::Matrix3d R = posed.T_world_lidar.R();
   WorldScan world;

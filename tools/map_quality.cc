@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "core/error.h"
+#include "core/median.h"
 #include "core/parallel.h"
 #include "core/point_cluster.h"
 #include "core/voxel_key.h"
@@ -111,7 +112,8 @@ std::vector<VoxelClusters> BuildMaps(const ScanSource& scans,
     ParallelChunks(size, 1, [&](size_t k, size_t) {
       const size_t scan = posed.front()[begin + k].scan;
       const PreparedScan prepared = PrepareScan(
-          scans.Read(scan), preparation, SweepPeriodOfScan(scans, scan, options.frame_period_s));
+          scans.Read(scan), preparation, SweepPeriodOfScan(scans, scan, options.frame_period_s),
+          scans.T_vehicle_lidar(scan));
       for (const std::vector<PosedScan>& list : posed) {
         batch[k].push_back(ClustersOfScan(prepared, list[begin + k], options.voxel_size_m));
       }
@@ -143,13 +145,6 @@ double Mean(const std::vector<double>& values) {
   for (const double value : values) sum += value;
   return values.empty() ? std::numeric_limits<double>::quiet_NaN()
                         : sum / static_cast<double>(values.size());
-}
-
-double Median(std::vector<double> values) {
-  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-  std::sort(values.begin(), values.end());
-  const size_t half = values.size() / 2;
-  return values.size() % 2 == 1 ? values[half] : 0.5 * (values[half - 1] + values[half]);
 }
 
 struct CommonVoxel {
