@@ -104,6 +104,49 @@ TEST_F(PiecesFilesTest, ARestartIsAPieceThatIsNotConnected) {
   EXPECT_TRUE(fs::exists(Path("out/map_surfels_piece1.ply")));
 }
 
+// The truth of the second piece lies elsewhere than its frame says: all in one would be far off.
+TEST_F(PiecesFilesTest, EachPieceHasATrajectoryAndIsJudgedByItself) {
+  Recording cut = Street(10);
+  const Recording room = SyntheticRecording(synth::SceneKind::kRoom, 12, 1);
+  cut.insert(cut.end(), room.begin(), room.end());
+  for (std::size_t i = 0; i < cut.size(); ++i) cut[i].stamp_s = 0.1 * static_cast<double>(i);
+  const std::string scans = WriteRecording("cut", cut);
+  Write("out/trajectory_tum_piece9.txt", "of an earlier run");
+  Run(scans, {"--set", "backend.restart_after_lost_frames=2"});
+  EXPECT_FALSE(fs::exists(Path("out/trajectory_tum_piece9.txt")));
+  const std::vector<std::string> all = Lines(Bytes(Path("out/trajectory_tum.txt")));
+  std::vector<std::string> by_piece = Lines(Bytes(Path("out/trajectory_tum_piece0.txt")));
+  const std::vector<std::string> second = Lines(Bytes(Path("out/trajectory_tum_piece1.txt")));
+  EXPECT_EQ(second.size(), 9U);
+  by_piece.insert(by_piece.end(), second.begin(), second.end());
+  EXPECT_EQ(by_piece, all);
+
+  const SE3 elsewhere(ExpSO3({0.0, 0.0, 1.0}), {300.0, 0.0, 0.0});
+  Trajectory truth = ReadTrajectory(Path("out/trajectory_tum_piece0.txt"));
+  for (StampedPose pose : ReadTrajectory(Path("out/trajectory_tum_piece1.txt"))) {
+    pose.T_world_lidar = elsewhere * pose.T_world_lidar;
+    truth.push_back(pose);
+  }
+  WriteTumTrajectory(Path("truth.txt"), truth);
+  const Outcome outcome =
+      Run(scans, {"--set", "backend.restart_after_lost_frames=2", "--truth", Path("truth.txt")});
+  EXPECT_THAT(outcome.out, HasSubstr("piece 1 against the truth: APE 0.0000 m"));
+  EXPECT_FALSE(Summary().contains("ape_rmse_m"));
+  EXPECT_EQ(Summary()["compared_with_truth"], "each piece by itself");
+  for (const nlohmann::json& piece : Summary()["pieces"]) EXPECT_LT(piece["ape_rmse_m"], 1e-6);
+
+  for (const std::string name : {"trajectory_tum.txt", "trajectory_kitti.txt"}) {
+    SCOPED_TRACE(name);
+    const Outcome eval = Lamina({"eval", "--estimate", Path("out/" + name), "--truth",
+                                 Path("truth.txt"), "--scans", scans, "--json", Path("eval.json")});
+    EXPECT_THAT(eval.out, HasSubstr("2 pieces that are not connected; each is judged by itself"));
+    const nlohmann::json json = nlohmann::json::parse(Bytes(Path("eval.json")));
+    ASSERT_EQ(json["truth"].size(), 2U);
+    for (const nlohmann::json& piece : json["truth"]) EXPECT_LT(piece["ape_rmse_m"], 1e-6);
+    EXPECT_EQ(json["map_quality"].size(), 2U);
+  }
+}
+
 TEST_F(PiecesFilesTest, TheDaemonTellsPiecesApart) {
   const Recording street = Street(12);
   DropScans(street, 0, 6, "a/");

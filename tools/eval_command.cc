@@ -22,6 +22,7 @@
 #include "tools/eval_plots.h"
 #include "tools/eval_report.h"
 #include "tools/map_quality.h"
+#include "tools/piece_poses.h"
 #include "tools/plot.h"
 #include "tools/posed_scans.h"
 
@@ -64,17 +65,30 @@ void CheckArguments(const EvalArguments& a) {
   }
 }
 
+// A trajectory, or each of its pieces: what is not connected must not be aligned as one.
+void AddEstimate(const std::string& name, const std::string& path,
+                 const std::vector<StampNs>& stamps, std::vector<NamedTrajectory>* estimates) {
+  const Trajectory all = ReadTrajectory(path, stamps);
+  const std::map<std::int64_t, Trajectory> pieces = SplitIntoPieces(path, all);
+  if (pieces.size() == 1) return estimates->push_back({name, all});
+  fmt::print("{}: {} pieces that are not connected; each is judged by itself\n", name,
+             pieces.size());
+  for (const auto& [piece, poses] : pieces) {
+    estimates->push_back({fmt::format("{} piece {}", name, piece), poses});
+  }
+}
+
 // The trajectories to judge, the one of --estimate first.
 std::vector<NamedTrajectory> ReadEstimates(const EvalArguments& a,
                                            const std::vector<StampNs>& stamps) {
-  std::vector<NamedTrajectory> estimates{{"estimate", ReadTrajectory(a.estimate, stamps)}};
+  std::vector<NamedTrajectory> estimates;
+  AddEstimate("estimate", a.estimate, stamps, &estimates);
   for (const std::string& other : a.others) {
     const size_t equals = other.find('=');
     if (equals == 0 || equals == std::string::npos || equals + 1 == other.size()) {
       throw OptionError("eval: --other is '" + other + "', must be NAME=FILE");
     }
-    estimates.push_back(
-        {other.substr(0, equals), ReadTrajectory(other.substr(equals + 1), stamps)});
+    AddEstimate(other.substr(0, equals), other.substr(equals + 1), stamps, &estimates);
   }
   return estimates;
 }
@@ -87,8 +101,19 @@ std::vector<ComparedTrajectory> JudgeByTruth(const EvalArguments& a,
   const Alignment alignment = AlignmentOf(a.align);
   std::vector<ComparedTrajectory> compared;
   nlohmann::json list = nlohmann::json::array();
+  const bool pieces = estimates.size() > 1 + a.others.size();
+  std::string problem;
   for (const NamedTrajectory& estimate : estimates) {
-    compared.push_back(MatchToTruth(estimate, truth, a.tolerance_s));
+    try {
+      compared.push_back(MatchToTruth(estimate, truth, a.tolerance_s));
+    } catch (const InputError& error) {
+      // A piece may be too short, or where the truth has a gap.
+      if (!pieces) throw;
+      problem = error.what();
+      fmt::print("{}: not judged: {}\n", estimate.name, problem);
+      list.push_back({{"name", estimate.name}, {"not_judged", problem}});
+      continue;
+    }
     const ComparedTrajectory& c = compared.back();
     const TrajectoryErrors errors = CompareTrajectories(c.estimate, c.truth, alignment);
     const std::string how =
@@ -99,19 +124,31 @@ std::vector<ComparedTrajectory> JudgeByTruth(const EvalArguments& a,
     list.back()["name"] = estimate.name;
     list.back()["matched"] = how;
   }
+  if (compared.empty()) throw InputError(problem);
   (*json)["truth"] = list;
   return compared;
 }
 
 void JudgeByMap(const ScanSource& scans, const LaminaConfig& config, double tolerance_s,
-                const std::vector<NamedTrajectory>& estimates, nlohmann::json* json) {
+                const std::vector<NamedTrajectory>& estimates, bool pieces, nlohmann::json* json) {
   MapQualityOptions options;
   options.preparation = config.preparation;
   options.frame_period_s = config.scans.frame_period_s;
   options.stamp_tolerance_s = tolerance_s;
-  const MapQualityReport report = MeasureMapQuality(scans, estimates, options);
-  fmt::print("{}", DescribeMapQuality(report, options));
-  (*json)["map_quality"] = ToJson(report, options);
+  const auto judge = [&](const std::vector<NamedTrajectory>& together) {
+    const MapQualityReport report = MeasureMapQuality(scans, together, options);
+    fmt::print("{}", DescribeMapQuality(report, options));
+    return ToJson(report, options);
+  };
+  if (!pieces) {
+    (*json)["map_quality"] = judge(estimates);
+    return;
+  }
+  // Pieces have no scans in common.
+  (*json)["map_quality"] = nlohmann::json::array();
+  for (const NamedTrajectory& estimate : estimates) {
+    (*json)["map_quality"].push_back(judge({estimate}));
+  }
 }
 
 // DIR/ (or an existing directory) to DIR/top.svg, PREFIX to PREFIX_top.svg.
@@ -159,7 +196,8 @@ int RunEval(const EvalArguments& a) {
   nlohmann::json json;
   std::vector<ComparedTrajectory> compared;
   if (!a.truth.empty()) compared = JudgeByTruth(a, stamps, estimates, &json);
-  if (scans != nullptr) JudgeByMap(*scans, config, a.tolerance_s, estimates, &json);
+  const bool pieces = estimates.size() > 1 + a.others.size();
+  if (scans != nullptr) JudgeByMap(*scans, config, a.tolerance_s, estimates, pieces, &json);
   if (!a.json.empty()) {
     FileWriter writer(a.json);
     writer.Write(json.dump(2) + "\n");

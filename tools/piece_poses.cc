@@ -32,17 +32,34 @@ std::vector<std::int64_t> ReadPieces(const std::string& folder, std::size_t pose
     return static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin());
   };
   const std::size_t status = column("status"), piece = column("piece");
-  std::vector<std::int64_t> pieces;
+  std::vector<std::int64_t> pieces, of_all_scans;
   while (lines.Next() && piece < names.size() && status < names.size()) {
     const std::vector<std::string_view> cells = SplitAtCommas(lines.line());
     if (cells.size() != names.size()) return {};
     const auto is = [&](const char* text_of) { return cells[status] == text_of; };
-    if (!is("first") && !is("tracked") && !is("degenerate") && !is("lost")) continue;
     double number = 0.0;
     if (!ParseNumber(cells[piece], &number)) lines.Fail("piece must be a whole number");
-    pieces.push_back(static_cast<std::int64_t>(number));
+    of_all_scans.push_back(static_cast<std::int64_t>(number));
+    if (!is("first") && !is("tracked") && !is("degenerate") && !is("lost")) continue;
+    pieces.push_back(of_all_scans.back());
   }
-  return pieces.size() == poses ? pieces : std::vector<std::int64_t>();
+  if (pieces.size() == poses) return pieces;
+  return of_all_scans.size() == poses ? of_all_scans : std::vector<std::int64_t>();
+}
+
+std::map<std::int64_t, Trajectory> SplitIntoPieces(const std::string& path,
+                                                   const Trajectory& poses) {
+  const std::filesystem::path file(path);
+  const std::string name = file.filename().string();
+  std::vector<std::int64_t> pieces;
+  if (name == "trajectory_tum.txt" || name == "trajectory_kitti.txt") {
+    pieces = ReadPieces(file.parent_path().string(), poses.size());
+  }
+  std::map<std::int64_t, Trajectory> split;
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    split[pieces.empty() ? 0 : pieces[i]].push_back(poses[i]);
+  }
+  return split;
 }
 
 Trajectory ReadFirstPiece(const std::string& folder) {

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -14,9 +15,14 @@ namespace lamina {
 
 std::vector<std::string_view> SplitAtCommas(std::string_view line);
 
-// The piece of each of the so many poses of trajectory_tum.txt, out of frames.csv beside it; empty
-// if that is missing or does not tell. Throws InputError.
+// The piece of each of the so many poses of trajectory_tum.txt, or of trajectory_kitti.txt, out of
+// frames.csv beside it; empty if that is missing or does not tell. Throws InputError.
 std::vector<std::int64_t> ReadPieces(const std::string& folder, std::size_t poses);
+
+// The poses of a file by piece, if it is one of those two; else all are of piece 0. Throws
+// InputError.
+std::map<std::int64_t, Trajectory> SplitIntoPieces(const std::string& path,
+                                                   const Trajectory& poses);
 
 // The poses of trajectory_tum.txt that are of the first piece. Throws InputError.
 Trajectory ReadFirstPiece(const std::string& folder);

@@ -163,12 +163,15 @@ json ReadSummary(const std::string& path) {
   throw InputError(path + ": is no JSON object");
 }
 
-json CompareWithTruth(const ReportSource& source, const Trajectory& stamped) {
+// Of the first piece: those of others are in other frames.
+json CompareWithTruth(const ReportSource& source) {
   Trajectory truth = ReadTruth(source.truth, source.calib, {});
-  NamedTrajectory estimate{"the trajectory", stamped};
-  if (!HasStamps(truth)) {
-    estimate.poses = ReadTrajectory((fs::path(source.folder) / "trajectory_kitti.txt").string());
-  }
+  const char* const file = HasStamps(truth) ? "trajectory_tum.txt" : "trajectory_kitti.txt";
+  const std::string path = (fs::path(source.folder) / file).string();
+  const std::map<std::int64_t, Trajectory> pieces = SplitIntoPieces(path, ReadTrajectory(path));
+  const NamedTrajectory estimate{
+      pieces.size() > 1 ? "the first piece of the trajectory" : "the trajectory",
+      pieces.begin()->second};
   const ComparedTrajectory pairs = MatchToTruth(estimate, truth, source.tolerance_s);
   constexpr Alignment kAlignment = Alignment::kSe3;
   const SE3 T = AlignTrajectories(pairs.estimate, pairs.truth, kAlignment);
@@ -209,7 +212,7 @@ json ReadReportData(const ReportSource& source) {
                {"further_maps", ReadFurtherMaps(folder, pieces, source.max_surfels)}};
   if (fs::exists(path("frames.csv"))) data["timings"] = ReadTimings(path("frames.csv"));
   if (fs::exists(path("summary.json"))) data["summary"] = ReadSummary(path("summary.json"));
-  if (!source.truth.empty()) data["truth"] = CompareWithTruth(source, trajectory);
+  if (!source.truth.empty()) data["truth"] = CompareWithTruth(source);
   return data;
 }
 

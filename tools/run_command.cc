@@ -6,9 +6,10 @@
 #include <CLI/CLI.hpp>
 #include <atomic>
 #include <chrono>
+#include <cstdint>
 #include <filesystem>
+#include <map>
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,7 @@
 #include "io/trajectory_io.h"
 #include "tools/command_common.h"
 #include "tools/command_options.h"
+#include "tools/piece_trajectories.h"
 #include "tools/run_report.h"
 
 namespace lamina {
@@ -55,7 +57,8 @@ void WatchMap(const VoxelMap& map, RunFigures* figures, RunProgress* progress) {
       static_cast<double>(map.bytes()) / 1048576.0, map.options().budget_mb));
 }
 
-void PrintSummary(const std::string& out, const MappingCounts& counts, const nlohmann::json& json) {
+void PrintSummary(const std::string& out, const MappingCounts& counts, const PieceErrors& errors,
+                  const nlohmann::json& json) {
   fmt::print("{} frames in {:.1f} s ({:.1f} frames/s, {:.1f} ms CPU a frame), {} surfels\n",
              counts.frames, json["wall_s"].get<double>(), json.value("frames_per_s", 0.0),
              json.value("cpu_ms_per_frame", 0.0), json["map_surfels"].get<std::size_t>());
@@ -66,17 +69,14 @@ void PrintSummary(const std::string& out, const MappingCounts& counts, const nlo
   if (counts.pieces > 1) {
     fmt::print(
         "{} pieces that are not connected (`piece` in frames.csv): each has a frame of its own and "
-        "a file map_surfels_pieceN.ply\n",
+        "files map_surfels_pieceN.ply and trajectory_tum_pieceN.txt\n",
         counts.pieces);
   }
   if (counts.degenerate > 0) {
     fmt::print("degenerate on {} frames: motion along unobservable directions is predicted\n",
                counts.degenerate);
   }
-  if (json.contains("ape_rmse_m")) {
-    fmt::print("against the truth: APE {:.4f} m, RPE {:.4f} m (RMSE, SE(3)-aligned)\n",
-               json["ape_rmse_m"].get<double>(), json["rpe_rmse_m"].get<double>());
-  }
+  if (!errors.empty()) fmt::print("{}", DescribePieceErrors(errors));
   PrintOutputs(out);
 }
 
@@ -87,22 +87,34 @@ class RunOutput {
       : directory_(directory), table_(Path("frames.csv")) {}
 
   FrameTable& table() { return table_; }
-  void Add(const FinalPose& pose) {
-    all_scans_.push_back(pose.pose);
-    if (!pose.skipped) frames_.push_back(pose.pose);
+  void Add(const FinalPose& pose) { poses_.push_back(pose); }
+  // By piece, without the scans that were skipped.
+  std::map<std::int64_t, Trajectory> Pieces() const {
+    std::map<std::int64_t, Trajectory> pieces;
+    for (const FinalPose& pose : poses_) {
+      if (!pose.skipped) pieces[pose.piece].push_back(pose.pose);
+    }
+    return pieces;
   }
-  // Without the scans that were skipped.
-  const Trajectory& frames() const { return frames_; }
 
   nlohmann::json Finish(const MappingCounts& counts, const VoxelMap& map, int min_surfel_frames,
-                        RunFigures figures, const TrajectoryErrors* errors) {
+                        RunFigures figures, const PieceErrors& errors) {
     // First what cannot be made again: poses, then the map.
-    WriteKittiTrajectory(Path("trajectory_kitti.txt"), all_scans_);
-    WriteTumTrajectory(Path("trajectory_tum.txt"), frames_);
+    Trajectory all_scans, frames;
+    for (const FinalPose& pose : poses_) {
+      all_scans.push_back(pose.pose);
+      if (!pose.skipped) frames.push_back(pose.pose);
+    }
+    WriteKittiTrajectory(Path("trajectory_kitti.txt"), all_scans);
+    WriteTumTrajectory(Path("trajectory_tum.txt"), frames);
+    WritePieceTrajectories(directory_, table_.pieces(), [&](const FinalPoses::Visit& visit) {
+      for (const FinalPose& pose : poses_) visit(pose);
+    });
     table_.Commit();
     figures.map_surfels = WriteMap(directory_, map, min_surfel_frames);
-    nlohmann::json summary = Summarise(counts, map, figures, errors);
+    nlohmann::json summary = Summarise(counts, map, figures);
     summary["pieces"] = ToJson(table_.pieces());
+    if (!errors.empty()) AddErrors(errors, &summary);
     WriteTextFile(Path("summary.json"), SummaryText(summary));
     return summary;
   }
@@ -112,7 +124,7 @@ class RunOutput {
  private:
   std::string directory_;
   FrameTable table_;
-  Trajectory all_scans_, frames_;
+  std::vector<FinalPose> poses_;
 };
 
 int Run(const RunArguments& arguments) {
@@ -150,23 +162,23 @@ int Run(const RunArguments& arguments) {
   figures.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   figures.cpu_s = ProcessCpuSeconds() - cpu_start;
 
-  std::optional<TrajectoryErrors> errors;
+  const std::map<std::int64_t, Trajectory> pieces = output.Pieces();
+  PieceErrors errors;
   std::string truth_problem;
   if (!arguments.truth.empty()) {
     // A bad truth file must not cost the run.
     try {
-      errors = CompareWithTruth(arguments.truth, *source, output.frames());
+      errors = ComparePiecesWithTruth(arguments.truth, *source, pieces);
     } catch (const InputError& error) {
       truth_problem = error.what();
     }
   }
-  const nlohmann::json summary =
-      output.Finish(pipeline.counts(), pipeline.map(), config.backend.min_surfel_frames, figures,
-                    errors ? &*errors : nullptr);
-  if (output.frames().empty()) {
+  const nlohmann::json summary = output.Finish(pipeline.counts(), pipeline.map(),
+                                               config.backend.min_surfel_frames, figures, errors);
+  if (pieces.empty()) {
     throw InputError(arguments.scans + ": not one usable scan; summary.json says why");
   }
-  PrintSummary(arguments.out, pipeline.counts(), summary);
+  PrintSummary(arguments.out, pipeline.counts(), errors, summary);
   if (!truth_problem.empty()) throw InputError(truth_problem + " (all else is written)");
   return 0;
 }

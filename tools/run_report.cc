@@ -6,21 +6,18 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
-#include <cstdio>
 #include <filesystem>
 #include <fstream>
 
 #include "io/map_io.h"
 
 namespace lamina {
-namespace {
 
 nlohmann::json NumberOrNull(double value) {
   return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json();
 }
-
-}  // namespace
 
 FrameTable::FrameTable(const std::string& path) : writer_(path) {
   writer_.Write(
@@ -94,27 +91,34 @@ std::string MapFileName(std::int64_t piece) {
 
 namespace {
 
-// Those of pieces that an earlier run had.
-void RemoveMapFiles(const std::string& folder) {
-  std::error_code ignored;
-  for (const auto& entry : std::filesystem::directory_iterator(folder, ignored)) {
-    const std::string name = entry.path().filename().string();
-    long long piece = 0;
-    if (std::sscanf(name.c_str(), "map_surfels_piece%lld.ply", &piece) != 1 ||
-        name != MapFileName(piece)) {
-      continue;
-    }
-    std::filesystem::remove(entry.path(), ignored);
-  }
+// The last number in a text; -1 if there is none.
+std::int64_t LastNumber(const std::string& text) {
+  constexpr const char* kDigits = "0123456789";
+  const std::size_t end = text.find_last_of(kDigits);
+  if (end == std::string::npos) return -1;
+  const std::size_t before = text.find_last_not_of(kDigits, end);
+  const std::size_t begin = before == std::string::npos ? 0 : before + 1;
+  std::int64_t number = -1;
+  const auto read = std::from_chars(text.data() + begin, text.data() + end + 1, number);
+  return read.ec == std::errc() ? number : -1;
 }
 
 }  // namespace
+
+void RemovePieceFiles(const std::string& folder, std::string (*name_of)(std::int64_t piece)) {
+  std::error_code ignored;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, ignored)) {
+    const std::string name = entry.path().filename().string();
+    const std::int64_t piece = LastNumber(name);
+    if (piece >= 0 && name == name_of(piece)) std::filesystem::remove(entry.path(), ignored);
+  }
+}
 
 std::size_t WriteMap(const std::string& folder, const VoxelMap& map, int min_frames) {
   const auto path = [&](std::int64_t piece) {
     return (std::filesystem::path(folder) / MapFileName(piece)).string();
   };
-  RemoveMapFiles(folder);
+  RemovePieceFiles(folder, MapFileName);
   // Files are open at once, so many pieces at a time.
   constexpr std::int64_t kAtOnce = 64;
   std::size_t surfels = 0;
@@ -154,7 +158,7 @@ nlohmann::json ToJson(const std::map<std::int64_t, PieceFigures>& pieces) {
 }
 
 nlohmann::json Summarise(const MappingCounts& counts, const VoxelMap& map,
-                         const RunFigures& figures, const TrajectoryErrors* errors) {
+                         const RunFigures& figures) {
   const auto frames = static_cast<double>(counts.frames);
   nlohmann::json skipped = nlohmann::json::object();
   std::size_t skipped_total = 0;
@@ -162,7 +166,7 @@ nlohmann::json Summarise(const MappingCounts& counts, const VoxelMap& map,
     skipped[ToString(reason)] = count;
     skipped_total += count;
   }
-  nlohmann::json json = {
+  return {
       {"frames", counts.frames},
       {"keyframes", counts.keyframes},
       {"skipped_scans", skipped_total},
@@ -187,13 +191,6 @@ nlohmann::json Summarise(const MappingCounts& counts, const VoxelMap& map,
       {"ba_failed_solves", counts.failed_solves},
       {"ba_discarded_solves", counts.discarded_solves},
   };
-  if (errors != nullptr) {
-    json["ape_rmse_m"] = NumberOrNull(errors->ape_rmse_m);
-    json["rpe_rmse_m"] = NumberOrNull(errors->rpe_rmse_m);
-    json["kitti_trel_percent"] = NumberOrNull(errors->kitti_trel_percent);
-    json["kitti_rrel_deg_per_m"] = NumberOrNull(errors->kitti_rrel_deg_per_m);
-  }
-  return json;
 }
 
 }  // namespace lamina

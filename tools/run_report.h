@@ -7,7 +7,6 @@
 #include <string>
 
 #include "backend/mapping_pipeline.h"
-#include "core/trajectory_metrics.h"
 #include "io/file_writer.h"
 #include "io/session_database.h"
 
@@ -65,6 +64,9 @@ void PrintOutputs(const std::string& folder);
 // another would show what never was.
 std::string MapFileName(std::int64_t piece);
 
+// Removes the files of this kind that an earlier run has left: it may have had more pieces.
+void RemovePieceFiles(const std::string& folder, std::string (*name_of)(std::int64_t piece));
+
 // Writes the surfaces that at least min_frames frames have seen, a file for each piece; returns
 // their number.
 std::size_t WriteMap(const std::string& folder, const VoxelMap& map, int min_frames);
@@ -73,11 +75,13 @@ std::size_t WriteMap(const std::string& folder, const VoxelMap& map, int min_fra
 // no UTF-8 is replaced.
 std::string SummaryText(const nlohmann::json& summary);
 
+// Null for what JSON has no number for.
+nlohmann::json NumberOrNull(double value);
+
 // For summary.json.
 nlohmann::json ToJson(const std::map<std::int64_t, PieceFigures>& pieces);
 
-// `errors` is null without a true trajectory.
 nlohmann::json Summarise(const MappingCounts& counts, const VoxelMap& map,
-                         const RunFigures& figures, const TrajectoryErrors* errors);
+                         const RunFigures& figures);
 
 }  // namespace lamina

@@ -11,6 +11,7 @@
 
 #include "core/error.h"
 #include "tools/command_common.h"
+#include "tools/piece_trajectories.h"
 #include "tools/run_report.h"
 #include "tools/service_notify.h"
 #include "tools/watch_log.h"
@@ -360,6 +361,8 @@ void WatchDaemon::WriteOutputs() {
   session_->database().ForEach(0, session_->next_scan(),
                                [&](const SessionScan& row) { table.Append(row); });
   table.Commit();
+  WritePieceTrajectories(setup_.session, table.pieces(),
+                         [&](const FinalPoses::Visit& visit) { session_->ForEachPose(visit); });
   RunFigures figures;
   const VoxelMap& map = session_->pipeline().map();
   figures.map_surfels = WriteMap(setup_.session, map, setup_.config.backend.min_surfel_frames);
@@ -367,7 +370,7 @@ void WatchDaemon::WriteOutputs() {
   figures.cpu_s = ProcessCpuSeconds();
   figures.map_peak_bytes = map_peak_bytes_;
   figures.map_over_budget = map.over_budget();
-  nlohmann::json summary = Summarise(session_->pipeline().counts(), map, figures, nullptr);
+  nlohmann::json summary = Summarise(session_->pipeline().counts(), map, figures);
   summary["pieces"] = ToJson(table.pieces());
   summary["late_files"] = late_;
   summary["stored_voxels"] = session_->stored_roots();
