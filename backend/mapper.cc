@@ -99,9 +99,10 @@ OdometryFrame Mapper::FindAgain(StampNs stamp_ns, const std::vector<TimedCluster
 }
 
 bool Mapper::MayRestart() const {
+  // After spray or a gap a few scans are needed to be found again; then the map does not have them.
   constexpr int kAgreeing = 5;
   const int after = options_.backend.restart_after_lost_frames;
-  return lost_in_a_row_ > after && (after == 0 || lost_track_.scans() >= kAgreeing);
+  return lost_in_a_row_ > after && lost_track_.scans() >= std::min(kAgreeing, after);
 }
 
 void Mapper::RecallAround(const SE3& T_world_lidar, const std::vector<TimedCluster>& clusters) {
@@ -135,7 +136,9 @@ OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>
 }
 
 bool Mapper::IsKeyframe(const SE3& T) const {
-  if (keyframes_.empty()) return true;
+  // The first ones wherever the sensor is: one that stands still makes a map, too, however short
+  // the recording.
+  if (keyframes_.empty() || NextId() < options_.backend.min_surfel_frames) return true;
   const int most = options_.backend.keyframe_after_frames;
   if (most > 0 && frames_since_keyframe_ >= most) return true;
   const SE3& last = keyframes_.back();

@@ -97,7 +97,7 @@ OdometryFrame Odometry::FindAgain(StampNs stamp_ns, const LostTrack& track, cons
   prediction.T_world_lidar = prediction.T_world_lidar * T_first_newest;
   frame.T_world_predicted = frame.T_world_lidar = prediction.T_world_lidar;
   frame.twist = track.Twist();
-  if (!search || !options_.search.enabled || !Searchable(prediction)) return frame;
+  if (!search || !options_.search.enabled) return frame;
   const std::vector<PointCluster> clusters = track.Together();
   SearchedScan scan{clusters, prediction, map, false};
   const PoseHypotheses hypotheses = Hypotheses(prediction, false);
@@ -121,6 +121,17 @@ void Odometry::Judge(const SearchedScan& scan, const PoseHypotheses& hypotheses,
     frame->status = OdometryFrame::Status::kLost;
     frame->T_world_lidar = frame->T_world_predicted;
   }
+}
+
+bool Odometry::StoodStill(const MatchResult& match) const {
+  // It may have gone on by a scan's way.
+  constexpr double kStoodM = 0.5, kGoneOnS = 0.15, kStoodRad = 0.1, kStoodInliers = 0.9;
+  const SE3& last = motion_.T_world_last();
+  const double recent = RecentInliers();
+  return recent > 0.0 && match.inlier_share >= kStoodInliers * recent &&
+         (match.T_world_lidar.t - last.t).norm() <
+             kStoodM + kGoneOnS * motion_.velocity().tail<3>().norm() &&
+         RotationAngle(match.T_world_lidar, last) < kStoodRad;
 }
 
 bool Odometry::Searchable(const PosePrediction& prediction) const {
@@ -154,16 +165,11 @@ PoseHypotheses Odometry::Hypotheses(const PosePrediction& prediction, bool map_i
   PoseHypotheses hypotheses;
   if (starting) hypotheses.dense = search_.OffsetsAbout(centre);
   if (map_is_older && starting) return hypotheses;
-  std::vector<SE3> about{centre};
-  const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
-  const SE3& last = motion_.T_world_last();
-  if (starting || (centre.t - last.t).norm() < std::max(kLikelySigmas * sigma, 1.0))
-    about.push_back(last);
-  const std::vector<SE3> turns = search_.TurnsAbout(about);
+  const std::vector<SE3> turns = search_.TurnsAbout({centre, motion_.T_world_last()});
   hypotheses.dense.insert(hypotheses.dense.end(), turns.begin(), turns.end());
   const Eigen::Vector3d way = centre.t - motion_.T_world_last().t;
   constexpr double kLeastWayM = 0.1;
-  if (!starting && way.norm() > kLeastWayM) {
+  if (!starting && way.norm() > kLeastWayM && Searchable(prediction)) {
     hypotheses.way = way.normalized();
     hypotheses.coarse = search_.AlongTheWay(prediction, hypotheses.way, way.norm());
   }
@@ -184,10 +190,11 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
   constexpr double kLeastFit = 0.65;
   if (match.fit() < std::max(kLeastFit, options_.doubtful_fit_ratio * Median(recent_fits_)))
     return false;
-  // Beyond the reach of the search there may be a better place.
-  if ((lost_ || motion_.moving_known()) && gap && !Searchable(prediction)) return false;
-  if (match.overlap() < options_.min_overlap) return false;
-  if (gap && SigmasApart(prediction, match) > kLikelySigmas) return false;
+  if (gap && !StoodStill(match)) {
+    // Beyond the reach of the search there may be a better place.
+    if ((lost_ || motion_.moving_known()) && !Searchable(prediction)) return false;
+    if (SigmasApart(prediction, match) > kLikelySigmas) return false;
+  }
   if (gap && WorstSigma(match.covariance) > options_.max_sigma_m) return false;
   return unique();
 }

@@ -112,6 +112,8 @@ class Odometry {
   // Whether matching alone cannot be trusted to find the way.
   bool NeedsSearch(const MatchResult& match, const PosePrediction& prediction) const;
   PoseHypotheses Hypotheses(const PosePrediction& prediction, bool map_is_older) const;
+  // Whether the match is where the sensor was last, and sees what it saw then: it paused.
+  bool StoodStill(const MatchResult& match) const;
   // Whether a search covers what the prediction leaves open.
   bool Searchable(const PosePrediction& prediction) const;
   // Whether a match is to be believed. `unique` tells whether a search finds no rival to it.

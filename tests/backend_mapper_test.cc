@@ -151,12 +151,14 @@ TEST(Mapper, WhatAStandingSensorKeepsDoesNotGrow) {
 TEST(Mapper, AStandingSensorMakesAMap) {
   BackendOptions options;
   Parked parked(options);
-  parked.Stand(options.keyframe_after_frames);
-  EXPECT_EQ(parked.keyframes_, 1);
-  EXPECT_EQ(parked.Surfels(), 0);
-  parked.Stand(1);
-  EXPECT_EQ(parked.keyframes_, 2);
+  // However short the recording: the first frames are keyframes, as many as a surfel needs.
+  parked.Stand(options.min_surfel_frames);
+  EXPECT_EQ(parked.keyframes_, options.min_surfel_frames);
   EXPECT_GT(parked.Surfels(), 10);
+  parked.Stand(options.keyframe_after_frames - 1);
+  EXPECT_EQ(parked.keyframes_, options.min_surfel_frames);
+  parked.Stand(1);
+  EXPECT_EQ(parked.keyframes_, options.min_surfel_frames + 1);
 }
 
 TEST(Mapper, OptionsThatSwitchBundleAdjustmentOffAreRefused) {

@@ -159,11 +159,11 @@ TEST_F(PiecesTest, ARestartAfterLossBeginsAPieceThatIsNotConnected) {
   EXPECT_EQ(mapped.counts.pieces, 2U);
   for (std::size_t i = 0; i < 30; ++i) {
     SCOPED_TRACE(i);
-    const std::string expected = i == 0 || i == 19   ? "first"
-                                 : i >= 15 && i < 19 ? "lost"
+    const std::string expected = i == 0 || i == 18   ? "first"
+                                 : i >= 15 && i < 18 ? "lost"
                                                      : "tracked";
     EXPECT_EQ(mapped.rows[i].status == "degenerate" ? "tracked" : mapped.rows[i].status, expected);
-    EXPECT_EQ(mapped.rows[i].piece, i < 19 ? 0 : 1);
+    EXPECT_EQ(mapped.rows[i].piece, i < 18 ? 0 : 1);
   }
   EXPECT_LT(WorstError(mapped, all, 0), 0.05);
   EXPECT_LT(WorstError(mapped, all, 1), 0.05);
