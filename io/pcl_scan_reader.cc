@@ -99,7 +99,7 @@ void CopyField(const PCLPointCloud2& cloud, const PCLPointField& field, float Sc
 }
 
 void CopyTimes(const PCLPointCloud2& cloud, const PCLPointField& field, const std::string& path,
-               const ScanSourceOptions& options, Scan* scan) {
+               const ScanSourceOptions& options, Scan* scan, PointTimeField* told) {
   std::vector<RawTime> raw(scan->points.size());
   ForEachValue(cloud, field, [&](std::size_t i, auto value) {
     raw[i] = static_cast<RawTime>(value);
@@ -112,12 +112,15 @@ void CopyTimes(const PCLPointCloud2& cloud, const PCLPointField& field, const st
   const bool is_float32 = field.datatype == PCLPointField::FLOAT32;
   PointTimes times = ConvertPointTimes(raw, is_float32, options.point_time_unit,
                                        fmt::format("{}: field '{}'", path, field.name));
+  if (told != nullptr) {
+    *told = {field.name, times.unit, times.stamp_ns != 0, !times.time_s.empty()};
+  }
   scan->stamp_ns = times.stamp_ns;
   scan->time_s = std::move(times.time_s);
 }
 
 Scan ScanFromCloud(const PCLPointCloud2& cloud, const std::string& path,
-                   const ScanSourceOptions& options) {
+                   const ScanSourceOptions& options, PointTimeField* times) {
   const std::size_t points = std::size_t{cloud.width} * cloud.height;
   if (cloud.data.size() < points * cloud.point_step) {
     throw InputError(
@@ -141,7 +144,7 @@ Scan ScanFromCloud(const PCLPointCloud2& cloud, const std::string& path,
   if (intensity != nullptr) CopyField(cloud, *intensity, &ScanPoint::intensity, &scan.points);
   const PCLPointField* time = FindField(
       cloud, {"t", "time", "timestamp", "offset_time", "time_offset", "point_time_offset", "ts"});
-  if (time != nullptr) CopyTimes(cloud, *time, path, options, &scan);
+  if (time != nullptr) CopyTimes(cloud, *time, path, options, &scan, times);
   return scan;
 }
 
@@ -162,7 +165,7 @@ void WithPcl(const std::string& path, const Read& read) {
 
 }  // namespace
 
-Scan ReadPcd(const std::string& path, const ScanSourceOptions& options) {
+Scan ReadPcd(const std::string& path, const ScanSourceOptions& options, PointTimeField* times) {
   const std::string bytes = ReadFile(path);
   const PcdLayout layout = CheckPcd(path, bytes);
   if (layout.points == 0) throw InputError(fmt::format("{}: is empty: holds no points", path));
@@ -184,17 +187,17 @@ Scan ReadPcd(const std::string& path, const ScanSourceOptions& options) {
                                  version, layout.data == PcdLayout::Data::kCompressed,
                                  static_cast<unsigned int>(layout.data_offset));
   });
-  return ScanFromCloud(cloud, path, options);
+  return ScanFromCloud(cloud, path, options, times);
 }
 
-Scan ReadPly(const std::string& path, const ScanSourceOptions& options) {
+Scan ReadPly(const std::string& path, const ScanSourceOptions& options, PointTimeField* times) {
   CheckPly(path, ReadFile(path));
   PCLPointCloud2 cloud;
   WithPcl(path, [&] { return pcl::PLYReader().read(path, cloud); });
   if (cloud.width == 0 || cloud.height == 0) {
     throw InputError(fmt::format("{}: is empty: holds no points", path));
   }
-  return ScanFromCloud(cloud, path, options);
+  return ScanFromCloud(cloud, path, options, times);
 }
 
 }  // namespace lamina

@@ -12,8 +12,8 @@ namespace lamina {
 // intensity, reflectivity or i, of any type; and a time of each point: t, time, timestamp,
 // offset_time, time_offset, point_time_offset or ts, of any type, see io/point_times.h. Upper case
 // and a leading `scalar_` (CloudCompare) make no difference. Throw InputError, also for a file of
-// no points.
-Scan ReadPcd(const std::string& path, const ScanSourceOptions& options);
-Scan ReadPly(const std::string& path, const ScanSourceOptions& options);
+// no points. `times` may be null, as for ReadScanFile.
+Scan ReadPcd(const std::string& path, const ScanSourceOptions& options, PointTimeField* times);
+Scan ReadPly(const std::string& path, const ScanSourceOptions& options, PointTimeField* times);
 
 }  // namespace lamina

@@ -75,6 +75,11 @@ PointTimes ConvertPointTimes(const std::vector<RawTime>& raw, bool is_float32, T
   const bool clock =
       range.low * ns_per_unit > kOffsetLimitNs || range.high * ns_per_unit < -kOffsetLimitNs;
   if (clock) times.stamp_ns = static_cast<StampNs>(std::llround(range.low * ns_per_unit));
+  constexpr std::array<const char*, 4> kUnits = {"s", "ms", "us", "ns"};
+  const auto place = std::find(kNsPerUnit.begin(), kNsPerUnit.end(), ns_per_unit);
+  if (place != kNsPerUnit.end()) {
+    times.unit = kUnits[static_cast<std::size_t>(place - kNsPerUnit.begin())];
+  }
   if (span == 0.0L) return times;
   const RawTime origin_ns = static_cast<RawTime>(times.stamp_ns);
   times.time_s.reserve(raw.size());

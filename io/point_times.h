@@ -20,6 +20,8 @@ struct PointTimes {
   StampNs stamp_ns = 0;
   // Seconds from stamp_ns for each point; empty if the field tells nothing.
   std::vector<float> time_s;
+  // That the field was taken to have: s, ms, us or ns; empty if it tells nothing.
+  const char* unit = "";
 };
 
 // Unit: as given, or for kAuto the one out of s, ms, us, ns that fits how long a scan lasts: among

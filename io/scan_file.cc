@@ -47,10 +47,12 @@ Scan ReadKittiText(const std::string& path) {
 
 }  // namespace
 
-Scan ReadScanFile(const std::string& path, const ScanSourceOptions& options) {
+Scan ReadScanFile(const std::string& path, const ScanSourceOptions& options,
+                  PointTimeField* times) {
+  if (times != nullptr) *times = {};
   const std::string ending = std::filesystem::path(path).extension().string();
-  if (ending == ".pcd") return ReadPcd(path, options);
-  if (ending == ".ply") return ReadPly(path, options);
+  if (ending == ".pcd") return ReadPcd(path, options, times);
+  if (ending == ".ply") return ReadPly(path, options, times);
   if (ending == ".csv") return ReadHokuyoCsv(path);
   if (ending != ".bin" && ending != ".txt") {
     throw InputError(fmt::format("{}: a point file ends in .bin, .txt, .pcd, .ply or .csv", path));

@@ -2,7 +2,11 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <utility>
+
 #include "core/error.h"
+#include "io/scan_names.h"
 
 namespace lamina {
 namespace {
@@ -45,6 +49,34 @@ ScanLayout FindScanLayout(const fs::path& path) {
   }
   if (folder.filename() == "velodyne_points") return Raw(path, path / "data");
   return LayoutOfFolder(path);
+}
+
+std::vector<FolderOfScans> FoldersBelow(const fs::path& folder) {
+  constexpr std::size_t kMost = 5;
+  constexpr int kDepth = 2;
+  std::vector<FolderOfScans> found;
+  std::vector<fs::path> level{folder};
+  for (int depth = 0; depth < kDepth && found.empty(); ++depth) {
+    std::vector<fs::path> next;
+    for (const fs::path& above : level) {
+      std::error_code ignored;
+      for (const auto& entry : fs::directory_iterator(above, ignored)) {
+        if (entry.is_directory(ignored)) next.push_back(entry.path());
+      }
+    }
+    std::sort(next.begin(), next.end());
+    for (const fs::path& below : next) {
+      if (found.size() == kMost) break;
+      try {
+        const std::size_t scans = ListScans(below, ScanName::kPoints).size();
+        if (scans > 0) found.push_back({below, scans});
+      } catch (const InputError&) {
+        // Not to be read, so not to be named.
+      }
+    }
+    level = std::move(next);
+  }
+  return found;
 }
 
 ScanLayout LayoutOfFolder(const fs::path& folder) {

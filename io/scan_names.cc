@@ -188,15 +188,30 @@ bool NamesAreLineNumbers(const std::vector<fs::path>& files, std::size_t lines) 
          });
 }
 
+namespace {
+
+std::vector<StampNs> AllStamps(LineReader* lines) {
+  std::vector<StampNs> all;
+  while (lines->Next()) {
+    StampNs* const stamp_ns = &all.emplace_back();
+    if (ParseStamp(lines->line(), stamp_ns)) continue;
+    lines->Fail("a stamp must be seconds or a date and time like 2011-09-26 13:02:25.594360375");
+  }
+  return all;
+}
+
+}  // namespace
+
+std::size_t CountStamps(const std::string& stamp_file) {
+  const std::string text = ReadFile(stamp_file);
+  LineReader lines(stamp_file, text);
+  return AllStamps(&lines).size();
+}
+
 std::vector<StampNs> ReadStamps(const std::string& stamp_file, const std::vector<fs::path>& files) {
   const std::string text = ReadFile(stamp_file);
   LineReader lines(stamp_file, text);
-  std::vector<StampNs> all;
-  while (lines.Next()) {
-    StampNs* const stamp_ns = &all.emplace_back();
-    if (ParseStamp(lines.line(), stamp_ns)) continue;
-    lines.Fail("a stamp must be seconds or a date and time like 2011-09-26 13:02:25.594360375");
-  }
+  const std::vector<StampNs> all = AllStamps(&lines);
   if (all.size() < files.size()) {
     lines.Fail(fmt::format("the file ends after {} stamps, but there are {} scans", all.size(),
                            files.size()));

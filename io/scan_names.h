@@ -55,6 +55,9 @@ bool ParseStamp(std::string_view line, StampNs* stamp_ns);
 // Whether the names of the files say which of `lines` stamps are theirs, see ReadStamps.
 bool NamesAreLineNumbers(const std::vector<std::filesystem::path>& files, std::size_t lines);
 
+// How many stamps a file has. Throws InputError with file and line for a line that is none.
+std::size_t CountStamps(const std::string& stamp_file);
+
 // The stamps of `files` out of `stamp_file`, a line each: seconds (0.103694, 1.036940e-01) or date
 // and time (2011-09-26 13:02:25.594360375, taken as UTC, to the ns). More lines than files are
 // fine: if the names of the files are numbers that fit as line numbers (from 0), these say which

@@ -13,7 +13,10 @@
 //
 // Stamps come from times.txt / timestamps.txt where there is one (a line each scan; further lines
 // are fine), else from file names that are whole numbers of nanoseconds, microseconds or
-// milliseconds since the Unix epoch, or seconds with a decimal point; else from `frame_period_s`.
+// milliseconds since the Unix epoch, or seconds with a decimal point; else from a times.txt or
+// timestamps.txt in the folder above that has a line for each scan; else from the points, if their
+// times are readings of a clock (the earliest of a scan is its stamp); else from `frame_period_s`.
+// Scans with stamps of their own, by name or by points, are in the order of these.
 //
 // With T_vehicle_lidar, PATH is the folder that holds those folders: io/vehicle_scans.h.
 #pragma once
@@ -42,6 +45,13 @@ struct ScanSourceOptions {
   std::map<std::string, SE3> T_vehicle_lidar;
 
   void Visit(OptionVisitor& v);
+};
+
+// What was understood of a recording, in words for people.
+struct RecordingDescription {
+  std::string scans;                // "88 files *.pcd, in the order of their names"
+  std::string stamps;               // where they come from
+  std::vector<std::string> doubts;  // what contradicts, or was passed over
 };
 
 // Random access to the scans of a recording. Thread-safe: all members may be called at once.
@@ -94,6 +104,8 @@ class ScanSource {
   // False if stamps are made up from frame_period_s.
   virtual bool recorded_stamps() const { return true; }
 
+  virtual RecordingDescription Describe() const { return {}; }
+
   // T_camera_lidar of KITTI odometry's calib.txt ("Tr:"); identity where there is none.
   virtual SE3 T_camera_lidar() const { return SE3(); }
 };
@@ -102,10 +114,22 @@ class ScanSource {
 // calibration are unusable.
 std::unique_ptr<ScanSource> OpenScans(const std::string& path, const ScanSourceOptions& options);
 
+// Per-point times of a file: its field, the unit that it was taken to have, and whether it holds
+// readings of a clock or offsets from the stamp.
+struct PointTimeField {
+  std::string name;  // empty: the file has none
+  const char* unit = "";
+  bool clock = false;
+  // It tells points apart: not all times are the same, and their type resolves them.
+  bool usable = false;
+};
+
 // Reads one point file by its ending: .bin, .pcd, .ply or .csv (KITTI raw's .txt too). stamp_ns of
 // the result is 0 unless the file itself carries per-point readings of a clock (times more than 60
-// s from zero): then it is the earliest of them. Throws InputError.
-Scan ReadScanFile(const std::string& path, const ScanSourceOptions& options);
+// s from zero): then it is the earliest of them. Throws InputError. `times`, if
+// not null, becomes what was understood of the points' times.
+Scan ReadScanFile(const std::string& path, const ScanSourceOptions& options,
+                  PointTimeField* times = nullptr);
 
 // Reads one point file of a recording that gives it this stamp, as ScanSource::Read does.
 // `recorded_stamp` is false for stamps that are made up: no clock of the points is held against

@@ -92,4 +92,25 @@ bool VehicleScans::recorded_stamps() const {
                      [](const OneSensor& sensor) { return sensor.scans->recorded_stamps(); });
 }
 
+RecordingDescription VehicleScans::Describe() const {
+  RecordingDescription all;
+  bool same_stamps = true;
+  std::string stamps_of_each;
+  for (const OneSensor& sensor : sensors_) {
+    const RecordingDescription one = sensor.scans->Describe();
+    const bool first = &sensor == &sensors_.front();
+    if (first) all.stamps = one.stamps;
+    same_stamps = same_stamps && one.stamps == all.stamps;
+    const char* separator = first ? "" : "; ";
+    all.scans += fmt::format("{}{}: {}", separator, sensor.folder, one.scans);
+    stamps_of_each += fmt::format("{}{}: {}", separator, sensor.folder, one.stamps);
+    for (const std::string& doubt : one.doubts) {
+      all.doubts.push_back(fmt::format("{}: {}", sensor.folder, doubt));
+    }
+  }
+  if (sensors_.size() > 1) all.scans += "; all in the order of their stamps";
+  if (!same_stamps) all.stamps = stamps_of_each;
+  return all;
+}
+
 }  // namespace lamina

@@ -50,6 +50,7 @@ class VehicleScans final : public ScanSource {
   std::optional<StampNs> StampAfter(std::size_t i) const override;
   Scan Read(std::size_t i) const override { return Of(i).Read(order_.at(i).scan); }
   bool recorded_stamps() const override;
+  RecordingDescription Describe() const override;
 
  private:
   struct OneSensor {

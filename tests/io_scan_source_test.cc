@@ -156,6 +156,50 @@ TEST_F(ScanSourceTest, PointTimesOfAnotherClockCountFromTheEarliestPoint) {
   }
 }
 
+TEST_F(ScanSourceTest, ClocksOfPointsAreStampsWhereThereAreNoOthers) {
+  Write("s/1.ply", TimedPly("1700000000.875", "1700000000.95"));
+  Write("s/2.ply", TimedPly("1700000000.05", "1700000000.00"));
+  Write("s/3.ply", "ply\nbroken");
+  Write("s/4.ply", TimedPly("1700000000.25", "1700000000.40"));
+  const auto source = Open("s");
+  EXPECT_THAT(Stamps(*source), ElementsAre(1700000000000000000, 1700000000000000001,
+                                           1700000000250000000, 1700000000875000000));
+  EXPECT_THAT(source->Name(0), HasSubstr("2.ply"));
+  EXPECT_THAT(source->Read(0).time_s, Pointwise(FloatNear(1e-6F), {0.05F, 0.0F}));
+  EXPECT_THAT(source->Describe().doubts, ElementsAre(HasSubstr("2.ply is 0.875 s before 1.ply")));
+  // A stamp file counts more, and so do names that are stamps.
+  Write("s/times.txt", "1\n2\n3\n4\n");
+  EXPECT_THAT(Stamps(*Open("s")), ElementsAre(1000000000, 2000000000, 3000000000, 4000000000));
+  // Clocks in some files alone are no order.
+  Write("some/1.ply", TimedPly("1700000000.875", "1700000000.95"));
+  Write("some/2.ply", TimedPly("0.00", "0.05"));
+  EXPECT_THAT(Stamps(*Open("some")), ElementsAre(0, 100000000));
+  EXPECT_THAT(Open("some")->Describe().doubts, ElementsAre(HasSubstr("those of 1 have none")));
+}
+
+TEST_F(ScanSourceTest, StampsBesideTheFolderAreUsedIfTheyFit) {
+  WriteScans("drive/lidar", {"a1.bin", "a2.bin"});
+  Write("drive/timestamps.txt", "7\n8\n");
+  EXPECT_THAT(Stamps(*Open("drive/lidar")), ElementsAre(7000000000, 8000000000));
+  Write("drive/timestamps.txt", "7\n8\n9\n");
+  EXPECT_THAT(Stamps(*Open("drive/lidar")), ElementsAre(0, 100000000));
+  EXPECT_THAT(Open("drive/lidar")->Describe().doubts,
+              ElementsAre(HasSubstr("timestamps.txt is not used: 3 stamps for 2 scans")));
+  Write("drive/timestamps.txt", "soon\n");
+  EXPECT_THAT(Open("drive/lidar")->Describe().doubts,
+              ElementsAre(AllOf(HasSubstr("not used"), HasSubstr("timestamps.txt:1"))));
+  // As many lines as the names count to: each scan has its own.
+  WriteScans("part/lidar", {"000001.bin", "000003.bin"});
+  Write("part/times.txt", "0\n1\n2\n3\n");
+  EXPECT_THAT(Stamps(*Open("part/lidar")), ElementsAre(1000000000, 3000000000));
+}
+
+TEST_F(ScanSourceTest, FoldersThatHoldTheScansAreNamed) {
+  WriteScans("top/lidar", {"1.bin", "2.bin"});
+  EXPECT_THAT(OpenError("top"), AllOf(HasSubstr("holds no scans"),
+                                      HasSubstr(Path("top/lidar") + " holds 2: give that one")));
+}
+
 TEST_F(ScanSourceTest, MissingFolder) {
   EXPECT_THAT(OpenError("none"), AllOf(HasSubstr("none"), HasSubstr("No such file")));
 }
