@@ -5,10 +5,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <map>
 #include <set>
 #include <sstream>
+
+#include "config/shipped_configs.h"
+#include "core/nearest_name.h"
 
 namespace lamina {
 namespace {
@@ -172,33 +176,12 @@ class Assigner final : public NamedOptionVisitor {
   std::vector<std::string> names_;
 };
 
-// Levenshtein distance, to guess what a misspelt key was meant to be.
-std::size_t EditDistance(const std::string& a, const std::string& b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    std::size_t diagonal = row[0];
-    row[0] = i;
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t substitute = diagonal + (a[i - 1] == b[j - 1] ? 0 : 1);
-      diagonal = row[j];
-      row[j] = std::min({row[j] + 1, row[j - 1] + 1, substitute});
-    }
-  }
-  return row.back();
-}
-
 void RefuseUnknown(const Settings& settings, const std::vector<std::string>& names) {
   const std::set<std::string> known(names.begin(), names.end());
   for (const auto& [name, setting] : settings) {
     if (known.count(name) > 0) continue;
-    const std::string& key = name;
-    const auto nearest = std::min_element(names.begin(), names.end(),
-                                          [&](const std::string& a, const std::string& b) {
-                                            return EditDistance(key, a) < EditDistance(key, b);
-                                          });
-    throw OptionError(
-        fmt::format("{}: unknown option '{}'; did you mean '{}'?", setting.place, name, *nearest));
+    throw OptionError(fmt::format("{}: unknown option '{}'; did you mean '{}'?", setting.place,
+                                  name, NearestName(name, names)));
   }
 }
 
@@ -224,14 +207,27 @@ void Flatten(const YAML::Node& node, const std::string& prefix, const std::strin
   }
 }
 
-Settings ReadYaml(const std::string& path) {
+// Of the file, or else of the shipped configuration of that name.
+std::string TextOf(const std::string& path) {
+  std::error_code ignored;
+  if (!std::filesystem::exists(path, ignored)) {
+    if (const ShippedConfig* const shipped = FindShippedConfig(path)) return shipped->text;
+    throw InputError(UnknownConfig(path));
+  }
   std::ifstream file(path);
-  if (!file) throw InputError(fmt::format("cannot read the configuration {}", path));
   std::stringstream text;
   text << file.rdbuf();
+  if (!file || std::filesystem::is_directory(path, ignored)) {
+    throw InputError(fmt::format("cannot read the configuration {}", path));
+  }
+  return text.str();
+}
+
+Settings ReadYaml(const std::string& path) {
+  const std::string text = TextOf(path);
   Settings settings;
   try {
-    const YAML::Node root = YAML::Load(text.str());
+    const YAML::Node root = YAML::Load(text);
     if (root.IsNull()) return settings;
     if (!root.IsMap()) throw OptionError(fmt::format("{}:1: must be a map of options", path));
     Flatten(root, "", path, &settings);
@@ -334,6 +330,16 @@ LaminaConfig LoadConfig(const std::string& path, const std::vector<std::string>&
   Apply(pairs, &config);
   config.backend.CheckTogether();
   return config;
+}
+
+std::string UnknownConfig(const std::string& path) {
+  std::vector<std::string> names;
+  for (const ShippedConfig& config : ShippedConfigs()) names.push_back(config.name);
+  const std::filesystem::path file(path);
+  const std::string meant = LikelyName(file.stem().string(), names);
+  return fmt::format(
+      "there is no configuration {}, no file and none that is shipped{} Shipped are {}", path,
+      meant.empty() ? "." : "; did you mean " + meant + "?", JoinNames(names));
 }
 
 std::string ToYaml(const LaminaConfig& config) {

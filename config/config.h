@@ -53,9 +53,13 @@ struct LaminaConfig {
   MappingOptions Mapping() const;
 };
 
-// Defaults, then the file (none if the path is empty), then the pairs, each checked. Throws
+// Defaults, then the file (none if the path is empty), then the pairs, each checked. Where there is
+// no such file, the path may be the name of a shipped one (config/shipped_configs.h). Throws
 // OptionError; InputError if the file cannot be read.
 LaminaConfig LoadConfig(const std::string& path, const std::vector<std::string>& key_values);
+
+// Why there is no configuration of this name, neither as a file nor shipped.
+std::string UnknownConfig(const std::string& path);
 
 // Every option with its value, as YAML that LoadConfig reads back to the same configuration.
 std::string ToYaml(const LaminaConfig& config);
