@@ -59,8 +59,8 @@ bool PointsHaveTimes(const ScanSource& source, std::size_t begin, std::size_t en
   constexpr std::size_t kTries = 5;
   constexpr double kMostPeriods = 1.5;
   std::vector<StampNs> stamps;
-  for (std::size_t i = begin; i < std::min(end, begin + kTries); ++i) {
-    stamps.push_back(source.Stamp(i));
+  for (std::size_t i = begin; i < end && stamps.size() < kTries; ++i) {
+    if (source.Sensor(i) == source.Sensor(begin)) stamps.push_back(source.Stamp(i));
   }
   const double period_s = SweepPeriod(stamps, 0.0);
   for (std::size_t i = begin; i < std::min(end, begin + kTries); ++i) {

@@ -62,6 +62,21 @@ TEST_F(VehicleScansTest, ScansOfAllSensorsComeInTheOrderOfTheirStamps) {
   EXPECT_EQ(scans->StampAfter(4), std::nullopt);
 }
 
+TEST_F(VehicleScansTest, EachSensorIsDescribed) {
+  Drop("front", {0, 100, 200});
+  Drop("rear", {50, 160});
+  RecordingDescription said = OpenScans(folder_.string(), options_)->Describe();
+  EXPECT_THAT(said.scans,
+              testing::AllOf(HasSubstr("front: 3 files *.bin"), HasSubstr("rear: 2 files *.bin"),
+                             HasSubstr("all in the order of their stamps")));
+  EXPECT_EQ(said.stamps, "from the files' names");
+  EXPECT_THAT(said.doubts, IsEmpty());
+  Write("front/times.txt", "1600000000.0\n1600000000.2\n1600000000.1\n");
+  said = OpenScans(folder_.string(), options_)->Describe();
+  EXPECT_EQ(said.stamps, "front: from times.txt; rear: from the files' names");
+  EXPECT_THAT(said.doubts, ElementsAre(testing::StartsWith("front: 1 stamps are not after")));
+}
+
 TEST_F(VehicleScansTest, AFolderThatIsMissingOrHasNoStampsIsNamedWithTheOption) {
   Drop("front", {0, 100});
   const auto complaint = [&] {

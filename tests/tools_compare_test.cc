@@ -153,8 +153,8 @@ TEST_F(CompareTest, CancelledHalfWayKeepsWhatIsFinished) {
   while (!fs::exists(task) && IsRunning(child)) usleep(1000);
   kill(child, SIGINT);
   const Outcome outcome = WaitFor(child);
-  EXPECT_EQ(outcome.code, 1);
-  EXPECT_THAT(outcome.err, HasSubstr("interrupted; the rows that are finished stay"));
+  EXPECT_EQ(outcome.code, 130);
+  EXPECT_THAT(outcome.err, HasSubstr("interrupted: the rows that are finished stay"));
   EXPECT_FALSE(fs::exists(Path("out/rows/sequence/f2f_ndt.json")));
   EXPECT_FALSE(fs::exists(task));
   EXPECT_EQ(Bytes(Path("out/rows/sequence/condensed.json")), finished);

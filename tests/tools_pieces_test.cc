@@ -131,6 +131,8 @@ TEST_F(PiecesFilesTest, EachPieceHasATrajectoryAndIsJudgedByItself) {
   const Outcome outcome =
       Run(scans, {"--set", "backend.restart_after_lost_frames=2", "--truth", Path("truth.txt")});
   EXPECT_THAT(outcome.out, HasSubstr("piece 1 against the truth: APE 0.0000 m"));
+  EXPECT_THAT(outcome.err, HasSubstr("removed map_surfels_piece1.ply, trajectory_tum_piece0.txt, "
+                                     "trajectory_tum_piece1.txt"));
   EXPECT_FALSE(Summary().contains("ape_rmse_m"));
   EXPECT_EQ(Summary()["compared_with_truth"], "each piece by itself");
   for (const nlohmann::json& piece : Summary()["pieces"]) EXPECT_LT(piece["ape_rmse_m"], 1e-6);
@@ -145,6 +147,51 @@ TEST_F(PiecesFilesTest, EachPieceHasATrajectoryAndIsJudgedByItself) {
     for (const nlohmann::json& piece : json["truth"]) EXPECT_LT(piece["ape_rmse_m"], 1e-6);
     EXPECT_EQ(json["map_quality"].size(), 2U);
   }
+}
+
+TEST_F(PiecesFilesTest, PiecesWithoutStampsAreJudgedByTheirLines) {
+  Trajectory poses(20);
+  for (int i = 0; i < 20; ++i) {
+    poses[static_cast<std::size_t>(i)] = {i, LiveWorld::Frame(i).pose.T_world_lidar};
+  }
+  const SE3 elsewhere(ExpSO3({0.0, 0.0, 1.0}), {300.0, 0.0, 0.0});
+  Trajectory truth = poses;
+  std::string csv = "scan,status,piece\n";
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    csv += std::to_string(i) + ",tracked," + (i < 12 ? "0" : "1") + "\n";
+    if (i >= 12) truth[i].T_world_lidar = elsewhere * truth[i].T_world_lidar;
+  }
+  Write("run/frames.csv", csv);
+  WriteTumTrajectory(Path("run/trajectory_tum.txt"), poses);
+  WriteKittiTrajectory(Path("run/trajectory_kitti.txt"), poses);
+  WriteKittiTrajectory(Path("truth.txt"), truth);
+  std::vector<std::string> eval{
+      "eval",   "--estimate",     Path("run/trajectory_kitti.txt"), "--truth", Path("truth.txt"),
+      "--json", Path("eval.json")};
+  const auto judged = [&] {
+    const Outcome outcome = Lamina(eval);
+    EXPECT_EQ(outcome.code, 0) << outcome.err;
+    const nlohmann::json json = nlohmann::json::parse(Bytes(Path("eval.json")));
+    std::vector<int> counts;
+    for (const nlohmann::json& piece : json["truth"]) {
+      counts.push_back(piece.value("poses", 0));
+      EXPECT_LT(piece.value("ape_rmse_m", 1.0), 1e-6);
+    }
+    return counts;
+  };
+  EXPECT_THAT(judged(), testing::ElementsAre(12, 8));
+  // Of a part, too, which begins within the first piece.
+  eval.insert(eval.end(), {"--frames", "5:18"});
+  EXPECT_THAT(judged(), testing::ElementsAre(7, 6));
+  ReportSource source;
+  source.folder = Path("run");
+  source.truth = Path("truth.txt");
+  WriteSurfels(Path("run/map_surfels.ply"), {});
+  EXPECT_LT(ReadReportData(source)["truth"]["figures"]["ape_rmse_m"], 1e-6);
+  // A truth that is not of these scans is refused as a whole, whatever pieces would match.
+  WriteKittiTrajectory(Path("truth.txt"), Trajectory(truth.begin(), truth.begin() + 12));
+  eval.resize(eval.size() - 2);
+  EXPECT_EQ(Lamina(eval).code, 1);
 }
 
 TEST_F(PiecesFilesTest, TheDaemonTellsPiecesApart) {

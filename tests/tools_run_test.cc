@@ -139,7 +139,9 @@ TEST_F(RunCommandTest, InterruptEndsWithWhatWasProcessed) {
   }
   ASSERT_EQ(kill(child, SIGINT), 0);
   const Outcome outcome = WaitFor(child);
-  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_EQ(outcome.code, 130) << outcome.err;
+  EXPECT_THAT(outcome.err, AllOf(HasSubstr("stopping in good order"), HasSubstr("interrupted: "),
+                                 HasSubstr("of 5000 scans were mapped")));
   const nlohmann::json summary = Summary();
   EXPECT_EQ(summary["interrupted"], true);
   EXPECT_LT(summary["frames"], kScans - 1);
@@ -212,7 +214,8 @@ std::vector<HelpEntry> HelpEntries(const std::string& help, const std::string& h
 TEST_F(RunCommandTest, HelpExplainsEveryCommandAndOption) {
   const Outcome all = Lamina({"--help"});
   EXPECT_EQ(all.code, 0);
-  EXPECT_THAT(all.out, HasSubstr("Exit codes: 0 done, 1 failed with a reason, 2 wrong usage."));
+  EXPECT_THAT(all.out,
+              HasSubstr("Exit codes: 0 done, 1 failed with a reason, 2 wrong usage. 130: "));
   const std::vector<HelpEntry> commands = HelpEntries(all.out, "Subcommands:");
   EXPECT_GE(commands.size(), 5U) << all.out;
   for (const HelpEntry& command : commands) {

@@ -118,7 +118,7 @@ TEST_F(SimulateCommandTest, ControlCKeepsFinishedTrials) {
   }
   ASSERT_EQ(kill(child, SIGINT), 0);
   const Outcome outcome = WaitFor(child);
-  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_EQ(outcome.code, 130) << outcome.err;
   EXPECT_THAT(outcome.out, HasSubstr("stopped after"));
   EXPECT_GT(Rows().size(), 1U);
   EXPECT_EQ(Summary()["medians"][0]["trials"], Rows().size());

@@ -65,7 +65,7 @@ class Trials {
     for (std::thread& thread : threads) thread.join();
     progress_.Finish();
     if (error_) std::rethrow_exception(error_);
-    if (stop) throw InputError("stopped before all trials were done");
+    if (stop) throw InterruptedError("before all trials were done");
     return std::move(results_);
   }
 

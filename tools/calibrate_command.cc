@@ -87,7 +87,7 @@ int Calibrate(const CalibrateArguments& arguments) {
       CalibrateRecording(*source, range.begin, range.end, config.Mapping(), config.calibration,
                          on_scan, on_pass, &stop);
   if (calibration.result.status == CalibrationResult::Status::kInterrupted) {
-    throw InputError("interrupted; nothing was found");
+    throw InterruptedError("nothing was found");
   }
   const std::string report = DescribeCalibration(calibration, config.calibration);
   if (calibration.result.status == CalibrationResult::Status::kNotDetermined) {

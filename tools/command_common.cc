@@ -1,25 +1,33 @@
 #include "tools/command_common.h"
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <charconv>
 #include <csignal>
 #include <filesystem>
 
 #include "core/error.h"
 #include "io/file_writer.h"
-#include "io/trajectory_io.h"
-#include "tools/posed_scans.h"
 
 namespace lamina {
 namespace {
 
-// Set by Ctrl-C. A signal handler may touch nothing else.
+// Set by Ctrl-C. A signal handler may touch little else.
 std::atomic<bool> stop_requested{false};
+std::atomic<int> stop_signal{0};
 
-void RequestStop(int) {
+void RequestStop(int signal) {
+  stop_signal = signal;
   stop_requested = true;
+  if (signal == SIGINT) {
+    constexpr char kText[] = "\nlamina: stopping in good order; Ctrl-C once more ends it at once\n";
+    const int error = errno;
+    static_cast<void>(!write(STDERR_FILENO, kText, sizeof(kText) - 1));
+    errno = error;
+  }
   // A second Ctrl-C ends the program at once.
   std::signal(SIGINT, SIG_DFL);
 }
@@ -73,14 +81,6 @@ const std::atomic<bool>& StopOnSignals() {
   return stop_requested;
 }
 
-TrajectoryErrors CompareWithTruth(const std::string& path, const ScanSource& source,
-                                  const Trajectory& poses) {
-  Trajectory truth =
-      CameraToLidar(ReadTrajectory(path, ScanStamps(source)), source.T_camera_lidar());
-  Trajectory estimate = poses;
-  constexpr double kToleranceS = 1e-3;
-  MatchByStamp(kToleranceS, &estimate, &truth);
-  return CompareTrajectories(estimate, truth, Alignment::kSe3);
-}
+int StopSignal() { return stop_signal; }
 
 }  // namespace lamina

@@ -6,11 +6,10 @@
 #include <atomic>
 #include <cstddef>
 #include <memory>
+#include <stdexcept>
 #include <string>
 
-#include "core/trajectory_metrics.h"
 #include "io/file_writer.h"
-#include "io/scan_source.h"
 #include "tools/run_progress.h"
 
 namespace lamina {
@@ -31,13 +30,18 @@ RunProgress::Mode ProgressMode(const std::string& name);
 // Limits TBB to so many threads while it lives; null for 0, no limit. Throws OptionError.
 std::unique_ptr<tbb::global_control> LimitThreads(int threads);
 
-// From now on Ctrl-C (and SIGTERM) sets the flag that is returned; a second Ctrl-C ends the program
-// at once.
+// From now on Ctrl-C (and SIGTERM) sets the flag that is returned, and Ctrl-C says on standard
+// error that the end is near; a second Ctrl-C ends the program at once.
 const std::atomic<bool>& StopOnSignals();
 
-// Errors of poses against a true trajectory, which is matched by line number where it has no stamps
-// of its own. Throws InputError.
-TrajectoryErrors CompareWithTruth(const std::string& path, const ScanSource& source,
-                                  const Trajectory& poses);
+// The signal that has set that flag; 0: none yet.
+int StopSignal();
+
+// A command ended before its work was done, because of such a signal, and in good order: the
+// message says what is there. The program's exit code is then 128 + the signal's number, as shells
+// have it: 130 for Ctrl-C.
+struct InterruptedError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
 
 }  // namespace lamina

@@ -12,7 +12,9 @@ namespace lamina {
 void AddConfigOptions(CLI::App* command, const std::string& note, ConfigArguments* arguments) {
   command
       ->add_option("--config", arguments->file,
-                   "YAML with the options that differ from the defaults" + note)
+                   "YAML with the options that differ from the defaults, or the name of a shipped "
+                   "one (`lamina config` lists them)" +
+                       note)
       ->type_name("FILE");
   command
       ->add_option("--set", arguments->set,

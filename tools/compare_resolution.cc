@@ -101,7 +101,7 @@ void Comparison::RunStudy(const CompareSequence& sequence,
   const bool done = RunTasks(missing, {"of the resolution study", "in the resolution study"},
                              sequence.truth.size(), 1);
   if (sequence.close) sequence.close();
-  if (!done) throw InputError("interrupted in the resolution study; finished runs are kept");
+  if (!done) throw InterruptedError("in the resolution study; finished runs are kept");
 }
 
 }  // namespace lamina

@@ -165,10 +165,10 @@ void Comparison::RunJobs(const std::vector<CompareJob>& jobs, Work* work) {
   const bool done =
       RunTasks(tasks, {"of " + work->name, "on " + work->name}, work->scans, settings_.at_once);
   if (!done) {
-    throw InputError(fmt::format(
-        "interrupted; the rows that are finished stay in {}/rows, and the same call goes on from "
-        "there",
-        settings_.out));
+    throw InterruptedError(
+        fmt::format("the rows that are finished stay in {}/rows, and the same call goes on from "
+                    "there",
+                    settings_.out));
   }
 }
 

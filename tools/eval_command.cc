@@ -25,6 +25,7 @@
 #include "tools/piece_poses.h"
 #include "tools/plot.h"
 #include "tools/posed_scans.h"
+#include "tools/recording_part.h"
 
 namespace lamina {
 namespace {
@@ -35,8 +36,8 @@ struct EvalArguments {
   std::string truth;
   std::string calib;
   std::string align = "se3";
-  double tolerance_s = 0.01;
-  std::string scans;
+  double tolerance_s = kStampToleranceS;
+  std::string scans, frames;
   ConfigArguments config;
   std::string json;
   std::string plot;
@@ -65,72 +66,129 @@ void CheckArguments(const EvalArguments& a) {
   }
 }
 
-// A trajectory, or each of its pieces: what is not connected must not be aligned as one.
-void AddEstimate(const std::string& name, const std::string& path,
-                 const std::vector<StampNs>& stamps, std::vector<NamedTrajectory>* estimates) {
-  const Trajectory all = ReadTrajectory(path, stamps);
-  const std::map<std::int64_t, Trajectory> pieces = SplitIntoPieces(path, all);
-  if (pieces.size() == 1) return estimates->push_back({name, all});
+// The scans that the poses are of, as far as they are known.
+struct PosedPart {
+  std::optional<RecordingPart> part;
+  std::vector<StampNs> stamps;  // of the whole recording, if that is there
+};
+
+// Out of the recording; without it out of --frames, which counts the truth's poses then; without
+// that out of the folder of the run that the estimate lies in.
+PosedPart FindPart(const EvalArguments& a, const ScanSource* scans) {
+  if (scans != nullptr) {
+    return {PartOf(*scans, ParseFrameRange(a.frames, scans->size())), ScanStamps(*scans)};
+  }
+  if (!a.frames.empty()) {
+    const std::size_t size = ReadTrajectory(a.truth).size();
+    const FrameRange range = ParseFrameRange(a.frames, size);
+    return {RecordingPart{size, range.begin, range.end, std::nullopt}, {}};
+  }
+  const auto part = ReadRecordingPart(std::filesystem::path(a.estimate).parent_path().string());
+  // The file may have come there from elsewhere.
+  if (part && ReadTrajectory(a.estimate).size() == part->size()) return {part, {}};
+  return {};
+}
+
+Trajectory ReadPoses(const std::string& path, const PosedPart& posed,
+                     std::size_t* first_line = nullptr) {
+  return posed.part ? ReadPosesOfPart(path, *posed.part, posed.stamps, first_line)
+                    : ReadTrajectory(path);
+}
+
+// A trajectory to judge and its pieces: what is not connected must not be aligned as one.
+struct Estimate {
+  NamedTrajectory whole;
+  std::vector<NamedTrajectory> pieces;  // the whole, if that is one
+};
+
+Estimate ReadEstimate(const std::string& name, const std::string& path, const PosedPart& posed) {
+  std::size_t first_line = 0;
+  Estimate estimate{{name, ReadPoses(path, posed, &first_line)}, {}};
+  const auto pieces = SplitIntoPieces(path, estimate.whole.poses, first_line);
+  if (pieces.size() == 1) {
+    estimate.pieces.push_back(estimate.whole);
+    return estimate;
+  }
   fmt::print("{}: {} pieces that are not connected; each is judged by itself\n", name,
              pieces.size());
   for (const auto& [piece, poses] : pieces) {
-    estimates->push_back({fmt::format("{} piece {}", name, piece), poses});
+    estimate.pieces.push_back({fmt::format("{} piece {}", name, piece), poses});
   }
+  return estimate;
 }
 
 // The trajectories to judge, the one of --estimate first.
-std::vector<NamedTrajectory> ReadEstimates(const EvalArguments& a,
-                                           const std::vector<StampNs>& stamps) {
-  std::vector<NamedTrajectory> estimates;
-  AddEstimate("estimate", a.estimate, stamps, &estimates);
+std::vector<Estimate> ReadEstimates(const EvalArguments& a, const PosedPart& posed) {
+  std::vector<Estimate> estimates{ReadEstimate("estimate", a.estimate, posed)};
   for (const std::string& other : a.others) {
     const size_t equals = other.find('=');
     if (equals == 0 || equals == std::string::npos || equals + 1 == other.size()) {
       throw OptionError("eval: --other is '" + other + "', must be NAME=FILE");
     }
-    AddEstimate(other.substr(0, equals), other.substr(equals + 1), stamps, &estimates);
+    estimates.push_back(ReadEstimate(other.substr(0, equals), other.substr(equals + 1), posed));
   }
   return estimates;
 }
 
-std::vector<ComparedTrajectory> JudgeByTruth(const EvalArguments& a,
-                                             const std::vector<StampNs>& stamps,
-                                             const std::vector<NamedTrajectory>& estimates,
+std::vector<NamedTrajectory> PiecesOf(const std::vector<Estimate>& estimates) {
+  std::vector<NamedTrajectory> pieces;
+  for (const Estimate& estimate : estimates) {
+    pieces.insert(pieces.end(), estimate.pieces.begin(), estimate.pieces.end());
+  }
+  return pieces;
+}
+
+std::vector<ComparedTrajectory> JudgeByTruth(const EvalArguments& a, const PosedPart& posed,
+                                             const std::vector<Estimate>& estimates,
                                              nlohmann::json* json) {
-  const Trajectory truth = ReadTruth(a.truth, a.calib, stamps);
+  const Trajectory truth = WithCalibration(ReadPoses(a.truth, posed), a.calib);
   const Alignment alignment = AlignmentOf(a.align);
   std::vector<ComparedTrajectory> compared;
   nlohmann::json list = nlohmann::json::array();
-  const bool pieces = estimates.size() > 1 + a.others.size();
+  const std::string how =
+      HasStamps(truth) ? fmt::format("by stamp within {} s", a.tolerance_s) : "by line number";
   std::string problem;
-  for (const NamedTrajectory& estimate : estimates) {
+  const auto judge = [&](const NamedTrajectory& poses, bool is_piece) {
     try {
-      compared.push_back(MatchToTruth(estimate, truth, a.tolerance_s));
+      compared.push_back(MatchPart(poses, truth, a.tolerance_s));
     } catch (const InputError& error) {
       // A piece may be too short, or where the truth has a gap.
-      if (!pieces) throw;
+      if (!is_piece) throw;
       problem = error.what();
-      fmt::print("{}: not judged: {}\n", estimate.name, problem);
-      list.push_back({{"name", estimate.name}, {"not_judged", problem}});
-      continue;
+      fmt::print("{}: not judged: {}\n", poses.name, problem);
+      list.push_back({{"name", poses.name}, {"not_judged", problem}});
+      return;
     }
-    const ComparedTrajectory& c = compared.back();
-    const TrajectoryErrors errors = CompareTrajectories(c.estimate, c.truth, alignment);
-    const std::string how =
-        HasStamps(truth) ? fmt::format("by stamp within {} s", a.tolerance_s) : "by line number";
-    fmt::print("{}: {} poses, truth: {} poses, matched {}\n{}\n", estimate.name,
-               estimate.poses.size(), truth.size(), how, DescribeErrors(errors, alignment));
+    const TrajectoryErrors errors = ErrorsOf(compared.back(), alignment);
+    fmt::print("{}: {} poses, truth: {} poses, matched {}\n{}\n", poses.name, poses.poses.size(),
+               truth.size(), how, DescribeErrors(errors, alignment));
     list.push_back(ToJson(errors, alignment));
-    list.back()["name"] = estimate.name;
+    list.back()["name"] = poses.name;
     list.back()["matched"] = how;
+  };
+  for (const Estimate& estimate : estimates) {
+    RequireMatchable(estimate.whole, truth);
+    for (const NamedTrajectory& piece : estimate.pieces) judge(piece, estimate.pieces.size() > 1);
   }
   if (compared.empty()) throw InputError(problem);
   (*json)["truth"] = list;
   return compared;
 }
 
+// Of poses of another recording few have a scan, and these by chance.
+void RequireScans(const ScanSource& scans, double tolerance_s,
+                  const std::vector<Estimate>& estimates) {
+  for (const auto& [whole, pieces] : estimates) {
+    const std::size_t posed = PoseScans(scans, whole.poses, tolerance_s).size();
+    if (2 * posed >= whole.poses.size()) continue;
+    throw InputError(fmt::format(
+        "{}: {} of its {} poses have the stamp of one of the {} scans: is it another recording?",
+        whole.name, posed, whole.poses.size(), scans.size()));
+  }
+}
+
 void JudgeByMap(const ScanSource& scans, const LaminaConfig& config, double tolerance_s,
-                const std::vector<NamedTrajectory>& estimates, bool pieces, nlohmann::json* json) {
+                const std::vector<NamedTrajectory>& pieces, bool apart, nlohmann::json* json) {
   MapQualityOptions options;
   options.preparation = config.preparation;
   options.frame_period_s = config.scans.frame_period_s;
@@ -140,14 +198,14 @@ void JudgeByMap(const ScanSource& scans, const LaminaConfig& config, double tole
     fmt::print("{}", DescribeMapQuality(report, options));
     return ToJson(report, options);
   };
-  if (!pieces) {
-    (*json)["map_quality"] = judge(estimates);
+  if (!apart) {
+    (*json)["map_quality"] = judge(pieces);
     return;
   }
   // Pieces have no scans in common.
   (*json)["map_quality"] = nlohmann::json::array();
-  for (const NamedTrajectory& estimate : estimates) {
-    (*json)["map_quality"].push_back(judge({estimate}));
+  for (const NamedTrajectory& piece : pieces) {
+    (*json)["map_quality"].push_back(judge({piece}));
   }
 }
 
@@ -186,24 +244,25 @@ int RunEval(const EvalArguments& a) {
   CheckArguments(a);
   LaminaConfig config;
   std::unique_ptr<ScanSource> scans;
-  std::vector<StampNs> stamps;
   if (!a.scans.empty()) {
     config = LoadConfig(a.config.file, a.config.set);
     scans = OpenScans(a.scans, config.scans);
-    stamps = ScanStamps(*scans);
   }
-  const std::vector<NamedTrajectory> estimates = ReadEstimates(a, stamps);
+  const PosedPart posed = FindPart(a, scans.get());
+  const std::vector<Estimate> estimates = ReadEstimates(a, posed);
+  if (scans != nullptr) RequireScans(*scans, a.tolerance_s, estimates);
   nlohmann::json json;
   std::vector<ComparedTrajectory> compared;
-  if (!a.truth.empty()) compared = JudgeByTruth(a, stamps, estimates, &json);
-  const bool pieces = estimates.size() > 1 + a.others.size();
-  if (scans != nullptr) JudgeByMap(*scans, config, a.tolerance_s, estimates, pieces, &json);
+  if (!a.truth.empty()) compared = JudgeByTruth(a, posed, estimates, &json);
+  const std::vector<NamedTrajectory> pieces = PiecesOf(estimates);
+  const bool apart = pieces.size() > estimates.size();
+  if (scans != nullptr) JudgeByMap(*scans, config, a.tolerance_s, pieces, apart, &json);
   if (!a.json.empty()) {
     FileWriter writer(a.json);
     writer.Write(json.dump(2) + "\n");
     writer.Commit();
   }
-  if (!a.plot.empty()) DrawPictures(a, estimates, compared);
+  if (!a.plot.empty()) DrawPictures(a, pieces, compared);
   return 0;
 }
 
@@ -211,7 +270,8 @@ void AddTruthOptions(CLI::App* command, EvalArguments* a) {
   command
       ->add_option("--truth", a->truth,
                    "True trajectory, TUM or KITTI form: prints APE, RPE and segment errors. "
-                   "Poses are matched by stamp, or by line number if neither file has stamps")
+                   "Poses are matched by stamp, or by line number if neither file has stamps: "
+                   "then there must be as many in both")
       ->type_name("FILE");
   command
       ->add_option("--calib", a->calib,
@@ -258,6 +318,11 @@ void AddEvalCommand(CLI::App* app, std::function<int()>* run) {
       ->allow_extra_args(false);
   AddTruthOptions(command, arguments.get());
   AddScanOptions(command, arguments.get());
+  command
+      ->add_option("--frames", arguments->frames,
+                   "What the estimate is of: scans A to B-1 of the recording, counted from 0, or "
+                   "of those that the truth has poses for. Not needed for results of `run`")
+      ->type_name("A:B");
   command->add_option("--json", arguments->json, "Write all figures to this file, too")
       ->type_name("FILE");
   command

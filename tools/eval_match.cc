@@ -1,13 +1,16 @@
 #include "tools/eval_match.h"
 
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <optional>
 
 #include "core/error.h"
 #include "core/trajectory_metrics.h"
 #include "io/scan_source.h"
 #include "io/trajectory_io.h"
+#include "tools/truth_axes.h"
 
 namespace lamina {
 namespace {
@@ -21,9 +24,7 @@ SE3 ReadCameraFromLidar(const std::string& path) {
 
 }  // namespace
 
-Trajectory ReadTruth(const std::string& path, const std::string& calib,
-                     const std::vector<StampNs>& stamps) {
-  const Trajectory truth = ReadTrajectory(path, stamps);
+Trajectory WithCalibration(const Trajectory& truth, const std::string& calib) {
   return calib.empty() ? truth : CameraToLidar(truth, ReadCameraFromLidar(calib));
 }
 
@@ -34,8 +35,7 @@ bool HasStamps(const Trajectory& trajectory) {
   return false;
 }
 
-ComparedTrajectory MatchToTruth(const NamedTrajectory& estimate, const Trajectory& truth,
-                                double tolerance_s) {
+void RequireMatchable(const NamedTrajectory& estimate, const Trajectory& truth) {
   const bool stamped = HasStamps(truth);
   if (HasStamps(estimate.poses) != stamped) {
     throw InputError(fmt::format(
@@ -43,14 +43,42 @@ ComparedTrajectory MatchToTruth(const NamedTrajectory& estimate, const Trajector
         "stamps from the recording",
         stamped ? "the truth" : estimate.name, stamped ? estimate.name : "the truth"));
   }
-  ComparedTrajectory compared{estimate.name, estimate.poses, truth};
-  MatchByStamp(stamped ? tolerance_s : 0.0, &compared.estimate, &compared.truth);
+  if (!stamped && estimate.poses.size() != truth.size()) {
+    throw InputError(fmt::format(
+        "{} has {} poses and the truth {}, neither with stamps: there must be as many of both, one "
+        "for each scan, so they do not belong together. If they are of a part of the recording, "
+        "`lamina eval --frames A:B` says which",
+        estimate.name, estimate.poses.size(), truth.size()));
+  }
+}
+
+ComparedTrajectory MatchPart(const NamedTrajectory& part, const Trajectory& truth,
+                             double tolerance_s) {
+  ComparedTrajectory compared{part.name, part.poses, truth};
+  MatchByStamp(HasStamps(truth) ? tolerance_s : 0.0, &compared.estimate, &compared.truth);
   if (compared.truth.size() < 2) {
     throw InputError(fmt::format(
         "{}: {} of its {} poses match one of the truth's {} within {} s, at least 2 are needed",
-        estimate.name, compared.truth.size(), estimate.poses.size(), truth.size(), tolerance_s));
+        part.name, compared.truth.size(), part.poses.size(), truth.size(), tolerance_s));
+  }
+  if (2 * compared.truth.size() < std::min(part.poses.size(), truth.size())) {
+    spdlog::warn(
+        "{}: {} of its {} poses match one of the truth's {}, most do not: errors are of few",
+        part.name, compared.truth.size(), part.poses.size(), truth.size());
   }
   return compared;
+}
+
+ComparedTrajectory MatchToTruth(const NamedTrajectory& estimate, const Trajectory& truth,
+                                double tolerance_s) {
+  RequireMatchable(estimate, truth);
+  return MatchPart(estimate, truth, tolerance_s);
+}
+
+TrajectoryErrors ErrorsOf(const ComparedTrajectory& compared, Alignment alignment) {
+  const std::string axes = DescribeOtherAxes(compared);
+  if (!axes.empty()) spdlog::warn("{}", axes);
+  return CompareTrajectories(compared.estimate, compared.truth, alignment);
 }
 
 }  // namespace lamina

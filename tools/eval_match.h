@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "core/scan.h"
+#include "core/trajectory_metrics.h"
 #include "tools/map_quality.h"
 
 namespace lamina {
@@ -16,18 +17,30 @@ struct ComparedTrajectory {
   Trajectory truth;
 };
 
-// A true trajectory, KITTI or TUM form; `stamps` are for KITTI's. If `calib` (calib.txt of KITTI
-// odometry) is not empty, its poses are of the camera and become those of the LiDAR. Throws
-// InputError.
-Trajectory ReadTruth(const std::string& path, const std::string& calib,
-                     const std::vector<StampNs>& stamps);
+// Stamps that differ by no more belong together, unless somebody wants it otherwise.
+constexpr double kStampToleranceS = 0.01;
+
+// Poses of the camera as poses of the LiDAR, by the file `calib` (calib.txt of KITTI odometry); as
+// they are if that is empty. Throws InputError.
+Trajectory WithCalibration(const Trajectory& truth, const std::string& calib);
 
 // Poses read without stamps carry their line numbers instead.
 bool HasStamps(const Trajectory& trajectory);
 
-// By stamp within the tolerance, or by line number if neither has stamps. Throws InputError if just
-// one has, or if fewer than 2 poses match.
+// Throws InputError if just one has stamps, or if without stamps there are not as many of both.
+void RequireMatchable(const NamedTrajectory& estimate, const Trajectory& truth);
+
+// Matches a part of an estimate that RequireMatchable accepts: by stamp within the tolerance, or if
+// the truth has no stamps by the line numbers that the poses carry. Throws InputError if fewer than
+// 2 poses match. Logs when most poses of the part match none.
+ComparedTrajectory MatchPart(const NamedTrajectory& part, const Trajectory& truth,
+                             double tolerance_s);
+
+// Both: for an estimate that is judged as a whole.
 ComparedTrajectory MatchToTruth(const NamedTrajectory& estimate, const Trajectory& truth,
                                 double tolerance_s);
+
+// The errors of matched poses. Logs if the truth is of other axes (tools/truth_axes.h).
+TrajectoryErrors ErrorsOf(const ComparedTrajectory& compared, Alignment alignment);
 
 }  // namespace lamina

@@ -64,16 +64,18 @@ WorldScan ReadWorldScan(const ScanSource& scans, const PosedScan& posed,
 class Exporter {
  public:
   Exporter(const ScanSource& scans, const std::vector<PosedScan>& posed,
-           const ExportOptions& options, CloudWriter* writer)
+           const ExportOptions& options, CloudWriter* writer, const std::atomic<bool>* stop)
       : scans_(scans),
         posed_(posed),
         options_(options),
         writer_(writer),
+        stop_(stop),
         thinner_(static_cast<size_t>(options.budget_mb) << 20),
         radius_m_(posed.size(), 0.0) {}
 
   ExportResult Run() {
-    while (thinner_.BeginPass()) RunPass();
+    while (!Stopped() && thinner_.BeginPass()) RunPass();
+    result_.interrupted = Stopped();
     result_.points = thinner_.kept();
     result_.passes = thinner_.passes();
     return result_;
@@ -86,7 +88,7 @@ class Exporter {
     for (size_t i = 0; i < posed_.size(); ++i) {
       if (first || ReachesBox(i)) todo.push_back(i);
     }
-    for (size_t begin = 0; begin < todo.size(); begin += kScansPerBatch) {
+    for (size_t begin = 0; begin < todo.size() && !Stopped(); begin += kScansPerBatch) {
       const size_t size = std::min(kScansPerBatch, todo.size() - begin);
       std::vector<WorldScan> batch(size);
       ParallelChunks(size, 1, [&](size_t k, size_t) {
@@ -98,6 +100,8 @@ class Exporter {
       }
     }
   }
+
+  bool Stopped() const { return stop_ != nullptr && stop_->load(); }
 
   // Known from the first pass, which reads every scan.
   bool ReachesBox(size_t i) const {
@@ -124,6 +128,7 @@ class Exporter {
   const std::vector<PosedScan>& posed_;
   const ExportOptions& options_;
   CloudWriter* writer_;
+  const std::atomic<bool>* stop_;
   PassThinner thinner_;
   std::vector<double> radius_m_;
   ExportResult result_;
@@ -139,9 +144,10 @@ void ExportOptions::Visit(OptionVisitor& v) {
 }
 
 ExportResult ExportCloud(const ScanSource& scans, const std::vector<PosedScan>& posed,
-                         const ExportOptions& options, CloudWriter* writer) {
+                         const ExportOptions& options, CloudWriter* writer,
+                         const std::atomic<bool>* stop) {
   CheckOptions(options, "export");
-  return Exporter(scans, posed, options, writer).Run();
+  return Exporter(scans, posed, options, writer, stop).Run();
 }
 
 }  // namespace lamina

@@ -2,6 +2,7 @@
 // own motion, in the world frame, thinned to one point per voxel.
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <vector>
 
@@ -29,12 +30,15 @@ struct ExportResult {
   std::size_t points = 0;  // written
   int passes = 0;
   std::size_t points_beyond_grid = 0;  // more than 2^20 voxels from the origin: left out
+  bool interrupted = false;            // not all points are written
 };
 
 // Writes the points, with the intensity of their scan, in an order that depends on the scans and
-// the options alone; the set of points not even on the budget. The caller commits the writer.
+// the options alone; the set of points not even on the budget. The caller commits the writer. Ends
+// early once `stop` is true.
 // Throws InputError if a scan cannot be read, OptionError, OutputError.
 ExportResult ExportCloud(const ScanSource& scans, const std::vector<PosedScan>& posed,
-                         const ExportOptions& options, CloudWriter* writer);
+                         const ExportOptions& options, CloudWriter* writer,
+                         const std::atomic<bool>* stop = nullptr);
 
 }  // namespace lamina

@@ -3,7 +3,9 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <string>
 
@@ -12,7 +14,9 @@
 #include "io/map_io.h"
 #include "io/scan_source.h"
 #include "tools/export_cloud.h"
+#include "tools/output_folder.h"
 #include "tools/piece_poses.h"
+#include "tools/recording_part.h"
 
 namespace lamina {
 namespace {
@@ -28,10 +32,54 @@ struct ExportArguments {
   ExportOptions options;
 };
 
+// Whether the scans are those that the run has posed: as many in all, and where the run tells, the
+// same points in the first, the middle and the last.
+void RequireSameRecording(const ScanSource& scans, const std::vector<PosedScan>& posed,
+                          const ExportArguments& arguments, const Trajectory& trajectory,
+                          const std::vector<FrameRow>& rows,
+                          const ScanPreparationOptions& preparation) {
+  const auto refuse = [&](const std::string& why) {
+    throw InputError(fmt::format("{} and {} do not belong together: {}; is it another recording?",
+                                 arguments.run, arguments.scans, why));
+  };
+  const auto part = ReadRecordingPart(arguments.run);
+  if (part && part->scans != scans.size()) {
+    refuse(fmt::format("the run is of a recording of {} scans, this one has {}", part->scans,
+                       scans.size()));
+  }
+  const std::size_t wanted = part ? trajectory.size() : std::max(trajectory.size(), scans.size());
+  if (2 * posed.size() < (rows.empty() ? wanted : trajectory.size())) {
+    refuse(fmt::format("{} of {} poses have the stamp of one of the {} scans", posed.size(),
+                       trajectory.size(), scans.size()));
+  }
+  std::map<StampNs, std::size_t> points;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    if (rows[i].points) points[trajectory[i].stamp_ns] = *rows[i].points;
+  }
+  for (const std::size_t i : {std::size_t{0}, posed.size() / 2, posed.size() - 1}) {
+    const Scan scan = scans.Read(posed[i].scan);
+    const auto known = points.find(scans.Stamp(posed[i].scan));
+    if (known == points.end()) continue;
+    const std::size_t usable =
+        PrepareScan(scan, preparation, 0.1, scans.T_vehicle_lidar(posed[i].scan)).points.size();
+    if (usable == known->second) continue;
+    refuse(fmt::format("{} has {} usable points, the run found {} in the scan of this stamp",
+                       scans.Name(posed[i].scan), usable, known->second));
+  }
+}
+
+// What is written among the scans would be one of them from then on.
+void CheckOutput(const std::string& out, const std::string& scans) {
+  const std::string folder = std::filesystem::absolute(out).parent_path().string();
+  if (!IsWithin(folder, scans)) return;
+  throw OptionError(fmt::format("--out {}: is in the folder of the recording, {}", out, scans));
+}
+
 int RunExport(const ExportArguments& arguments) {
   const std::filesystem::path run = arguments.run;
   const LaminaConfig config = LoadConfig((run / "config.yaml").string(), {});
-  const Trajectory trajectory = ReadFirstPiece(arguments.run);
+  std::vector<FrameRow> rows;
+  const Trajectory trajectory = ReadFirstPiece(arguments.run, &rows);
   const std::unique_ptr<ScanSource> scans = OpenScans(arguments.scans, config.scans);
   ExportOptions options = arguments.options;
   options.preparation = config.preparation;
@@ -44,10 +92,13 @@ int RunExport(const ExportArguments& arguments) {
         "recording?",
         (run / "trajectory_tum.txt").string(), trajectory.size(), scans->size(), arguments.scans));
   }
+  RequireSameRecording(*scans, posed, arguments, trajectory, rows, config.preparation);
   const std::string out =
       arguments.out.empty() ? (run / ("cloud." + arguments.format)).string() : arguments.out;
+  CheckOutput(out, arguments.scans);
   CloudWriter writer(out);
-  const ExportResult result = ExportCloud(*scans, posed, options, &writer);
+  const ExportResult result = ExportCloud(*scans, posed, options, &writer, &StopOnSignals());
+  if (result.interrupted) throw InterruptedError("nothing is written");
   writer.Commit();
   fmt::print("{}: {} points, one per {} m voxel, of {} scans ({} of {} poses, {} of the recording)",
              out, result.points, options.resolution_m, posed.size(), posed.size(),

@@ -1,6 +1,7 @@
 // The program `lamina`: parses the command line, runs a subcommand, turns errors into messages.
 // Exit codes: 0 done, 1 failed with a reason, 2 wrong usage: a command line that cannot be parsed,
-// or an option or a value of the configuration outside of its rule (OptionError).
+// or an option or a value of the configuration outside of its rule (OptionError); 130 ended by
+// Ctrl-C before all was done, in good order.
 
 #include <fmt/format.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
@@ -10,12 +11,16 @@
 #include <exception>
 #include <functional>
 #include <new>
+#include <string>
 
 #include "core/error.h"
 #include "core/printable_text.h"
 #include "tools/adverse_command.h"
 #include "tools/calibrate_command.h"
+#include "tools/command_common.h"
+#include "tools/command_words.h"
 #include "tools/compare_command.h"
+#include "tools/config_command.h"
 #include "tools/eval_command.h"
 #include "tools/export_command.h"
 #include "tools/log_text.h"
@@ -35,13 +40,15 @@ int main(int argc, char** argv) {
   CLI::App app("Lamina: scans of a LiDAR in, poses and a map out.");
   app.require_subcommand(1);
   app.footer(
-      "Exit codes: 0 done, 1 failed with a reason, 2 wrong usage.\n"
+      "Exit codes: 0 done, 1 failed with a reason, 2 wrong usage. 130: ended by Ctrl-C, in good "
+      "order.\n"
       "`lamina COMMAND --help` explains a command.");
   std::function<int()> run;
   lamina::AddRunCommand(&app, &run);
   lamina::AddWatchCommand(&app, &run);
   lamina::AddRegisterCommand(&app, &run);
   lamina::AddCalibrateCommand(&app, &run);
+  lamina::AddConfigCommand(&app, &run);
   lamina::AddEvalCommand(&app, &run);
   lamina::AddExportCommand(&app, &run);
   lamina::AddPlotCommand(&app, &run);
@@ -50,6 +57,12 @@ int main(int argc, char** argv) {
   lamina::AddSimulateCommand(&app, &run);
   lamina::AddCompareCommand(&app, &run);
   lamina::AddAdverseCommand(&app, &run);
+  app.set_version_flag("--version", std::string("lamina ") + LAMINA_VERSION);
+  const std::string wrong = lamina::DescribeWrongWord(app, {argv + 1, argv + argc});
+  if (!wrong.empty()) {
+    fmt::print(stderr, "lamina: error: {}\n", lamina::Printable(wrong));
+    return 2;
+  }
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -60,6 +73,9 @@ int main(int argc, char** argv) {
   } catch (const lamina::OptionError& error) {
     fmt::print(stderr, "lamina: error: {}\n", lamina::Printable(error.what()));
     return 2;
+  } catch (const lamina::InterruptedError& error) {
+    fmt::print(stderr, "lamina: interrupted: {}\n", lamina::Printable(error.what()));
+    return 128 + lamina::StopSignal();
   } catch (const std::bad_alloc&) {
     fmt::print(stderr, "lamina: error: out of memory\n");
   } catch (const std::exception& error) {

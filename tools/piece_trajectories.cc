@@ -9,7 +9,7 @@
 #include "core/error.h"
 #include "io/file_writer.h"
 #include "io/trajectory_io.h"
-#include "tools/command_common.h"
+#include "tools/eval_match.h"
 
 namespace lamina {
 namespace {
@@ -59,15 +59,16 @@ void WritePieceTrajectories(const std::string& folder,
   }
 }
 
-PieceErrors ComparePiecesWithTruth(const std::string& path, const ScanSource& source,
-                                   const std::map<std::int64_t, Trajectory>& pieces) {
+PieceErrors ComparePiecesWithTruth(const std::map<std::int64_t, Trajectory>& pieces,
+                                   const Trajectory& truth) {
   PieceErrors errors;
   bool any = false;
-  std::string problem = path + ": there are no poses to compare with it";
+  std::string problem = "there are no poses to compare with the truth";
   for (const auto& [piece, poses] : pieces) {
+    const std::string name = pieces.size() > 1 ? fmt::format("piece {}", piece) : "the run";
     std::optional<TrajectoryErrors>& of_piece = errors[piece];
     try {
-      of_piece = CompareWithTruth(path, source, poses);
+      of_piece = ErrorsOf(MatchPart({name, poses}, truth, kStampToleranceS), Alignment::kSe3);
       any = true;
     } catch (const InputError& error) {
       problem = error.what();

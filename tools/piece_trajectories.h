@@ -14,7 +14,6 @@
 
 #include "backend/final_poses.h"
 #include "core/trajectory_metrics.h"
-#include "io/scan_source.h"
 #include "tools/run_report.h"
 
 namespace lamina {
@@ -31,9 +30,10 @@ void WritePieceTrajectories(const std::string& folder,
 // two poses are known truly.
 using PieceErrors = std::map<std::int64_t, std::optional<TrajectoryErrors>>;
 
-// Throws InputError if not one piece can be judged.
-PieceErrors ComparePiecesWithTruth(const std::string& path, const ScanSource& source,
-                                   const std::map<std::int64_t, Trajectory>& pieces);
+// With the true poses of the scans (ReadTruthOfPart). Throws InputError if not one piece can be
+// judged.
+PieceErrors ComparePiecesWithTruth(const std::map<std::int64_t, Trajectory>& pieces,
+                                   const Trajectory& truth);
 
 // Into summary.json: errors of the only piece at the top, else of each within `pieces`.
 void AddErrors(const PieceErrors& errors, nlohmann::json* summary);

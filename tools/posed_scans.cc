@@ -40,9 +40,10 @@ std::vector<PosedScan> PoseScans(const ScanSource& scans, const Trajectory& traj
 
 double SweepPeriodOfScan(const ScanSource& scans, size_t i, double fallback_s) {
   constexpr size_t kBefore = 9;
-  const size_t end = std::min(scans.size(), std::max(i, kBefore) + 1);
-  std::vector<StampNs> stamps;
-  for (size_t k = end - std::min(end, kBefore + 1); k < end; ++k) stamps.push_back(scans.Stamp(k));
+  std::vector<StampNs> stamps = scans.StampsUpTo(i, 0, kBefore + 1);
+  for (size_t k = i + 1; k < scans.size() && stamps.size() <= kBefore; ++k) {
+    if (scans.Sensor(k) == scans.Sensor(i)) stamps.push_back(scans.Stamp(k));
+  }
   return SweepPeriod(stamps, fallback_s);
 }
 

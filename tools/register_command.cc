@@ -19,7 +19,9 @@
 #include "io/trajectory_io.h"
 #include "tools/command_common.h"
 #include "tools/command_options.h"
-#include "tools/posed_scans.h"
+#include "tools/eval_match.h"
+#include "tools/output_folder.h"
+#include "tools/recording_part.h"
 #include "tools/register_report.h"
 #include "tools/run_report.h"
 
@@ -74,7 +76,7 @@ Batch ReadBatch(const ScanSource& source, const FrameRange& range, const LaminaC
     });
     for (std::size_t i = 0; i < count; ++i) progress->Step();
   }
-  if (stop) throw InputError("interrupted while reading; nothing is written");
+  if (stop) throw InterruptedError("while reading; nothing is written");
   Batch batch;
   for (std::size_t i = 0; i < decoded.size(); ++i) {
     const ScanDecodeReport& report = decoded[i].report;
@@ -172,11 +174,14 @@ int Register(const RegisterArguments& arguments) {
   const auto source = OpenScans(arguments.scans, config.scans);
   const FrameRange range = ParseFrameRange(arguments.frames, source->size());
   const std::vector<SE3> initial = ReadInitialPoses(arguments.initial, *source, range);
+  const RecordingPart part = PartOf(*source, range);
+  Trajectory truth;
+  if (!arguments.truth.empty()) truth = ReadTruthOfPart(arguments.truth, *source, part);
+  CheckOutputFolder(arguments.out, arguments.scans);
   MakeDirectory(arguments.out);
   const auto path = [&](const char* name) {
     return (std::filesystem::path(arguments.out) / name).string();
   };
-  WriteTextFile(path("config.yaml"), ToYaml(config));
   RoundTable rounds(path("rounds.csv"));
   const std::atomic<bool>& stop = StopOnSignals();
   RunProgress progress(ProgressMode(arguments.progress), range.end - range.begin);
@@ -201,6 +206,9 @@ int Register(const RegisterArguments& arguments) {
   Trajectory poses;
   callbacks.on_poses = [&](const RegistrationResult& solved) {
     poses = WithStamps(batch, solved.poses);
+    RemoveStaleResults(arguments.out, {"trajectory_kitti.txt", "trajectory_tum.txt", "rounds.csv",
+                                       "covariance.csv", "map_surfels.ply"});
+    WriteTextFile(path("config.yaml"), ToYaml(config));
     WriteKittiTrajectory(path("trajectory_kitti.txt"),
                          AllScans(batch, *source, range, initial, solved.poses));
     WriteTumTrajectory(path("trajectory_tum.txt"), poses);
@@ -218,11 +226,15 @@ int Register(const RegisterArguments& arguments) {
   figures.wall_s = 1e-3 * watch.Milliseconds();
   figures.cpu_s = ProcessCpuSeconds() - cpu_start;
   std::optional<TrajectoryErrors> errors;
-  if (!arguments.truth.empty()) errors = CompareWithTruth(arguments.truth, *source, poses);
+  if (!arguments.truth.empty()) {
+    errors = ErrorsOf(MatchToTruth({"the registration", poses}, truth, kStampToleranceS),
+                      Alignment::kSe3);
+  }
   const std::string name =
       FormulationNames().at(static_cast<std::size_t>(config.registration.formulation));
-  const nlohmann::json summary =
+  nlohmann::json summary =
       Summarise(result, batch.scans, name, figures, errors ? &*errors : nullptr);
+  summary["recording"] = ToJson(part);
   WriteTextFile(path("summary.json"), summary.dump(2) + "\n");
   if (result.status == RegistrationResult::Status::kIllPosed) {
     throw InputError("the registration is ill-posed: " + result.reason +
@@ -230,6 +242,7 @@ int Register(const RegisterArguments& arguments) {
   }
   if (result.status == RegistrationResult::Status::kFailed) throw InputError(result.reason);
   PrintSummary(arguments.out, result, summary);
+  if (stop) throw InterruptedError("the results are those of the rounds until then");
   return 0;
 }
 

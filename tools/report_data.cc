@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <limits>
 #include <map>
+#include <optional>
 #include <set>
 #include <string_view>
 #include <tuple>
@@ -23,6 +24,7 @@
 #include "tools/eval_report.h"
 #include "tools/live_wire.h"
 #include "tools/piece_poses.h"
+#include "tools/recording_part.h"
 #include "tools/report_page.h"
 #include "tools/run_report.h"
 
@@ -165,14 +167,18 @@ json ReadSummary(const std::string& path) {
 
 // Of the first piece: those of others are in other frames.
 json CompareWithTruth(const ReportSource& source) {
-  Trajectory truth = ReadTruth(source.truth, source.calib, {});
+  const std::optional<RecordingPart> part = ReadRecordingPart(source.folder);
+  const Trajectory truth = WithCalibration(
+      part ? ReadPosesOfPart(source.truth, *part, {}) : ReadTrajectory(source.truth), source.calib);
   const char* const file = HasStamps(truth) ? "trajectory_tum.txt" : "trajectory_kitti.txt";
   const std::string path = (fs::path(source.folder) / file).string();
-  const std::map<std::int64_t, Trajectory> pieces = SplitIntoPieces(path, ReadTrajectory(path));
+  const Trajectory all = ReadTrajectory(path);
+  RequireMatchable({"the trajectory", all}, truth);
+  const std::map<std::int64_t, Trajectory> pieces = SplitIntoPieces(path, all);
   const NamedTrajectory estimate{
       pieces.size() > 1 ? "the first piece of the trajectory" : "the trajectory",
       pieces.begin()->second};
-  const ComparedTrajectory pairs = MatchToTruth(estimate, truth, source.tolerance_s);
+  const ComparedTrajectory pairs = MatchPart(estimate, truth, source.tolerance_s);
   constexpr Alignment kAlignment = Alignment::kSe3;
   const SE3 T = AlignTrajectories(pairs.estimate, pairs.truth, kAlignment);
   const bool timed = HasStamps(pairs.estimate);
@@ -188,14 +194,13 @@ json CompareWithTruth(const ReportSource& source) {
     shown.push_back({pairs.truth[i].stamp_ns, T.Inverse() * truly});
   }
   const Series series(axis.size());
-  return {
-      {"poses", EncodePoses(shown)},
-      {"figures", ToJson(CompareTrajectories(pairs.estimate, pairs.truth, kAlignment), kAlignment)},
-      {"axis", series.Axis(axis)},
-      {"axis_name", timed ? "s" : "scan"},
-      {"group", series.group()},
-      {"position_m", series.Values(metres)},
-      {"rotation_deg", series.Values(degrees)}};
+  return {{"poses", EncodePoses(shown)},
+          {"figures", ToJson(ErrorsOf(pairs, kAlignment), kAlignment)},
+          {"axis", series.Axis(axis)},
+          {"axis_name", timed ? "s" : "scan"},
+          {"group", series.group()},
+          {"position_m", series.Values(metres)},
+          {"rotation_deg", series.Values(degrees)}};
 }
 
 }  // namespace
@@ -205,7 +210,7 @@ json ReadReportData(const ReportSource& source) {
   const auto path = [&](const char* name) { return (folder / name).string(); };
   if (!fs::is_directory(folder)) throw InputError(source.folder + ": is no folder");
   const Trajectory trajectory = ReadTrajectory(path("trajectory_tum.txt"));
-  const std::vector<std::int64_t> pieces = ReadPieces(source.folder, trajectory.size());
+  const std::vector<std::int64_t> pieces = ReadPieces(source.folder, trajectory);
   json data = {{"name", fs::absolute(folder / "").parent_path().filename().string()},
                {"trajectory", EncodePoses(trajectory, pieces)},
                {"map", ReadMap(path("map_surfels.ply"), source.max_surfels)},

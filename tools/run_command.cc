@@ -13,14 +13,19 @@
 #include <string>
 #include <vector>
 
+#include "backend/deskew_choice.h"
 #include "backend/scan_record.h"
 #include "config/config.h"
 #include "core/error.h"
+#include "core/printable_text.h"
 #include "io/tile_store.h"
 #include "io/trajectory_io.h"
 #include "tools/command_common.h"
 #include "tools/command_options.h"
+#include "tools/opening_lines.h"
+#include "tools/output_folder.h"
 #include "tools/piece_trajectories.h"
+#include "tools/recording_part.h"
 #include "tools/run_report.h"
 
 namespace lamina {
@@ -38,11 +43,13 @@ struct RunArguments {
 void LogScan(const ScanReport& report, RunProgress* progress) {
   if (report.began_piece && report.piece > 0) progress->Warn(NewPieceMessage(report));
   if (report.skipped) {
-    progress->Warn(fmt::format("skipped scan {}: {}", report.index, report.detail));
+    progress->WarnRepeated(std::string("skipped: ") + ToString(report.reason),
+                           fmt::format("skipped scan {}: {}", report.index, report.detail));
   } else if (report.odometry.status == OdometryFrame::Status::kLost) {
-    progress->Warn(fmt::format(
-        "lost at scan {}: {:.0f} % of its clusters agree with the map; kept out of the map",
-        report.index, 100.0 * report.odometry.match.inlier_share));
+    progress->WarnRepeated(
+        "lost", fmt::format("lost at scan {}: {:.0f} % of its clusters agree with the map; kept "
+                            "out of the map",
+                            report.index, 100.0 * report.odometry.match.inlier_share));
   }
 }
 
@@ -97,8 +104,12 @@ class RunOutput {
     return pieces;
   }
 
-  nlohmann::json Finish(const MappingCounts& counts, const VoxelMap& map, int min_surfel_frames,
-                        RunFigures figures, const PieceErrors& errors) {
+  nlohmann::json Finish(const MappingCounts& counts, const VoxelMap& map,
+                        const LaminaConfig& config, const RecordingPart& part, RunFigures figures,
+                        const PieceErrors& errors) {
+    // Not before now: until here the results of an earlier run are whole.
+    RemoveStaleResults(directory_, {"trajectory_kitti.txt", "trajectory_tum.txt", "frames.csv",
+                                    "map_surfels.ply"});
     // First what cannot be made again: poses, then the map.
     Trajectory all_scans, frames;
     for (const FinalPose& pose : poses_) {
@@ -111,10 +122,12 @@ class RunOutput {
       for (const FinalPose& pose : poses_) visit(pose);
     });
     table_.Commit();
-    figures.map_surfels = WriteMap(directory_, map, min_surfel_frames);
+    WriteTextFile(Path("config.yaml"), ToYaml(config));
+    figures.map_surfels = WriteMap(directory_, map, config.backend.min_surfel_frames);
     nlohmann::json summary = Summarise(counts, map, figures);
     summary["pieces"] = ToJson(table_.pieces());
     if (!errors.empty()) AddErrors(errors, &summary);
+    summary["recording"] = ToJson(part);
     WriteTextFile(Path("summary.json"), SummaryText(summary));
     return summary;
   }
@@ -127,17 +140,51 @@ class RunOutput {
   std::vector<FinalPose> poses_;
 };
 
+// Says what was understood of the recording, and settles what it decides of the configuration:
+// scans that are compensated already are not deskewed.
+void OpenRun(const ScanSource& source, const FrameRange& range, const std::string& config_name,
+             const std::atomic<bool>& stop, LaminaConfig* config) {
+  const DeskewChoice choice =
+      ChooseDeskew(source, range.begin, range.end, config->Mapping(), &stop);
+  if (choice.compensated) config->preparation.deskew = ScanPreparationOptions::Deskew::kOff;
+  const OpeningLines opening = DescribeOpening(source, range, *config, config_name);
+  for (const std::string& line : opening.lines) fmt::print(stderr, "{}\n", Printable(line));
+  for (const std::string& doubt : opening.doubts) spdlog::warn("{}", doubt);
+  if (!choice.compensated) return;
+  spdlog::warn(
+      "scans are compensated for motion already: planes are {:.1f} mm thick if deskewed by the "
+      "points' times, {:.1f} mm as they are. Not deskewed (preparation.deskew=off)",
+      1e3 * choice.deskewed_m, 1e3 * choice.as_they_are_m);
+}
+
+// Nothing without a truth. Too few scans may have got poses for a comparison, which must not cost
+// the run: then `problem` says so.
+PieceErrors JudgeByTruth(const std::map<std::int64_t, Trajectory>& pieces, const Trajectory& truth,
+                         std::string* problem) {
+  if (truth.empty()) return {};
+  try {
+    return ComparePiecesWithTruth(pieces, truth);
+  } catch (const InputError& error) {
+    *problem = error.what();
+    return {};
+  }
+}
+
 int Run(const RunArguments& arguments) {
   const auto limit = LimitThreads(arguments.threads);
-  const LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
+  LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
   const auto source = OpenScans(arguments.scans, config.scans);
   const FrameRange range = ParseFrameRange(arguments.frames, source->size());
+  RecordingPart part = PartOf(*source, range);
+  Trajectory truth;
+  if (!arguments.truth.empty()) truth = ReadTruthOfPart(arguments.truth, *source, part);
+  CheckOutputFolder(arguments.out, arguments.scans);
   MakeDirectory(arguments.out);
   RunOutput output(arguments.out);
-  WriteTextFile(output.Path("config.yaml"), ToYaml(config));
 
-  RunProgress progress(ProgressMode(arguments.progress), range.end - range.begin);
   const std::atomic<bool>& stop = StopOnSignals();
+  OpenRun(*source, range, arguments.config.file, stop, &config);
+  RunProgress progress(ProgressMode(arguments.progress), range.end - range.begin);
 
   const auto start = std::chrono::steady_clock::now();
   const double cpu_start = ProcessCpuSeconds();
@@ -162,23 +209,22 @@ int Run(const RunArguments& arguments) {
   figures.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   figures.cpu_s = ProcessCpuSeconds() - cpu_start;
 
-  const std::map<std::int64_t, Trajectory> pieces = output.Pieces();
-  PieceErrors errors;
   std::string truth_problem;
-  if (!arguments.truth.empty()) {
-    // A bad truth file must not cost the run.
-    try {
-      errors = ComparePiecesWithTruth(arguments.truth, *source, pieces);
-    } catch (const InputError& error) {
-      truth_problem = error.what();
-    }
-  }
-  const nlohmann::json summary = output.Finish(pipeline.counts(), pipeline.map(),
-                                               config.backend.min_surfel_frames, figures, errors);
+  const std::map<std::int64_t, Trajectory> pieces = output.Pieces();
+  const PieceErrors errors = JudgeByTruth(pieces, truth, &truth_problem);
+  // Of an interrupted run, the scans until then.
+  if (processed > 0) part.end = part.begin + processed;
+  const nlohmann::json summary =
+      output.Finish(pipeline.counts(), pipeline.map(), config, part, figures, errors);
+  const std::string interruption =
+      fmt::format("{} of {} scans were mapped; the results are those of these", processed,
+                  range.end - range.begin);
+  if (pieces.empty() && figures.interrupted) throw InterruptedError(interruption);
   if (pieces.empty()) {
     throw InputError(arguments.scans + ": not one usable scan; summary.json says why");
   }
   PrintSummary(arguments.out, pipeline.counts(), errors, summary);
+  if (figures.interrupted) throw InterruptedError(interruption);
   if (!truth_problem.empty()) throw InputError(truth_problem + " (all else is written)");
   return 0;
 }
@@ -197,8 +243,7 @@ void AddRunCommand(CLI::App* app, std::function<int()>* run) {
       ->required();
   command->add_option("--out", a.out, "Folder for the results; made if it is not there")
       ->required();
-  AddConfigOptions(command,
-                   ", e.g. config/kitti_raw.yaml; config/default.yaml explains every option",
+  AddConfigOptions(command, ", e.g. kitti_raw; `lamina config default` explains every option",
                    &a.config);
   AddFramesOption(command, &a.frames);
   AddThreadsOption(command, "", &a.threads);

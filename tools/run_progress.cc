@@ -62,6 +62,10 @@ void RunProgress::Warn(const std::string& line) {
   spdlog::warn(line);
 }
 
+void RunProgress::WarnRepeated(const std::string& kind, const std::string& line) {
+  if (const auto shown = repeated_.Next(kind, line)) Warn(*shown);
+}
+
 void RunProgress::Finish() {
   if (!bar_) return;
   Show();

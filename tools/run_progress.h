@@ -5,6 +5,8 @@
 #include <cstddef>
 #include <string>
 
+#include "tools/repeated_lines.h"
+
 namespace lamina {
 
 // Not thread-safe. Writes to standard error.
@@ -18,6 +20,8 @@ class RunProgress {
   void Step();
   // A line that must be seen, above the bar.
   void Warn(const std::string& line);
+  // One that may come for many scans: the first of this kind, then some (tools/repeated_lines.h).
+  void WarnRepeated(const std::string& kind, const std::string& line);
   // Ends the bar's line.
   void Finish();
 
@@ -29,6 +33,7 @@ class RunProgress {
   std::size_t total_, done_ = 0;
   std::string unit_;
   Clock::time_point start_, last_;
+  RepeatedLines repeated_;
 };
 
 }  // namespace lamina

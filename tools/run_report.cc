@@ -105,12 +105,17 @@ std::int64_t LastNumber(const std::string& text) {
 
 }  // namespace
 
+std::optional<std::int64_t> PieceOfFile(const std::string& name,
+                                        std::string (*name_of)(std::int64_t piece)) {
+  const std::int64_t piece = LastNumber(name);
+  return piece >= 0 && name == name_of(piece) ? std::optional(piece) : std::nullopt;
+}
+
 void RemovePieceFiles(const std::string& folder, std::string (*name_of)(std::int64_t piece)) {
   std::error_code ignored;
   for (const auto& entry : std::filesystem::directory_iterator(folder, ignored)) {
-    const std::string name = entry.path().filename().string();
-    const std::int64_t piece = LastNumber(name);
-    if (piece >= 0 && name == name_of(piece)) std::filesystem::remove(entry.path(), ignored);
+    if (!PieceOfFile(entry.path().filename().string(), name_of)) continue;
+    std::filesystem::remove(entry.path(), ignored);
   }
 }
 

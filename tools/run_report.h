@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 
 #include "backend/mapping_pipeline.h"
@@ -63,6 +64,11 @@ void PrintOutputs(const std::string& folder);
 // The file of a piece's map, in the frame of that piece: a viewer that draws pieces over one
 // another would show what never was.
 std::string MapFileName(std::int64_t piece);
+
+// The piece that a file's name is of, of the kind that `name_of` names; nothing if that gives no
+// piece this name, or if the name has no number.
+std::optional<std::int64_t> PieceOfFile(const std::string& name,
+                                        std::string (*name_of)(std::int64_t piece));
 
 // Removes the files of this kind that an earlier run has left: it may have had more pieces.
 void RemovePieceFiles(const std::string& folder, std::string (*name_of)(std::int64_t piece));

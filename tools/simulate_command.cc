@@ -122,12 +122,15 @@ class Output {
   fs::path folder_;
 };
 
-void SayIfStopped(std::size_t done, std::size_t all) {
+// Whether all was done.
+bool SayIfStopped(std::size_t done, std::size_t all) {
   if (done < all) fmt::print("stopped after {} of {} scenes; these are written\n", done, all);
+  return done >= all;
 }
 
-int RunFormulations(const StudyOptions& study, const Output& output, const std::atomic<bool>& stop,
-                    RunProgress* progress) {
+// Whether all was done.
+bool RunFormulations(const StudyOptions& study, const Output& output, const std::atomic<bool>& stop,
+                     RunProgress* progress) {
   TrialTable table(output.Path("trials.csv"));
   std::vector<TrialResult> results;
   const auto sink = [&](const std::vector<TrialResult>& trial) {
@@ -143,21 +146,22 @@ int RunFormulations(const StudyOptions& study, const Output& output, const std::
   output.Write("summary.json", SummaryJson(study, summaries).dump(2) + "\n");
   output.Write("summary.md", tables);
   fmt::print("{}\n", tables);
-  SayIfStopped(results.size() / study.formulations.size(), study.Scenes());
+  const bool complete = SayIfStopped(results.size() / study.formulations.size(), study.Scenes());
   fmt::print("figures  {0}, {1}, {2}\n", output.Path("trials.csv"), output.Path("summary.json"),
              output.Path("summary.md"));
-  if (summaries.empty()) return 0;
+  if (summaries.empty()) return complete;
   // Hours of trials must not end as a failure for want of a picture.
   try {
     fmt::print("picture  {}\n", DrawStudy(summaries, output.Path("figure1")));
   } catch (const OutputError& error) {
     spdlog::warn("no picture, all else is written: {}", error.what());
   }
-  return 0;
+  return complete;
 }
 
-int RunNees(const StudyOptions& study, const Output& output, const std::atomic<bool>& stop,
-            RunProgress* progress) {
+// Whether all was done.
+bool RunNees(const StudyOptions& study, const Output& output, const std::atomic<bool>& stop,
+             RunProgress* progress) {
   FileWriter table(output.Path("nees.csv"));
   table.Write(
       "sweep,value,trial,seed,nees,degrees_of_freedom,rot_error_deg,trans_error_m,status\n");
@@ -176,9 +180,9 @@ int RunNees(const StudyOptions& study, const Output& output, const std::atomic<b
   for (const NeesSummary& summary : SummariseNees(trials)) {
     fmt::print("{}", DescribeNees(summary));
   }
-  SayIfStopped(trials.size(), study.Scenes());
+  const bool complete = SayIfStopped(trials.size(), study.Scenes());
   fmt::print("figures  {}\n", output.Path("nees.csv"));
-  return 0;
+  return complete;
 }
 
 int RunSimulate(const SimulateArguments& arguments) {
@@ -187,8 +191,10 @@ int RunSimulate(const SimulateArguments& arguments) {
   const Output output(arguments.out);
   RunProgress progress(ProgressMode(arguments.progress), study.Scenes(), "scenes");
   const std::atomic<bool>& stop = StopOnSignals();
-  return arguments.nees ? RunNees(study, output, stop, &progress)
-                        : RunFormulations(study, output, stop, &progress);
+  const bool complete = arguments.nees ? RunNees(study, output, stop, &progress)
+                                       : RunFormulations(study, output, stop, &progress);
+  if (!complete) throw InterruptedError("what was done until then is written");
+  return 0;
 }
 
 std::string DescribeSweeps() {

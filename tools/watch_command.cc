@@ -16,6 +16,7 @@
 #include "io/disk_room.h"
 #include "tools/command_common.h"
 #include "tools/command_options.h"
+#include "tools/output_folder.h"
 #include "tools/run_report.h"
 #include "tools/steady_heap.h"
 #include "tools/watch_daemon.h"
@@ -69,12 +70,27 @@ void CheckFolders(const std::string& inbox, const std::string& session) {
   if (!fs::is_directory(inbox)) {
     throw InputError(fmt::format("{}: the inbox must be a folder", inbox));
   }
-  const fs::path outer = fs::canonical(inbox), inner = fs::weakly_canonical(session);
-  const auto [end, rest] = std::mismatch(outer.begin(), outer.end(), inner.begin(), inner.end());
-  if (end == outer.end()) {
+  if (IsWithin(session, inbox)) {
     throw OptionError(
         fmt::format("--session {}: must be outside of the inbox, {}", session, inbox));
   }
+  if (HoldsResults(session)) {
+    throw OptionError(fmt::format(
+        "--session {}: holds results of `lamina run`, which would be replaced", session));
+  }
+}
+
+// The configuration that is named, or else that of the session that is continued, or of the map to
+// localise in: what decides results must be as it was then.
+std::string ConfigOf(const WatchArguments& a) {
+  if (!a.config.file.empty()) return a.config.file;
+  for (const std::string& session : {a.session, a.map}) {
+    const std::string own = (std::filesystem::path(session) / "config.yaml").string();
+    if (session.empty() || !IsSession(session) || !std::filesystem::exists(own)) continue;
+    fmt::print(stderr, "options of the session {} hold: {}\n", session, own);
+    return own;
+  }
+  return "";
 }
 
 // Makes a daemon and runs it, anew whenever its disk was full and has room again.
@@ -101,8 +117,9 @@ int Watch(const WatchArguments& a) {
   WatchSetup setup;
   setup.inbox = a.inbox;
   setup.session = a.session;
-  setup.config = LoadConfig(a.config.file, a.config.set);
-  setup.reload = [&a] { return LoadConfig(a.config.file, a.config.set); };
+  const std::string config = ConfigOf(a);
+  setup.config = LoadConfig(config, a.config.set);
+  setup.reload = [&a, config] { return LoadConfig(config, a.config.set); };
   setup.http = ParseHttpAddress(a.http);
   setup.done = ParseDonePolicy(a.done);
   setup.once = a.once;
@@ -120,6 +137,10 @@ int Watch(const WatchArguments& a) {
   std::signal(SIGHUP, RequestReload);
   RunDaemon(setup, stop);
   PrintOutputs(a.session);
+  // Without an end of its own, to be interrupted is how it ends.
+  if (a.once && StopSignal() == SIGINT) {
+    throw InterruptedError("the session goes on from there when it is started again");
+  }
   return 0;
 }
 

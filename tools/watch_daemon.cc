@@ -226,15 +226,20 @@ void WatchDaemon::OnMapped(const ScanReport& report) {
   under_way_.push_back({SteadyClock::now(), complete});
 }
 
+void WatchDaemon::WarnRepeated(const std::string& kind, const std::string& line) {
+  if (const auto shown = repeated_.Next(kind, line)) spdlog::warn("{}", *shown);
+}
+
 void WatchDaemon::OnScan(const ScanReport& report, const SessionScan& row) {
   if (report.began_piece && report.piece > 0) spdlog::warn(NewPieceMessage(report));
   if (report.skipped) {
     ++rejected_;
-    spdlog::warn("skipped scan {}: {}", row.scan, row.detail);
+    WarnRepeated("skipped: " + row.status,
+                 fmt::format("skipped scan {}: {}", row.scan, row.detail));
     session_->DoLater([this, row] { files_.Reject(row.file, row.detail); });
   } else if (report.odometry.status == OdometryFrame::Status::kLost) {
-    spdlog::warn("lost at scan {}: {:.0f} % of its clusters agree with the map", row.scan,
-                 100.0 * row.inlier_share);
+    WarnRepeated("lost", fmt::format("lost at scan {}: {:.0f} % of its clusters agree with the map",
+                                     row.scan, 100.0 * row.inlier_share));
   }
   degenerate_directions_ = report.skipped ? 0 : report.odometry.match.degenerate;
   map_peak_bytes_ = std::max(map_peak_bytes_, session_->pipeline().map().bytes());

@@ -22,6 +22,7 @@
 #include "tools/http_server.h"
 #include "tools/live_view.h"
 #include "tools/map_queries.h"
+#include "tools/repeated_lines.h"
 #include "tools/watch_files.h"
 #include "tools/watch_room.h"
 
@@ -69,6 +70,7 @@ class WatchDaemon {
   bool MapWaiting(const std::atomic<bool>& stop);
   void OnMapped(const ScanReport& report);
   void OnScan(const ScanReport& report, const SessionScan& row);
+  void WarnRepeated(const std::string& kind, const std::string& line);
   void OnDurable(const SessionScan& row);
   void OnCheckpoint(const SessionCheckpoint& checkpoint, std::int64_t released);
   void ShowStatus(LiveState state);
@@ -92,6 +94,7 @@ class WatchDaemon {
   std::optional<LiveStatus::Checkpoint> checkpoint_;
 
   std::size_t rejected_ = 0, late_ = 0;
+  RepeatedLines repeated_;
   int degenerate_directions_ = 0;
   std::size_t map_peak_bytes_ = 0;
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
