@@ -15,6 +15,9 @@ double SigmasApart(const PosePrediction& prediction, const MatchResult& match) {
   return std::sqrt(std::max(0.0, delta.dot(both.ldlt().solve(delta))));
 }
 
+// Differences in evidence that say nothing.
+constexpr double kAlike = 0.01;
+
 // Standard deviations of the prediction within which a lost sensor is looked for.
 constexpr double kLikelySigmas = 2.0;
 
@@ -25,6 +28,11 @@ double WorstSigma(const Matrix6d& covariance) {
   scaled.leftCols<3>() *= kRotationArmM;
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(scaled, Eigen::EigenvaluesOnly);
   return std::sqrt(std::max(0.0, solver.eigenvalues()(5)));
+}
+
+ScanMatcherOptions Narrow(ScanMatcherOptions options) {
+  options.kernel_start_sigma = options.kernel_end_sigma;
+  return options;
 }
 
 }  // namespace
@@ -45,6 +53,7 @@ void OdometryOptions::Visit(OptionVisitor& v) {
 Odometry::Odometry(const OdometryOptions& options)
     : options_(options),
       matcher_(options.matcher),
+      narrow_matcher_(Narrow(options.matcher)),
       search_(options.search, &matcher_),
       motion_(options.motion) {
   CheckOptions(options, "frontend");
@@ -64,6 +73,14 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
   const int passes = timed ? options_.deskew_passes : 0;
   frame.match = passes > 0 ? matcher_.MatchPose(deskewed, prediction, map)
                            : matcher_.Match(deskewed, prediction, map);
+  if (!lost_ && Surprising(frame.match, prediction)) {
+    // Wide kernels may carry a match over to the next of several minima in a row.
+    const MatchResult narrow = narrow_matcher_.MatchPose(deskewed, prediction, map);
+    if (!Surprising(narrow, prediction) && narrow.evidence() > frame.match.evidence() - kAlike)
+      frame.match = passes > 0
+                        ? narrow
+                        : narrow_matcher_.Match(deskewed, prediction, narrow.T_world_lidar, map);
+  }
   const bool starting = !lost_ && !map_is_older && !motion_.moving_known();
   PoseHypotheses hypotheses;
   if (options_.search.enabled && (map_is_older || NeedsSearch(frame.match, prediction))) {
@@ -149,6 +166,14 @@ bool Odometry::NeedsSearch(const MatchResult& match, const PosePrediction& predi
   if (match.status == MatchResult::Status::kTooFewMatches) return true;
   if (Leaps(match, prediction)) return true;
   return match.inlier_share < o.trigger_inlier_ratio * RecentInliers();
+}
+
+bool Odometry::Surprising(const MatchResult& match, const PosePrediction& prediction) const {
+  constexpr double kLeastM = 0.1;
+  if (match.status == MatchResult::Status::kTooFewMatches || !motion_.moving_known()) return false;
+  const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
+  const double off = (prediction.T_world_lidar.t - match.T_world_lidar.t).norm();
+  return off > std::max(kLeastM, options_.max_prediction_sigmas * sigma);
 }
 
 bool Odometry::Leaps(const MatchResult& match, const PosePrediction& prediction) const {

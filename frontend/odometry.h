@@ -107,6 +107,8 @@ class Odometry {
  private:
   double RecentInliers() const { return Median(recent_inliers_); }
   static double Median(const std::deque<double>& values);  // 0 if there are none
+  // Whether a match is farther from the prediction than its uncertainty explains.
+  bool Surprising(const MatchResult& match, const PosePrediction& prediction) const;
   // Whether a match is farther from the prediction than matching alone may carry it.
   bool Leaps(const MatchResult& match, const PosePrediction& prediction) const;
   // Whether matching alone cannot be trusted to find the way.
@@ -124,7 +126,7 @@ class Odometry {
              OdometryFrame* frame) const;
 
   OdometryOptions options_;
-  ScanMatcher matcher_;
+  ScanMatcher matcher_, narrow_matcher_;
   PoseSearch search_;
   MotionModel motion_;
   std::deque<double> recent_inliers_, recent_fits_;

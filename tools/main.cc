@@ -1,7 +1,8 @@
 // The program `lamina`: parses the command line, runs a subcommand, turns errors into messages.
 // Exit codes: 0 done, 1 failed with a reason, 2 wrong usage: a command line that cannot be parsed,
-// or an option or a value of the configuration outside of its rule (OptionError); 130 ended by
-// Ctrl-C before all was done, in good order.
+// or an option or a value of the configuration outside of its rule (OptionError); 3 a run
+// that is done and whose poses are probably wrong (run_verdict.h); 130 ended by Ctrl-C before all
+// was done, in good order.
 
 #include <fmt/format.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
@@ -40,8 +41,8 @@ int main(int argc, char** argv) {
   CLI::App app("Lamina: scans of a LiDAR in, poses and a map out.");
   app.require_subcommand(1);
   app.footer(
-      "Exit codes: 0 done, 1 failed with a reason, 2 wrong usage. 130: ended by Ctrl-C, in good "
-      "order.\n"
+      "Exit codes: 0 done, 1 failed with a reason, 2 wrong usage, 3 a run whose poses are probably "
+      "wrong. 130: ended by Ctrl-C, in good order.\n"
       "`lamina COMMAND --help` explains a command.");
   std::function<int()> run;
   lamina::AddRunCommand(&app, &run);

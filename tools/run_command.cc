@@ -64,8 +64,11 @@ void WatchMap(const VoxelMap& map, RunFigures* figures, RunProgress* progress) {
       static_cast<double>(map.bytes()) / 1048576.0, map.options().budget_mb));
 }
 
+// Exit code of a run that ended in order with poses that are probably wrong.
+constexpr int kProbablyWrong = 3;
+
 void PrintSummary(const std::string& out, const MappingCounts& counts, const PieceErrors& errors,
-                  const nlohmann::json& json) {
+                  const RunVerdict& verdict, const nlohmann::json& json) {
   fmt::print("{} frames in {:.1f} s ({:.1f} frames/s, {:.1f} ms CPU a frame), {} surfels\n",
              counts.frames, json["wall_s"].get<double>(), json.value("frames_per_s", 0.0),
              json.value("cpu_ms_per_frame", 0.0), json["map_surfels"].get<std::size_t>());
@@ -84,14 +87,15 @@ void PrintSummary(const std::string& out, const MappingCounts& counts, const Pie
                counts.degenerate);
   }
   if (!errors.empty()) fmt::print("{}", DescribePieceErrors(errors));
+  fmt::print("verdict: {}\n", ToString(verdict));
   PrintOutputs(out);
 }
 
 // Everything that a run leaves in its folder.
 class RunOutput {
  public:
-  explicit RunOutput(const std::string& directory)
-      : directory_(directory), table_(Path("frames.csv")) {}
+  RunOutput(const std::string& directory, int max_iterations)
+      : directory_(directory), table_(Path("frames.csv"), max_iterations) {}
 
   FrameTable& table() { return table_; }
   void Add(const FinalPose& pose) { poses_.push_back(pose); }
@@ -128,6 +132,7 @@ class RunOutput {
     summary["pieces"] = ToJson(table_.pieces());
     if (!errors.empty()) AddErrors(errors, &summary);
     summary["recording"] = ToJson(part);
+    summary["verdict"] = ToJson(table_.Judge());
     WriteTextFile(Path("summary.json"), SummaryText(summary));
     return summary;
   }
@@ -180,7 +185,7 @@ int Run(const RunArguments& arguments) {
   if (!arguments.truth.empty()) truth = ReadTruthOfPart(arguments.truth, *source, part);
   CheckOutputFolder(arguments.out, arguments.scans);
   MakeDirectory(arguments.out);
-  RunOutput output(arguments.out);
+  RunOutput output(arguments.out, config.frontend.matcher.max_iterations);
 
   const std::atomic<bool>& stop = StopOnSignals();
   OpenRun(*source, range, arguments.config.file, stop, &config);
@@ -223,10 +228,11 @@ int Run(const RunArguments& arguments) {
   if (pieces.empty()) {
     throw InputError(arguments.scans + ": not one usable scan; summary.json says why");
   }
-  PrintSummary(arguments.out, pipeline.counts(), errors, summary);
+  const RunVerdict verdict = output.table().Judge();
+  PrintSummary(arguments.out, pipeline.counts(), errors, verdict, summary);
   if (figures.interrupted) throw InterruptedError(interruption);
   if (!truth_problem.empty()) throw InputError(truth_problem + " (all else is written)");
-  return 0;
+  return verdict.grade == RunVerdict::Grade::kWrong ? kProbablyWrong : 0;
 }
 
 }  // namespace

@@ -19,7 +19,8 @@ nlohmann::json NumberOrNull(double value) {
   return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json();
 }
 
-FrameTable::FrameTable(const std::string& path) : writer_(path) {
+FrameTable::FrameTable(const std::string& path, int max_iterations)
+    : writer_(path), verdict_(max_iterations) {
   writer_.Write(
       "scan,stamp_s,status,keyframe,points,clusters,matched,iterations,inlier_share,residual_m,"
       "searched,unobservable_directions,worst_sigma_m,cov_rx,cov_ry,cov_rz,cov_x,cov_y,cov_z,"
@@ -37,6 +38,7 @@ void FrameTable::Append(const SessionScan& s) {
                       s.prepare_ms, s.cluster_ms, s.odometry_ms, s.map_ms, s.solve_ms);
   writer_.Write(line);
   CountPiece(s);
+  verdict_.Add(s);
 }
 
 void FrameTable::CountPiece(const SessionScan& s) {

@@ -10,6 +10,7 @@
 #include "backend/mapping_pipeline.h"
 #include "io/file_writer.h"
 #include "io/session_database.h"
+#include "tools/run_verdict.h"
 
 namespace lamina {
 
@@ -25,17 +26,20 @@ struct PieceFigures {
 // tangent [rotation; translation] (core/se3.h). Throws OutputError. Not thread-safe.
 class FrameTable {
  public:
-  explicit FrameTable(const std::string& path);
+  // max_iterations: see VerdictCounter.
+  FrameTable(const std::string& path, int max_iterations);
   void Append(const SessionScan& scan);
   void Commit() { writer_.Commit(); }
   // Those of the scans so far, by number.
   const std::map<std::int64_t, PieceFigures>& pieces() const { return pieces_; }
+  RunVerdict Judge() const { return verdict_.Judge(); }
 
  private:
   void CountPiece(const SessionScan& scan);
 
   FileWriter writer_;
   std::map<std::int64_t, PieceFigures> pieces_;
+  VerdictCounter verdict_;
 };
 
 // CPU seconds of this process so far, all threads.

@@ -362,7 +362,7 @@ void WatchDaemon::Reload() {
 
 void WatchDaemon::WriteOutputs() {
   const fs::path folder = setup_.session;
-  FrameTable table((folder / "frames.csv").string());
+  FrameTable table((folder / "frames.csv").string(), setup_.config.frontend.matcher.max_iterations);
   session_->database().ForEach(0, session_->next_scan(),
                                [&](const SessionScan& row) { table.Append(row); });
   table.Commit();
@@ -377,9 +377,12 @@ void WatchDaemon::WriteOutputs() {
   figures.map_over_budget = map.over_budget();
   nlohmann::json summary = Summarise(session_->pipeline().counts(), map, figures);
   summary["pieces"] = ToJson(table.pieces());
+  const RunVerdict verdict = table.Judge();
+  summary["verdict"] = ToJson(verdict);
   summary["late_files"] = late_;
   summary["stored_voxels"] = session_->stored_roots();
   WriteTextFile((folder / "summary.json").string(), SummaryText(summary));
+  spdlog::info("verdict: {}", ToString(verdict));
   spdlog::info("{} frames mapped in all; trajectory, map and figures are in {}",
                session_->pipeline().counts().frames, setup_.session);
 }
