@@ -156,9 +156,9 @@ TEST_F(PiecesFilesTest, PiecesWithoutStampsAreJudgedByTheirLines) {
   }
   const SE3 elsewhere(ExpSO3({0.0, 0.0, 1.0}), {300.0, 0.0, 0.0});
   Trajectory truth = poses;
-  std::string csv = "scan,status,piece\n";
+  std::string csv = "scan,status,piece,read_ms\n";
   for (std::size_t i = 0; i < poses.size(); ++i) {
-    csv += std::to_string(i) + ",tracked," + (i < 12 ? "0" : "1") + "\n";
+    csv += std::to_string(i) + ",tracked," + (i < 12 ? "0,1\n" : "1,1\n");
     if (i >= 12) truth[i].T_world_lidar = elsewhere * truth[i].T_world_lidar;
   }
   Write("run/frames.csv", csv);

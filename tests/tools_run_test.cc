@@ -28,7 +28,7 @@ TEST_F(RunCommandTest, LeavesAllItsFiles) {
   const std::string scans = WriteRecording("street", Street(12));
   const Outcome outcome = Run(scans, {"--progress", "off"});
   EXPECT_THAT(outcome.out, HasSubstr("12 frames in "));
-  EXPECT_EQ(outcome.err, "");
+  EXPECT_THAT(outcome.err, testing::Not(HasSubstr("warning")));
   std::vector<std::string> names;
   for (const auto& file : std::filesystem::directory_iterator(Path("out"))) {
     names.push_back(file.path().filename().string());
@@ -93,11 +93,10 @@ TEST_F(RunCommandTest, ReportsErrorsAgainstTheTruth) {
   EXPECT_TRUE(summary.at("kitti_rrel_deg_per_m").is_null());
 }
 
-TEST_F(RunCommandTest, ABadTruthDoesNotCostTheRun) {
+TEST_F(RunCommandTest, ABadTruthIsRefusedBeforeTheRun) {
   const std::string scans = WriteRecording("street", Street(4));
-  const Outcome outcome = Run(scans, {"--truth", Path("missing.txt")}, 1);
-  EXPECT_THAT(outcome.err, AllOf(HasSubstr("missing.txt"), HasSubstr("all else is written")));
-  EXPECT_EQ(Summary()["frames"], 4);
+  EXPECT_THAT(Run(scans, {"--truth", Path("missing.txt")}, 1).err, HasSubstr("missing.txt"));
+  EXPECT_FALSE(std::filesystem::exists(Path("out")));
 }
 
 TEST_F(RunCommandTest, EffectiveConfigurationMakesTheSameRun) {
@@ -170,6 +169,7 @@ TEST_F(RunCommandTest, MapStaysBelowItsBudget) {
   }
   // Less than the frames of the window need: they keep it, and the run says so, once.
   for (const char* budget : {"3", "1"}) {
+    std::filesystem::remove_all(Path("out"));
     const Outcome outcome = Run(scans, {"--set", std::string("map.budget_mb=") + budget});
     std::vector<std::string> warnings;
     for (const std::string& line : Lines(outcome.err)) {
