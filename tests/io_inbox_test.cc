@@ -85,8 +85,6 @@ TEST_F(InboxTest, PointTimesAreThoseOfARecording) {
       "property float z\nproperty double t\nend_header\n";
   Write("in/s/1700000000.50.ply", header + "1 2 3 1700000000.25\n4 5 6 1700000000.75\n");
   ExpectAsRecording("s");
-  Write("in/s/a.ply", header + "1 2 3 1700000000.25\n4 5 6 1700000000.75\n");
-  ExpectAsRecording("s");
 }
 
 TEST_F(InboxTest, TheInboxItselfMayBeTheFolderOfAKittiSequence) {

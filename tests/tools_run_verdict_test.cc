@@ -60,8 +60,9 @@ TEST(RunVerdictTest, MotionsThatNoVehicleMakesAreWrong) {
   EXPECT_EQ(Drive(off_each(100)).grade, RunVerdict::Grade::kDoubtful);
   // Full braking is none; nor is a gap of seconds.
   EXPECT_EQ(Drive([](int i, SessionScan* scan) {
-              const double braking_s = std::min(std::max(0.1 * (i - 100), 0.0), 1.25);
-              scan->T_world_lidar.t.x() -= 4.0 * braking_s * braking_s;
+              const double braking_s = std::clamp(0.1 * (i - 100), 0.0, 1.25);
+              if (i < 100) return;
+              scan->T_world_lidar.t.x() = 100.0 + 10.0 * braking_s - 4.0 * braking_s * braking_s;
             }).grade,
             RunVerdict::Grade::kGood);
   EXPECT_EQ(Drive([](int i, SessionScan* scan) {
