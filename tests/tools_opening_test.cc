@@ -149,7 +149,8 @@ TEST_F(OpeningTest, TimesAgainstThePeriodAreNamed) {
     Write("fast/" + std::to_string(i) + ".pcd", TimedPcd(drive.Read(i), 0.0));
   }
   Write("fast/times.txt", "0\n0.02\n0.04\n0.06\n");
-  EXPECT_THAT(Run(Path("fast")).err,
+  // Deskewed five times too far, the scans do not fit one another.
+  EXPECT_THAT(Run(Path("fast"), {}, 3).err,
               AllOf(HasSubstr("but scans are 0.020 s apart"), Not(HasSubstr("compensated"))));
   Write("fast/times.txt", "0\n0.1\n0.05\n0.3\n");
   EXPECT_THAT(Run(Path("fast")).err,
