@@ -187,7 +187,8 @@ TEST_P(AdverseShortForm, KeepsThePromise) {
 
 INSTANTIATE_TEST_SUITE_P(Few, AdverseShortForm,
                          ::testing::Values("field", "tunnel", "glass", "room-turn-sweep",
-                                           "hall-spin", "hall-spin-sweep"),
+                                           "hall-spin", "hall-spin-sweep", "start-20000", "gap-2",
+                                           "spray-11"),
                          [](const auto& p) {
                            std::string name = p.param;
                            std::replace(name.begin(), name.end(), '-', '_');
