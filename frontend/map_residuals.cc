@@ -87,11 +87,11 @@ void MapResiduals::Associate(const SE3& T, const Eigen::Matrix3d& R) {
       surfaces_[i] = map_.CanHold(p) ? map_.FindSurface(p) : VoxelMap::kNoNode;
     }
   });
-  if (!associated_) FindTypicalThickness();
+  if (!associated_) FindLeastThickness();
   associated_ = true;
 }
 
-void MapResiduals::FindTypicalThickness() {
+void MapResiduals::FindLeastThickness() {
   // Planes across one ring, or two, are no measure of how well beams agree.
   constexpr float kBroad2 = 0.04F;  // m^2
   std::vector<float> variances;
@@ -102,16 +102,18 @@ void MapResiduals::FindTypicalThickness() {
       continue;
     variances.push_back(surface.variance);
   }
-  double typical2 = 0.0;
+  // A quarter of them are thinner than this. Clutter thickens some planes; beams that disagree,
+  // all.
+  double thickness = 0.0;
   if (!variances.empty()) {
-    const auto middle = variances.begin() + static_cast<std::ptrdiff_t>(variances.size() / 2);
-    std::nth_element(variances.begin(), middle, variances.end());
-    typical2 = static_cast<double>(*middle);
+    const auto quarter = variances.begin() + static_cast<std::ptrdiff_t>(variances.size() / 4);
+    std::nth_element(variances.begin(), quarter, variances.end());
+    thickness = std::sqrt(static_cast<double>(*quarter));
   }
-  constexpr double kBelief = 1.0, kBeams = 2.0;
-  const double noise2 = options_.noise_floor_m * options_.noise_floor_m;
-  floor2_ = std::max(noise2, kBelief * kBelief * typical2);
-  beam2_ = std::max(noise2, kBeams * kBeams * typical2);
+  // kNoiseM: what the noise of ranges alone makes of it.
+  constexpr double kBelief = 1.5, kBeams = 5.0, kNoiseM = 0.008;
+  floor2_ = std::pow(std::max(options_.noise_floor_m, kBelief * thickness), 2);
+  beam2_ = std::pow(kBeams * std::max(0.0, thickness - kNoiseM), 2);
 }
 
 void MapResiduals::AddCluster(std::size_t i, const Eigen::Matrix3d& R, const Eigen::Vector3d& t,

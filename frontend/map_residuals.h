@@ -54,9 +54,9 @@ class MapResiduals {
   // Looks up the surface around each cluster, unless the pose is still so near the one of the last
   // look-up that a cluster at 30 m has moved by less than a small part of a leaf.
   void Associate(const SE3& T, const Eigen::Matrix3d& R);
-  // How thick the planes around the scan are. A plane that looks thinner does so because few points
-  // made it, or one beam.
-  void FindTypicalThickness();
+  // How thick even the thin ones of the planes around the scan are. A plane that looks thinner does
+  // so because few points made it, or one beam.
+  void FindLeastThickness();
   void AddCluster(std::size_t i, const Eigen::Matrix3d& R, const Eigen::Vector3d& t,
                   double kernel_sigma, NormalEquations* sum) const;
   void AddPlane(const PointCluster& cluster, const Eigen::Matrix3d& R, const Eigen::Vector3d& p,

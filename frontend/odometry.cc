@@ -114,12 +114,16 @@ OdometryFrame Odometry::FindAgain(StampNs stamp_ns, const LostTrack& track, cons
   prediction.T_world_lidar = prediction.T_world_lidar * T_first_newest;
   frame.T_world_predicted = frame.T_world_lidar = prediction.T_world_lidar;
   frame.twist = track.Twist();
-  if (!search || !options_.search.enabled) return frame;
+  if (!search) return frame;
   const std::vector<PointCluster> clusters = track.Together();
   SearchedScan scan{clusters, prediction, map, false};
-  const PoseHypotheses hypotheses = Hypotheses(prediction, false);
-  frame.searched = true;
-  frame.match = search_.Best(scan, hypotheses, matcher_.MatchPose(clusters, prediction, map));
+  PoseHypotheses hypotheses;
+  frame.searched = options_.search.enabled;
+  frame.match = matcher_.MatchPose(clusters, prediction, map);
+  if (frame.searched) {
+    hypotheses = Hypotheses(prediction, false);
+    frame.match = search_.Best(scan, hypotheses, frame.match);
+  }
   frame.match = matcher_.Match(clusters, prediction, frame.match.T_world_lidar, map);
   // Scans that lead to the same place again and again need not tell it from others so clearly.
   constexpr int kAgreeing = 2;

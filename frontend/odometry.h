@@ -80,7 +80,7 @@ class Odometry {
   // Where the map has the scans of a track that was lost: the pose of its newest one. They are
   // expected where the first of them would have been, and believed on more evidence than a scan
   // that was never lost.
-  // Without `search` the prediction is all that is filled in.
+  // Without `search` no match is tried, and the prediction is all that is filled in.
   OdometryFrame FindAgain(StampNs stamp_ns, const LostTrack& track, const VoxelMap& map,
                           bool search) const;
 

@@ -184,6 +184,18 @@ TEST_F(RunBadInputTest, RotatedScanIsLostAlone) {
   EXPECT_THAT(Bytes(Path("out/frames.csv")), HasSubstr("\n8,0.800000000,lost,0,"));
 }
 
+TEST_F(RunBadInputTest, ALostScanDelaysNothingWhereSearchIsOff) {
+  Recording recording = Street(kScans);
+  recording[kBad].bytes = Changed(recording[kBad].bytes, [](ScanPoint* p) {
+    const float x = p->x;
+    p->x = -p->y;
+    p->y = x;
+  });
+  Run(WriteRecording("bad", recording), {"--set", "frontend.search.enabled=false"});
+  EXPECT_EQ(Summary()["lost_frames"], 1);
+  EXPECT_EQ(Summary()["pieces"].size(), 1U);
+}
+
 TEST_F(RunBadInputTest, OutputFolderThatCannotBeMade) {
   const std::string scans = WriteRecording("street", Street(2));
   Write("file", "not a folder");
