@@ -130,8 +130,8 @@ OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>
   constexpr int kRounds = 4;
   for (int i = 0; i < kRounds && refine(); ++i) {
     map_->Refresh();
-    // The first scan is deskewed now: this one must be from the beginning, or lies off by the way of
-    // half a sweep where the stamp is at its start.
+    // The first scan is deskewed now: this one must be from the beginning, or lies off by the way
+    // of half a sweep where the stamp is at its start.
     odometry_.Assume(frame.twist);
     frame = odometry_.Register(stamp_ns, clusters, *map_);
   }
