@@ -52,10 +52,12 @@ Mapper::Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
   options.backend.CheckTogether();
 }
 
-MappedFrame Mapper::Process(std::int64_t scan, StampNs stamp_ns,
-                            std::vector<TimedCluster>* clusters, bool may_restart) {
+MappedFrame Mapper::Process(const MapperScan& scan, bool may_restart) {
+  const StampNs stamp_ns = scan.stamp_ns;
+  std::vector<TimedCluster>* const clusters = scan.clusters;
   MappedFrame result;
   map_->SelectPiece(piece_);
+  odometry_.TrustClock(!scan.stamp_made_up);
   if (odometry_.started()) RecallAround(odometry_.Predict(stamp_ns), *clusters);
   result.odometry = Register(stamp_ns, *clusters);
   OdometryFrame& frame = result.odometry;
@@ -78,10 +80,10 @@ MappedFrame Mapper::Process(std::int64_t scan, StampNs stamp_ns,
   // The last keyframe's clusters may have moved though nothing new entered the map.
   map_->Refresh();
   if (localising_) {
-    open_.push_back({scan, stamp_ns, OpenFrame::kNoKeyframe, frame.T_world_lidar});
+    open_.push_back({scan.number, stamp_ns, OpenFrame::kNoKeyframe, frame.T_world_lidar});
   } else {
     open_.push_back(
-        {scan, stamp_ns, NextId() - 1, keyframes_.back().Inverse() * frame.T_world_lidar});
+        {scan.number, stamp_ns, NextId() - 1, keyframes_.back().Inverse() * frame.T_world_lidar});
   }
   return result;
 }
@@ -132,8 +134,7 @@ OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>
     map_->Refresh();
     // The first scan is deskewed now: this one must be from the beginning, or lies off by the way
     // of half a sweep where the stamp is at its start.
-    odometry_.Assume(frame.twist);
-    frame = odometry_.Register(stamp_ns, clusters, *map_);
+    odometry_.Rematch(clusters, *map_, &frame);
   }
   return frame;
 }

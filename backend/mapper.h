@@ -66,6 +66,14 @@ struct MapperOptions {
   BackendOptions backend;
 };
 
+// A scan as a mapper takes it.
+struct MapperScan {
+  std::int64_t number = 0;  // increases from scan to scan, and so does the stamp
+  StampNs stamp_ns = 0;
+  bool stamp_made_up = false;                     // Scan::stamp_made_up
+  std::vector<TimedCluster>* clusters = nullptr;  // taken if the scan becomes a keyframe
+};
+
 struct MappedFrame {
   OdometryFrame odometry;
   bool keyframe = false;
@@ -93,10 +101,9 @@ class Mapper {
   Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
          const SE3& T_world_start = SE3());
 
-  // Numbers of scans and stamps must increase. A lost frame leaves the map as it is. The clusters
-  // are taken if it is a keyframe. Without `may_restart` a frame is lost however many were before.
-  MappedFrame Process(std::int64_t scan, StampNs stamp_ns, std::vector<TimedCluster>* clusters,
-                      bool may_restart = true);
+  // A lost frame leaves the map as it is. Without `may_restart` a frame is lost however many were
+  // before.
+  MappedFrame Process(const MapperScan& scan, bool may_restart = true);
 
   bool SolveDue() const;
   // Whether there is anything to solve at all, due or not.

@@ -29,9 +29,8 @@ void PieceMapper::TakeIn() {
   taken_in_.push_back(std::move(report));
 }
 
-MappedFrame PieceMapper::Process(std::int64_t scan, StampNs stamp_ns,
-                                 std::vector<TimedCluster>* clusters, bool may_restart) {
-  MappedFrame frame = mapper_.Process(scan, stamp_ns, clusters, may_restart);
+MappedFrame PieceMapper::Process(const MapperScan& scan, bool may_restart) {
+  MappedFrame frame = mapper_.Process(scan, may_restart);
   if (!frame.to_restart) ++frames_;
   return frame;
 }

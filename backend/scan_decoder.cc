@@ -57,6 +57,7 @@ DecodedScan DecodeScan(const ScanSource& source, const ScanPreparationOptions& p
   try {
     const Scan scan = source.Read(i);
     report.stamp_ns = scan.stamp_ns;
+    report.stamp_made_up = scan.stamp_made_up;
     report.read_ms = watch.LapMilliseconds();
     PreparedScan prepared =
         PrepareScan(scan, preparation, PeriodAt(source, begin, i), source.T_vehicle_lidar(i));

@@ -41,6 +41,7 @@ struct ScanDecodeReport {
   std::string recording;  // that it is of (ScanSource::Recording), and its sensor there
   std::string sensor;
   StampNs stamp_ns = 0;
+  bool stamp_made_up = false;  // Scan::stamp_made_up
   bool skipped = false;
   SkipReason reason = SkipReason::kUnreadable;
   std::string detail;      // of a skip, for a log line

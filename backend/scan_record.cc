@@ -23,6 +23,7 @@ SessionScan RecordOf(const ScanReport& report) {
   SessionScan s;
   s.scan = static_cast<std::int64_t>(report.index);
   s.stamp_ns = report.stamp_ns;
+  s.recorded_stamp = !report.stamp_made_up;
   s.skipped = report.skipped;
   s.T_world_lidar = report.odometry.T_world_lidar;
   s.status = StatusName(report);

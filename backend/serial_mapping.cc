@@ -134,7 +134,8 @@ void SerialMapping::Map(Recording* recording, ScanReport* report,
 
 MappedFrame SerialMapping::Register(Recording* recording, ScanReport* report,
                                     std::vector<TimedCluster>* clusters) {
-  const auto scan = static_cast<std::int64_t>(report->index);
+  const MapperScan scan{static_cast<std::int64_t>(report->index), report->stamp_ns,
+                        report->stamp_made_up, clusters};
   PieceMapper* const mapper = recording->mapper.get();
   mapper->TakeInDueSolve();
   const std::vector<SolveReport> solves = mapper->TakeSolves();
@@ -142,14 +143,14 @@ MappedFrame SerialMapping::Register(Recording* recording, ScanReport* report,
   CountSolves(solves, report->index);
   report->map_ms = mapper->TakeHandOverMs();
   const Stopwatch watch;
-  MappedFrame frame = mapper->Process(scan, report->stamp_ns, clusters, map_.RoomForPiece());
+  MappedFrame frame = mapper->Process(scan, map_.RoomForPiece());
   if (frame.to_restart) {
     // Where the sensor would be had it not been lost: what is drawn stays readable.
     const SE3 start = frame.odometry.T_world_predicted;
     End(mapper, report->index);
     ++counts_.restarts;
     recording->mapper = BeginPiece(map_.CanHold(start.t) ? start : SE3());
-    frame = recording->mapper->Process(scan, report->stamp_ns, clusters, false);
+    frame = recording->mapper->Process(scan, false);
   }
   report->odometry_ms = watch.Milliseconds();
   return frame;

@@ -26,6 +26,9 @@ static_assert(sizeof(ScanPoint) == 16, "must match the layout of KITTI .bin file
 
 struct Scan {
   StampNs stamp_ns = 0;
+  // The stamp is a number in a sequence times an assumed period, and says nothing of how much time,
+  // or way, lies between two scans.
+  bool stamp_made_up = false;
   std::vector<ScanPoint> points;
   // Seconds from stamp_ns to the measurement of each point (may be negative). Empty when the file
   // carries no time of its own; otherwise exactly as long as `points`.

@@ -12,19 +12,15 @@ double NormalError2(double variance, double breadth2, double beam2) {
          (std::max(0.0, variance) + beam2) / std::max(kLeastBreadth2, breadth2);
 }
 
-void DirectionEvidence::Add(const Vector6d& j, double weight, double normal_error2,
-                            double rotation_arm, double translation_arm) {
+Vector6d DirectionEvidence::InformationOf(const Vector6d& j, double weight, double normal_error2,
+                                          double rotation_arm, double translation_arm) const {
   const double rotation2 = normal_error2 * rotation_arm * rotation_arm;
   const double translation2 = normal_error2 * translation_arm * translation_arm;
-  for (int k = 0; k < 6; ++k) {
-    const auto v = directions.col(k);
-    const double along = v.dot(j);
-    const double leak2 =
-        rotation2 * v.head<3>().squaredNorm() + translation2 * v.tail<3>().squaredNorm();
-    const double i = weight * std::max(0.0, along * along - leak2);
-    information(k) += i;
-    squares(k) += i * i;
-  }
+  const Vector6d along = directions.transpose() * j;
+  const Vector6d turned = directions.topRows<3>().colwise().squaredNorm().transpose();
+  // The directions are unit vectors.
+  const Vector6d leak2 = Vector6d::Constant(translation2) + (rotation2 - translation2) * turned;
+  return weight * (along.cwiseAbs2() - leak2).cwiseMax(0.0);
 }
 
 double DirectionEvidence::Sigma(int k) const {

@@ -190,8 +190,9 @@ void MapResiduals::AddRow(const Row& row, const Eigen::Vector3d& mu, NormalEquat
   if (!watching_) return;
   const Vector6d scaled = DividedByArm(j);
   const double arm = mu.norm() / kRotationArmM;
-  sum->all.Add(scaled, row.w, row.normal_error2, arm, 1.0);
-  if (!row.young) sum->old.Add(scaled, row.w, row.normal_error2, arm, 1.0);
+  const Vector6d information = sum->all.InformationOf(scaled, row.w, row.normal_error2, arm, 1.0);
+  sum->all.Add(information);
+  if (!row.young) sum->old.Add(information);
 }
 
 }  // namespace lamina

@@ -8,6 +8,7 @@ namespace {
 
 constexpr double kHeldS = 0.3;
 constexpr double kTurnDecayS = 0.5, kWayDecayS = 10.0;
+constexpr double kUneven = 0.5;
 
 // Seconds for which the velocity counts in a gap of dt.
 double Effective(double dt, double decay_s) {
@@ -54,17 +55,22 @@ PosePrediction MotionModel::Predict(StampNs stamp_ns) const {
     motion << velocity_.head<3>() * Effective(dt, kTurnDecayS),
         velocity_.tail<3>() * Effective(dt, kWayDecayS);
   }
-  const double open_s = dt > 0.0 ? dt : kUnknownGapS;
+  const bool timed = dt > 0.0 && (clock_trusted_ || moving_known());
+  const double open_s = timed ? dt : std::max(dt, kUnknownGapS);
   const bool known = moving_known();
   const double turn =
       Sigma(kRadPerDeg * options_.turn_acceleration_sigma_deg_s2,
             kRadPerDeg * options_.start_turn_sigma_deg_s, known, last_gap_s_, open_s);
   const double way = Sigma(options_.acceleration_sigma_m_s2, options_.start_speed_sigma_m_s, known,
                            last_gap_s_, open_s);
+  // What steps that nobody timed may differ by.
+  const double uneven_turn = clock_trusted_ ? 0.0 : kUneven * long_step_rad_;
+  const double uneven_way = clock_trusted_ ? 0.0 : kUneven * long_step_m_;
   PosePrediction prediction;
   prediction.T_world_lidar = T_world_last_ * TwistExp(motion);
-  prediction.covariance.diagonal() << Eigen::Vector3d::Constant(turn * turn),
-      Eigen::Vector3d::Constant(way * way);
+  prediction.covariance.diagonal()
+      << Eigen::Vector3d::Constant(turn * turn + uneven_turn * uneven_turn),
+      Eigen::Vector3d::Constant(way * way + uneven_way * uneven_way);
   return prediction;
 }
 
@@ -72,7 +78,12 @@ void MotionModel::Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follow
   const double dt = Gap(stamp_ns);
   velocity_known_ = follows && dt > 0.0;
   velocity_.setZero();
+  constexpr double kForget = 0.9;  // of a long step, with each scan
+  long_step_m_ *= kForget;
+  long_step_rad_ *= kForget;
   if (velocity_known_) {
+    long_step_m_ = std::max(long_step_m_, (T_world_lidar.t - T_world_last_.t).norm());
+    long_step_rad_ = std::max(long_step_rad_, RotationAngle(T_world_last_, T_world_lidar));
     velocity_ = TwistLog(T_world_last_.Inverse() * T_world_lidar) / dt;
     last_gap_s_ = dt;
   }
@@ -91,7 +102,7 @@ void MotionModel::StartAt(const SE3& T_world_lidar) {
 
 void MotionModel::Archive(StateArchive& a) {
   a(&started_, &interrupted_, &velocity_known_, &last_stamp_ns_, &last_gap_s_, &T_world_last_,
-    &velocity_);
+    &velocity_, &long_step_m_, &long_step_rad_);
 }
 
 }  // namespace lamina

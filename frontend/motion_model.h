@@ -5,7 +5,9 @@
 //
 //     sigma_velocity^2 = (a dt_last / 2)^2,    sigma^2 = (sigma_velocity dt)^2 + (a dt^2 / 2)^2,
 //
-// or the speed that a recording may start with where there was no motion yet. After a gap of
+// or the speed that a recording may start with where there was no motion yet. Where stamps are made
+// up, scans may be any part of a drive, picked by the way or by hand: the next step is as long as
+// the last one, give or take half of the longest of late. After a gap of
 // kHeldS the velocity is taken to die down, a turn within half a second, the way within ten.
 #pragma once
 
@@ -46,6 +48,8 @@ class MotionModel {
   void Correct(const SE3& correction) { T_world_last_ = correction * T_world_last_; }
   // A body velocity, per second, that is known otherwise; how well stays as it is.
   void Assume(const Vector6d& velocity) { velocity_ = velocity; }
+  // Whether stamps are measured. As long as nothing is said they are.
+  void TrustClock(bool trusted) { clock_trusted_ = trusted; }
   // Makes this pose the last one; the next scan is expected there.
   void StartAt(const SE3& T_world_lidar);
 
@@ -61,6 +65,8 @@ class MotionModel {
   bool started_ = false, interrupted_ = false, velocity_known_ = false;
   StampNs last_stamp_ns_ = 0;
   double last_gap_s_ = 0.0;  // over which the velocity was measured
+  bool clock_trusted_ = true;
+  double long_step_m_ = 0.0, long_step_rad_ = 0.0;  // the longest of late
   SE3 T_world_last_;
   Vector6d velocity_ = Vector6d::Zero();
 };

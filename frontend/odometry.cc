@@ -15,6 +15,11 @@ double SigmasApart(const PosePrediction& prediction, const MatchResult& match) {
   return std::sqrt(std::max(0.0, delta.dot(both.ldlt().solve(delta))));
 }
 
+// Standard deviation of the position, along the direction that is known worst.
+double SigmaM(const PosePrediction& prediction) {
+  return std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
+}
+
 // Differences in evidence that say nothing.
 constexpr double kAlike = 0.01;
 
@@ -68,9 +73,7 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
   frame.T_world_predicted = prediction.T_world_lidar;
   frame.twist = motion_.Twist(stamp_ns);
   std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.twist);
-  const double dt = motion_.Gap(stamp_ns);
-  const bool timed = AnyTimed(clusters) && dt > 0.0 && dt <= options_.vouched_gap_s;
-  const int passes = timed ? options_.deskew_passes : 0;
+  const int passes = DeskewPasses(stamp_ns, clusters);
   frame.match = passes > 0 ? matcher_.MatchPose(deskewed, prediction, map)
                            : matcher_.Match(deskewed, prediction, map);
   if (!lost_ && Surprising(frame.match, prediction)) {
@@ -88,17 +91,52 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
     frame.searched = !hypotheses.empty();
   }
   if (frame.searched) {
-    frame.match = search_.Best({deskewed, prediction, map, starting}, hypotheses, frame.match);
+    const SearchedScan scan{deskewed, prediction, map, starting};
+    search_.Descend(scan, &hypotheses);
+    frame.match = search_.Best(scan, hypotheses, frame.match);
     if (passes == 0)
       frame.match = matcher_.Match(deskewed, prediction, frame.match.T_world_lidar, map);
   }
-  for (int pass = 0; pass < passes; ++pass) {
-    frame.twist = TwistLog(motion_.T_world_last().Inverse() * frame.match.T_world_lidar) / dt;
-    deskewed = DeskewClusters(clusters, frame.twist);
-    frame.match = matcher_.Match(deskewed, prediction, frame.match.T_world_lidar, map);
-  }
-  Judge({deskewed, prediction, map, starting}, hypotheses, &frame);
+  MatchDeskewed(clusters, prediction, map, passes, &deskewed, &frame);
+  // Two scans know less of a place than a map, and minima beside the right one are nearly as good.
+  constexpr double kStartSigmas = 2.0;
+  SearchedScan scan{deskewed, prediction, map, starting};
+  if (starting) scan.clear_sigmas = kStartSigmas;
+  Judge(scan, hypotheses, &frame);
   return frame;
+}
+
+int Odometry::DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const {
+  const double dt = motion_.Gap(stamp_ns);
+  const bool timed = AnyTimed(clusters) && dt > 0.0 && dt <= options_.vouched_gap_s;
+  return timed ? options_.deskew_passes : 0;
+}
+
+void Odometry::MatchDeskewed(const std::vector<TimedCluster>& clusters,
+                             const PosePrediction& prediction, const VoxelMap& map, int passes,
+                             std::vector<PointCluster>* deskewed, OdometryFrame* frame) const {
+  const double dt = motion_.Gap(frame->stamp_ns);
+  for (int pass = 0; pass < passes; ++pass) {
+    frame->twist = TwistLog(motion_.T_world_last().Inverse() * frame->match.T_world_lidar) / dt;
+    *deskewed = DeskewClusters(clusters, frame->twist);
+    frame->match = matcher_.Match(*deskewed, prediction, frame->match.T_world_lidar, map);
+  }
+}
+
+void Odometry::Rematch(const std::vector<TimedCluster>& clusters, const VoxelMap& map,
+                       OdometryFrame* frame) const {
+  const PosePrediction prediction{frame->T_world_predicted,
+                                  motion_.Predict(frame->stamp_ns).covariance};
+  std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame->twist);
+  frame->match = matcher_.Match(deskewed, prediction, frame->match.T_world_lidar, map);
+  MatchDeskewed(clusters, prediction, map, DeskewPasses(frame->stamp_ns, clusters), &deskewed,
+                frame);
+  if (frame->match.status == MatchResult::Status::kTooFewMatches) {
+    frame->status = OdometryFrame::Status::kLost;
+    frame->T_world_lidar = frame->T_world_predicted;
+  } else {
+    frame->T_world_lidar = frame->match.T_world_lidar;
+  }
 }
 
 OdometryFrame Odometry::FindAgain(StampNs stamp_ns, const LostTrack& track, const VoxelMap& map,
@@ -122,6 +160,7 @@ OdometryFrame Odometry::FindAgain(StampNs stamp_ns, const LostTrack& track, cons
   frame.match = matcher_.MatchPose(clusters, prediction, map);
   if (frame.searched) {
     hypotheses = Hypotheses(prediction, false);
+    search_.Descend(scan, &hypotheses);
     frame.match = search_.Best(scan, hypotheses, frame.match);
   }
   frame.match = matcher_.Match(clusters, prediction, frame.match.T_world_lidar, map);
@@ -156,17 +195,25 @@ bool Odometry::StoodStill(const MatchResult& match) const {
 }
 
 bool Odometry::Searchable(const PosePrediction& prediction) const {
-  const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
-  return sigma <= (motion_.moving_known() ? options_.search.max_way_m / kLikelySigmas
-                                          : options_.search.range_m);
+  return SigmaM(prediction) <= (motion_.moving_known() ? options_.search.max_way_m / kLikelySigmas
+                                                       : options_.search.range_m);
+}
+
+bool Odometry::WithinReach(const PosePrediction& prediction) const {
+  // Matching reaches as far as planes are wide.
+  constexpr double kReachM = 0.5;
+  return SigmaM(prediction) <= kReachM;
+}
+
+bool Odometry::Vouches(const PosePrediction& prediction) const {
+  // At a start the sensor is near by what is known of speeds.
+  return motion_.moving_known() ? WithinReach(prediction)
+                                : SigmaM(prediction) <= options_.search.range_m;
 }
 
 bool Odometry::NeedsSearch(const MatchResult& match, const PosePrediction& prediction) const {
   const PoseSearchOptions& o = options_.search;
-  // Matching reaches as far as planes are wide.
-  constexpr double kReachM = 0.5;
-  if (lost_ || std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff()) > kReachM)
-    return true;
+  if (lost_ || !WithinReach(prediction)) return true;
   if (match.status == MatchResult::Status::kTooFewMatches) return true;
   if (Leaps(match, prediction)) return true;
   return match.inlier_share < o.trigger_inlier_ratio * RecentInliers();
@@ -175,9 +222,8 @@ bool Odometry::NeedsSearch(const MatchResult& match, const PosePrediction& predi
 bool Odometry::Surprising(const MatchResult& match, const PosePrediction& prediction) const {
   constexpr double kLeastM = 0.1;
   if (match.status == MatchResult::Status::kTooFewMatches || !motion_.moving_known()) return false;
-  const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
   const double off = (prediction.T_world_lidar.t - match.T_world_lidar.t).norm();
-  return off > std::max(kLeastM, options_.max_prediction_sigmas * sigma);
+  return off > std::max(kLeastM, options_.max_prediction_sigmas * SigmaM(prediction));
 }
 
 bool Odometry::Leaps(const MatchResult& match, const PosePrediction& prediction) const {
@@ -194,6 +240,7 @@ PoseHypotheses Odometry::Hypotheses(const PosePrediction& prediction, bool map_i
   PoseHypotheses hypotheses;
   if (starting) hypotheses.dense = search_.OffsetsAbout(centre);
   if (map_is_older && starting) return hypotheses;
+  if (starting) hypotheses.coarse = search_.OffsetsAround(prediction);
   const std::vector<SE3> turns = search_.TurnsAbout({centre, motion_.T_world_last()});
   hypotheses.dense.insert(hypotheses.dense.end(), turns.begin(), turns.end());
   const Eigen::Vector3d way = centre.t - motion_.T_world_last().t;
@@ -210,8 +257,9 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
   const MatchResult& match = frame.match;
   if (match.status == MatchResult::Status::kTooFewMatches) return false;
   const bool gap = lost_ || motion_.Gap(frame.stamp_ns) > options_.vouched_gap_s;
-  const bool vouched = !gap && (!Leaps(match, prediction) ||
-                                SigmasApart(prediction, match) <= options_.max_prediction_sigmas);
+  const bool vouched = !gap && Vouches(prediction) &&
+                       (!Leaps(match, prediction) ||
+                        SigmasApart(prediction, match) <= options_.max_prediction_sigmas);
   if (match.inlier_share < options_.lost_inlier_ratio * RecentInliers()) return false;
   if (vouched) return true;
   if (match.status != MatchResult::Status::kConverged) return false;

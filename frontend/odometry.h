@@ -77,6 +77,11 @@ class Odometry {
   OdometryFrame Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                          const VoxelMap& map, bool map_is_older = false) const;
 
+  // The same from a pose that Register has just found, in a map that has changed a little since:
+  // no search, and the status stays, unless too little of the map is met.
+  void Rematch(const std::vector<TimedCluster>& clusters, const VoxelMap& map,
+               OdometryFrame* frame) const;
+
   // Where the map has the scans of a track that was lost: the pose of its newest one. They are
   // expected where the first of them would have been, and believed on more evidence than a scan
   // that was never lost.
@@ -92,6 +97,8 @@ class Odometry {
   bool lost() const { return lost_; }
   // The last pose moves: T -> correction * T.
   void Correct(const SE3& correction) { motion_.Correct(correction); }
+  // Whether stamps are measured. Before a scan.
+  void TrustClock(bool trusted) { motion_.TrustClock(trusted); }
   // A body twist of the last frame that is known better than from the way since the frame before.
   void Assume(const Vector6d& twist) { motion_.Assume(twist); }
   // Makes this pose the last one: the next scan is expected there.
@@ -111,6 +118,10 @@ class Odometry {
   bool Surprising(const MatchResult& match, const PosePrediction& prediction) const;
   // Whether a match is farther from the prediction than matching alone may carry it.
   bool Leaps(const MatchResult& match, const PosePrediction& prediction) const;
+  // Whether the prediction is as near as matching alone can bridge.
+  bool WithinReach(const PosePrediction& prediction) const;
+  // Whether a match near the prediction needs no other evidence.
+  bool Vouches(const PosePrediction& prediction) const;
   // Whether matching alone cannot be trusted to find the way.
   bool NeedsSearch(const MatchResult& match, const PosePrediction& prediction) const;
   PoseHypotheses Hypotheses(const PosePrediction& prediction, bool map_is_older) const;
@@ -121,6 +132,12 @@ class Odometry {
   // Whether a match is to be believed. `unique` tells whether a search finds no rival to it.
   bool Believed(const OdometryFrame& frame, const PosePrediction& prediction,
                 const std::function<bool()>& unique) const;
+  // Deskews and matches `passes` times with the motion that each match finds.
+  void MatchDeskewed(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
+                     const VoxelMap& map, int passes, std::vector<PointCluster>* deskewed,
+                     OdometryFrame* frame) const;
+  // How often a scan is deskewed again.
+  int DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const;
   // Status and pose of a frame that was matched.
   void Judge(const SearchedScan& scan, const PoseHypotheses& hypotheses,
              OdometryFrame* frame) const;

@@ -20,6 +20,11 @@ bool Apart(const SE3& a, const SE3& b, double share = 1.0) {
 
 constexpr double kCompareScale = 1.5;  // of the score's scale
 
+// How far from the prediction coarse hypotheses lie, in standard deviations.
+constexpr double kSigmas = 2.0;
+// Steps from the middle of which a coarse descent finds the way.
+constexpr double kStepM = 1.0;
+
 }  // namespace
 
 void PoseSearchOptions::Visit(OptionVisitor& v) {
@@ -78,11 +83,27 @@ std::vector<SE3> PoseSearch::OffsetsAbout(const SE3& centre) const {
   return hypotheses;
 }
 
+std::vector<SE3> PoseSearch::OffsetsAround(const PosePrediction& prediction) const {
+  // Farther apart, two scans of a street hardly have a plane in common.
+  constexpr double kMostM = 8.0;
+  const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
+  const double reach = std::min(kSigmas * sigma, kMostM);
+  std::vector<SE3> hypotheses;
+  if (reach < options_.range_m + kStepM) return hypotheses;
+  const SE3& centre = prediction.T_world_lidar;
+  const int steps = static_cast<int>(std::ceil(reach / kStepM));
+  for (int x = -steps; x <= steps; ++x) {
+    for (int y = -steps; y <= steps; ++y) {
+      const Eigen::Vector3d offset(kStepM * x, kStepM * y, 0.0);
+      if (offset.norm() <= reach) hypotheses.emplace_back(centre.q, centre * offset);
+    }
+  }
+  return hypotheses;
+}
+
 std::vector<SE3> PoseSearch::AlongTheWay(const PosePrediction& prediction,
                                          const Eigen::Vector3d& way, double way_m) const {
-  constexpr double kSigmas = 2.0;
-  // Steps from the middle of which a coarse descent finds the way.
-  constexpr double kStepM = 1.0, kTurn = 6.0 * M_PI / 180.0;
+  constexpr double kTurn = 6.0 * M_PI / 180.0;
   // What a turn does not explain: a part of the way.
   constexpr double kSideways = 0.05;
   const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
@@ -111,26 +132,38 @@ std::vector<SE3> PoseSearch::AlongTheWay(const PosePrediction& prediction,
   return hypotheses;
 }
 
+void PoseSearch::SortByScore(const SearchedScan& scan, std::size_t stride, double chance,
+                             std::vector<Scored>* hypotheses) const {
+  ParallelChunks(hypotheses->size(), 16, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      (*hypotheses)[i].score = matcher_->Score(scan.clusters, (*hypotheses)[i].T_world_lidar,
+                                               scan.map, options_.score_scale_m, stride, chance);
+    }
+  });
+  std::stable_sort(hypotheses->begin(), hypotheses->end(),
+                   [](const Scored& a, const Scored& b) { return a.score > b.score; });
+}
+
 std::vector<SE3> PoseSearch::Promising(const SearchedScan& scan, const std::vector<SE3>& hypotheses,
                                        double chance, double apart, std::size_t most,
                                        const Wanted& wanted) const {
   const std::size_t stride = Stride(scan.clusters.size());
-  std::vector<std::pair<double, std::size_t>> scores(hypotheses.size());
-  ParallelChunks(hypotheses.size(), 16, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      scores[i] = {-matcher_->Score(scan.clusters, hypotheses[i], scan.map, options_.score_scale_m,
-                                    stride, chance),
-                   i};
-    }
-  });
-  std::sort(scores.begin(), scores.end());
+  std::vector<Scored> scores;
+  for (const SE3& T : hypotheses) scores.push_back({0.0, T});
+  // A quarter of the clusters tells which hypotheses are hopeless.
+  constexpr std::size_t kCoarser = 4, kLeft = 6, kFew = 100;
+  if (scores.size() > 2 * kFew && scan.clusters.size() >= kCoarser * stride * kFew) {
+    SortByScore(scan, kCoarser * stride, chance, &scores);
+    scores.resize(std::max(kFew, scores.size() / kLeft));
+  }
+  SortByScore(scan, stride, chance, &scores);
   // What fits far worse before matching hardly ever fits best after it. A young map is no measure.
   constexpr double kLeastShare = 0.8;
-  const double least = scan.starting || scores.empty() ? -1.0 : -kLeastShare * scores[0].first;
+  const double least = scan.starting || scores.empty() ? -1.0 : kLeastShare * scores[0].score;
   std::vector<SE3> best;
-  for (std::size_t k = 0; k < scores.size() && best.size() < most && -scores[k].first >= least;
+  for (std::size_t k = 0; k < scores.size() && best.size() < most && scores[k].score >= least;
        ++k) {
-    const SE3& T = hypotheses[scores[k].second];
+    const SE3& T = scores[k].T_world_lidar;
     const bool known = std::any_of(best.begin(), best.end(),
                                    [&](const SE3& other) { return !Apart(T, other, apart); });
     if (!known && wanted(T)) best.push_back(T);
@@ -138,40 +171,64 @@ std::vector<SE3> PoseSearch::Promising(const SearchedScan& scan, const std::vect
   return best;
 }
 
-std::vector<SE3> PoseSearch::Descend(const SearchedScan& scan, std::vector<SE3> poses) const {
+std::vector<PointCluster> PoseSearch::Part(const std::vector<PointCluster>& clusters) const {
   std::vector<PointCluster> part;
-  for (std::size_t i = 0; i < scan.clusters.size(); i += Stride(scan.clusters.size()))
-    part.push_back(scan.clusters[i]);
+  for (std::size_t i = 0; i < clusters.size(); i += Stride(clusters.size()))
+    part.push_back(clusters[i]);
+  return part;
+}
+
+void PoseSearch::Descend(const SearchedScan& scan, PoseHypotheses* hypotheses) const {
+  if (hypotheses->coarse.empty()) return;
+  const std::vector<PointCluster> part = Part(scan.clusters);
+  std::vector<SE3>& poses = hypotheses->coarse;
   ParallelChunks(poses.size(), 4, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       poses[i] = coarse_matcher_.MatchPose(part, {poses[i], scan.prediction.covariance}, scan.map)
                      .T_world_lidar;
     }
   });
-  return poses;
 }
 
-std::vector<MatchResult> PoseSearch::Refine(const SearchedScan& scan,
-                                            const PoseHypotheses& hypotheses, std::size_t most,
-                                            const Wanted& wanted) const {
+std::vector<SE3> PoseSearch::Starts(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+                                    std::size_t most, const Wanted& wanted) const {
   std::vector<SE3> starts = Promising(scan, hypotheses.dense, 0.0, 1.0, most, wanted);
-  if (!hypotheses.coarse.empty()) {
-    // At a minimum the fit tells, however much of the scan meets planes at all. Beside the right
-    // one there are others.
-    constexpr double kMinimaApart = 0.3;
-    const std::vector<SE3> minima = Promising(scan, Descend(scan, hypotheses.coarse),
-                                              MatchResult::kChanceFit, kMinimaApart, most, wanted);
-    starts.insert(starts.end(), minima.begin(), minima.end());
-  }
+  // At a minimum the fit tells, however much of the scan meets planes at all. Beside the right one
+  // there are others.
+  constexpr double kMinimaApart = 0.3;
+  const std::vector<SE3> minima =
+      Promising(scan, hypotheses.coarse, MatchResult::kChanceFit, kMinimaApart, most, wanted);
+  starts.insert(starts.end(), minima.begin(), minima.end());
+  return starts;
+}
+
+std::vector<MatchResult> PoseSearch::MatchFrom(const SearchedScan& scan,
+                                               const std::vector<PointCluster>& clusters,
+                                               const std::vector<SE3>& starts) const {
   std::vector<MatchResult> results(starts.size());
   ParallelChunks(starts.size(), 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      // Along what planes leave open, each hypothesis is its own prediction.
-      results[i] =
-          matcher_->MatchPose(scan.clusters, {starts[i], scan.prediction.covariance}, scan.map);
-    }
+    for (std::size_t i = begin; i < end; ++i)
+      results[i] = matcher_->MatchPose(clusters, {starts[i], scan.prediction.covariance}, scan.map);
   });
   return results;
+}
+
+std::vector<SE3> PoseSearch::LeadElsewhere(const SearchedScan& scan, std::vector<SE3> starts,
+                                           const MatchResult& given) const {
+  if (scan.starting || given.status == MatchResult::Status::kTooFewMatches) return starts;
+  starts.push_back(given.T_world_lidar);
+  const std::vector<MatchResult> ends = MatchFrom(scan, Part(scan.clusters), starts);
+  const MatchResult& known = ends.back();
+  constexpr double kBetter = 0.003;
+  std::vector<SE3> elsewhere;
+  for (std::size_t i = 0; i + 1 < ends.size(); ++i) {
+    const MatchResult& end = ends[i];
+    if (end.status != MatchResult::Status::kTooFewMatches &&
+        (Apart(end.T_world_lidar, known.T_world_lidar) ||
+         end.evidence() > known.evidence() + kBetter))
+      elsewhere.push_back(end.T_world_lidar);
+  }
+  return elsewhere;
 }
 
 bool PoseSearch::Better(double sigmas, const SearchedScan& scan, const MatchResult& ours,
@@ -204,31 +261,30 @@ bool PoseSearch::Beats(const SearchedScan& scan, const MatchResult& r,
 
 MatchResult PoseSearch::Best(const SearchedScan& scan, const PoseHypotheses& hypotheses,
                              const MatchResult& given) const {
-  const auto most = static_cast<std::size_t>(options_.refined);
+  const std::vector<SE3> starts =
+      Starts(scan, hypotheses, static_cast<std::size_t>(options_.refined),
+             [](const SE3&) { return true; });
   MatchResult best = given;
-  for (const MatchResult& r : Refine(scan, hypotheses, most, [](const SE3&) { return true; })) {
+  for (const MatchResult& r : MatchFrom(scan, scan.clusters, LeadElsewhere(scan, starts, given))) {
     if (Beats(scan, r, best)) best = r;
   }
-  if (!hypotheses.coarse.empty()) best = BestBeside(scan, hypotheses.way, best);
+  if (!hypotheses.way.isZero()) best = BestBeside(scan, hypotheses.way, best);
   // From afar a weak direction takes more steps than from a good prediction.
   constexpr int kMoreRounds = 4;
-  for (int i = 0; i < kMoreRounds && best.status == MatchResult::Status::kIterationLimit; ++i) {
-    best = matcher_->MatchPose(scan.clusters, {best.T_world_lidar, scan.prediction.covariance},
-                               scan.map);
-  }
+  for (int i = 0; i < kMoreRounds && best.status == MatchResult::Status::kIterationLimit; ++i)
+    best = MatchFrom(scan, scan.clusters, {best.T_world_lidar})[0];
   return best;
 }
 
 MatchResult PoseSearch::BestBeside(const SearchedScan& scan, const Eigen::Vector3d& way,
                                    const MatchResult& match) const {
-  constexpr double kStepM = 0.25;
+  constexpr double kShortStepM = 0.25;
   constexpr int kSteps = 3;
+  std::vector<SE3> beside;
+  for (int i = -kSteps; i <= kSteps; ++i)
+    beside.emplace_back(match.T_world_lidar.q, match.T_world_lidar.t + kShortStepM * i * way);
   MatchResult best = match;
-  for (int i = -kSteps; i <= kSteps; ++i) {
-    SE3 start = match.T_world_lidar;
-    start.t += kStepM * i * way;
-    const MatchResult r =
-        matcher_->MatchPose(scan.clusters, {start, scan.prediction.covariance}, scan.map);
+  for (const MatchResult& r : MatchFrom(scan, scan.clusters, LeadElsewhere(scan, beside, match))) {
     if (r.status != MatchResult::Status::kTooFewMatches && r.evidence() > best.evidence()) best = r;
   }
   return best;
@@ -238,7 +294,8 @@ bool PoseSearch::Unique(const SearchedScan& scan, const PoseHypotheses& hypothes
                         const MatchResult& best) const {
   constexpr std::size_t kRivals = 6;
   const auto apart = [&](const SE3& T) { return Apart(T, best.T_world_lidar); };
-  for (const MatchResult& r : Refine(scan, hypotheses, kRivals, apart)) {
+  for (const MatchResult& r :
+       MatchFrom(scan, scan.clusters, Starts(scan, hypotheses, kRivals, apart))) {
     if (r.status != MatchResult::Status::kTooFewMatches && apart(r.T_world_lidar) &&
         !Better(scan.clear_sigmas, scan, best, r))
       return false;

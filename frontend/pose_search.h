@@ -57,8 +57,8 @@ struct SearchedScan {
 struct PoseHypotheses {
   // As dense as matching reaches: the best by score are refined.
   std::vector<SE3> dense;
-  // Too far apart for a score to tell which are near a minimum: each is brought to one first, on a
-  // part of the clusters.
+  // Too far apart for a score to tell which are near a minimum: PoseSearch::Descend brings each to
+  // one first, on a part of the clusters.
   std::vector<SE3> coarse;
   // Direction in which they are spread, a unit vector in the world.
   Eigen::Vector3d way = Eigen::Vector3d::Zero();
@@ -77,12 +77,17 @@ class PoseSearch {
   std::vector<SE3> TurnsAbout(const std::vector<SE3>& centres) const;
   // Offsets along x and y of the sensor.
   std::vector<SE3> OffsetsAbout(const SE3& centre) const;
+  // Offsets to all sides, as far as the prediction is uncertain where that is beyond what
+  // OffsetsAbout covers. Coarse.
+  std::vector<SE3> OffsetsAround(const PosePrediction& prediction) const;
   // Offsets along the way (unit vector, world), to either side of it and turned about the sensor's
   // z axis, as far as the prediction is uncertain; `way_m` is the way predicted since the last
   // pose. Coarse; empty where matching reaches as far itself.
   std::vector<SE3> AlongTheWay(const PosePrediction& prediction, const Eigen::Vector3d& way,
                                double way_m) const;
 
+  // Brings the coarse hypotheses to the minima near them, before they are searched.
+  void Descend(const SearchedScan& scan, PoseHypotheses* hypotheses) const;
   // The best of the matches from the hypotheses and the given one, without a covariance.
   MatchResult Best(const SearchedScan& scan, const PoseHypotheses& hypotheses,
                    const MatchResult& given) const;
@@ -95,15 +100,32 @@ class PoseSearch {
   std::size_t Stride(std::size_t clusters) const;
   // For Descend: a wide kernel throughout, and few steps.
   static ScanMatcherOptions Coarse(ScanMatcherOptions options);
-  // Matches from the `most` best of the hypotheses that are wanted and apart from one another.
+  // Every Stride-th cluster.
+  std::vector<PointCluster> Part(const std::vector<PointCluster>& clusters) const;
+  // The `most` best of the dense and of the coarse hypotheses each, of those that are wanted and
+  // apart from one another.
   using Wanted = std::function<bool(const SE3&)>;
-  std::vector<MatchResult> Refine(const SearchedScan& scan, const PoseHypotheses& hypotheses,
-                                  std::size_t most, const Wanted& wanted) const;
+  std::vector<SE3> Starts(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+                          std::size_t most, const Wanted& wanted) const;
+  // Those of the starts from which a part of the clusters does not lead to where it leads from the
+  // match that is given, brought on as far as the part goes: a search that confirms a match costs
+  // no more than matching that part. At a start all of them: minima lie close together there.
+  std::vector<SE3> LeadElsewhere(const SearchedScan& scan, std::vector<SE3> starts,
+                                 const MatchResult& given) const;
+  // Without covariances. Along what planes leave open, each start is its own prediction.
+  std::vector<MatchResult> MatchFrom(const SearchedScan& scan,
+                                     const std::vector<PointCluster>& clusters,
+                                     const std::vector<SE3>& starts) const;
   // The best match from starts beside this one along the way: there a street has minima in rows.
   MatchResult BestBeside(const SearchedScan& scan, const Eigen::Vector3d& way,
                          const MatchResult& match) const;
-  // Minima near the hypotheses.
-  std::vector<SE3> Descend(const SearchedScan& scan, std::vector<SE3> hypotheses) const;
+  struct Scored {
+    double score = 0.0;
+    SE3 T_world_lidar;
+  };
+  // The best first.
+  void SortByScore(const SearchedScan& scan, std::size_t stride, double chance,
+                   std::vector<Scored>* hypotheses) const;
   // The `most` best of the hypotheses that are wanted, by Score, and apart from one another by that
   // share of what is another place.
   std::vector<SE3> Promising(const SearchedScan& scan, const std::vector<SE3>& hypotheses,

@@ -1,6 +1,6 @@
 // A file of sections, each with its checksum: whole, or not there.
 //
-//     8 bytes "LAMINAMP"   u32 version (2)
+//     8 bytes "LAMINAMP"   u32 version (3)
 //     sections:            4 bytes tag   u32 CRC-32 of tag and bytes   u64 size   bytes
 //     last section:        tag "END ", 8 bytes: u64 number of the sections before it
 //

@@ -254,6 +254,7 @@ Scan ReadStampedScan(const std::string& path, StampNs stamp_ns, bool recorded_st
   Scan scan = ReadScanFile(path, options);
   const StampNs clock_ns = scan.stamp_ns;
   scan.stamp_ns = stamp_ns;
+  scan.stamp_made_up = !recorded_stamp;
   // The difference in double first: that of int64 might not fit.
   const double apart_ns = static_cast<double>(clock_ns) - static_cast<double>(scan.stamp_ns);
   if (clock_ns != 0 && recorded_stamp && std::abs(apart_ns) <= kSameClockNs) {

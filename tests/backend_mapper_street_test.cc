@@ -48,7 +48,8 @@ Outcome Map(const Drive& drive, unsigned seed) {
     }
     std::vector<TimedCluster> clusters = BuildScanClusters(points, options.map.LeafSize());
     const OdometryFrame frame =
-        mapper.Process(i, i * StampNs{100000000}, &clusters, /*may_restart=*/false).odometry;
+        mapper.Process({i, i * StampNs{100000000}, false, &clusters}, /*may_restart=*/false)
+            .odometry;
     ++frames;
     if (due < 0 && mapper.SolveDue()) {
       problem = mapper.PrepareSolve();

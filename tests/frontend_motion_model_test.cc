@@ -41,6 +41,25 @@ TEST(MotionModel, AVehicleIsExpectedAheadAfterAGap) {
   EXPECT_NEAR(model.Predict(25 * kPeriodNs).T_world_lidar.t.x(), 15.0 + 22.5, 1.5);
 }
 
+TEST(MotionModel, WithoutStampsTheNextStepMayBeHalfAsLongOrHalfAsLongAgain) {
+  MotionModel model = Driving();
+  model.TrustClock(false);
+  EXPECT_GT(WaySigma(model, 11 * kPeriodNs), 0.75 - 1e-9);
+  EXPECT_LT(WaySigma(model, 11 * kPeriodNs), 0.80);
+  // A short step is no promise that the next one is short.
+  model.Accept(11 * kPeriodNs, Along(15.1), true);
+  EXPECT_GT(WaySigma(model, 12 * kPeriodNs), 0.6);
+  model.TrustClock(true);
+  EXPECT_LT(WaySigma(model, 12 * kPeriodNs), 0.05);
+}
+
+TEST(MotionModel, WithoutStampsAStartMayBeFarAway) {
+  MotionModel model{MotionOptions()};
+  model.Accept(0, Along(0.0), false);
+  model.TrustClock(false);
+  EXPECT_GT(WaySigma(model, kPeriodNs), 4.0);
+}
+
 TEST(MotionModel, BeforeAnyMotionTheSpeedIsUnknown) {
   MotionModel model{MotionOptions()};
   model.Accept(0, Along(0.0), false);

@@ -107,6 +107,9 @@ TEST_F(ScanSourceTest, PlainFolderInNaturalOrder) {
   EXPECT_THAT(Names(*source),
               ElementsAre("scan.bin", "scan02.bin", "scan2.bin", "scan2b.bin", "scan10.bin"));
   EXPECT_EQ(source->Stamp(4), 400000000);
+  EXPECT_TRUE(source->Read(4).stamp_made_up);
+  Write("s/times.txt", "0\n1\n2\n4\n8\n");
+  EXPECT_FALSE(Open("s")->Read(4).stamp_made_up);
 }
 
 TEST_F(ScanSourceTest, StampsFromNames) {

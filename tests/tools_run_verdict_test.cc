@@ -20,6 +20,7 @@ RunVerdict Drive(const std::function<void(int i, SessionScan* scan)>& change = {
     SessionScan scan;
     scan.scan = i;
     scan.stamp_ns = 100'000'000LL * i;
+    scan.recorded_stamp = true;
     scan.status = i == 0 ? "first" : "tracked";
     scan.T_world_lidar.t.x() = 1.0 * i;
     scan.clusters = 1000;
@@ -71,6 +72,17 @@ TEST(RunVerdictTest, MotionsThatNoVehicleMakesAreWrong) {
               scan->T_world_lidar.t.x() += 25.0;
             }).grade,
             RunVerdict::Grade::kGood);
+}
+
+TEST(RunVerdictTest, UnevenStepsWithoutStampsAreNoSpeeds) {
+  const auto uneven = [](bool recorded) {
+    return [recorded](int i, SessionScan* scan) {
+      scan->T_world_lidar.t.x() = 3.0 * i + (i % 2) * 1.5;
+      scan->recorded_stamp = recorded;
+    };
+  };
+  EXPECT_EQ(Drive(uneven(true)).grade, RunVerdict::Grade::kWrong);
+  EXPECT_EQ(Drive(uneven(false)).grade, RunVerdict::Grade::kGood);
 }
 
 TEST(RunVerdictTest, MatchesThatDoNotConvergeAreWrong) {

@@ -324,6 +324,14 @@ TEST_F(SynthOnDisk, WritesWhatItGenerates) {
   EXPECT_THAT(Content(directory_ / "calib.txt"), HasSubstr("Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n"));
 }
 
+TEST_F(SynthOnDisk, UntimedScansHaveNoTimes) {
+  const std::string out = "--scene room --sensor vlp16 --frames 2 --out " + directory_.string();
+  EXPECT_EQ(Run(out), 0);
+  EXPECT_TRUE(std::filesystem::exists(directory_ / "times.txt"));
+  EXPECT_EQ(Run(out + " --untimed"), 0);
+  EXPECT_FALSE(std::filesystem::exists(directory_ / "times.txt"));
+}
+
 TEST_F(SynthOnDisk, RefusesToLeaveScansOfALongerSequence) {
   const std::string out = "--scene room --sensor vlp16 --out " + directory_.string();
   EXPECT_EQ(Run(out + " --frames 4"), 0);

@@ -84,6 +84,37 @@ TEST(SynthProfile, GapsLeaveTrueStampsAndPoses) {
   EXPECT_EQ(steps, (std::set<StampNs>{100000000, 2100000000}));
 }
 
+TEST(SynthProfile, PickedScansAreOneToFiveMetresApart) {
+  SynthOptions options = Bays(ProfileKind::kPicked);
+  options.frames = 60;
+  const SynthSequence sequence(options);
+  double shortest = 100.0, longest = 0.0;
+  for (std::size_t i = 1; i < sequence.size(); ++i) {
+    const double way = (sequence.TruePose(i).t - sequence.TruePose(i - 1).t).norm();
+    EXPECT_NEAR(way, 15.0 * SecondsBetween(sequence.Stamp(i - 1), sequence.Stamp(i)), 0.1);
+    shortest = std::min(shortest, way);
+    longest = std::max(longest, way);
+  }
+  // Whole scans, of 1.5 m each.
+  EXPECT_NEAR(shortest, 1.5, 0.1);
+  EXPECT_NEAR(longest, 4.5, 0.1);
+}
+
+TEST(SynthProfile, UntimedScansHaveMadeUpStampsAndTheSamePoints) {
+  SynthOptions options = Bays(ProfileKind::kPicked);
+  options.frames = 5;
+  const SynthScanSource timed(std::make_shared<const SynthSequence>(options));
+  options.untimed = true;
+  const SynthScanSource untimed(std::make_shared<const SynthSequence>(options));
+  EXPECT_TRUE(timed.recorded_stamps());
+  EXPECT_FALSE(untimed.recorded_stamps());
+  EXPECT_FALSE(timed.Read(3).stamp_made_up);
+  EXPECT_TRUE(untimed.Read(3).stamp_made_up);
+  EXPECT_EQ(untimed.Read(3).stamp_ns, 300000000);
+  EXPECT_NE(timed.Read(3).stamp_ns, 300000000);
+  EXPECT_EQ(timed.Read(3).points.size(), untimed.Read(3).points.size());
+}
+
 TEST(SynthProfile, SpinsByTheGivenAngleAndNods) {
   const SynthSequence sequence(Bays(ProfileKind::kSpin));
   double lowest = 1.0;

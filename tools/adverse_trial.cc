@@ -31,6 +31,7 @@ class TimedSource final : public ScanSource {
   std::size_t size() const override { return scans_.size(); }
   std::string Name(std::size_t i) const override { return scans_.Name(i); }
   StampNs Stamp(std::size_t i) const override { return scans_.Stamp(i); }
+  bool recorded_stamps() const override { return scans_.recorded_stamps(); }
   Scan Read(std::size_t i) const override {
     const double start = ThreadCpuSeconds();
     Scan scan = scans_.Read(i);

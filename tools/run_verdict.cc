@@ -110,6 +110,8 @@ void VerdictCounter::Add(const SessionScan& scan) {
 void VerdictCounter::CountJump(const SessionScan& scan) {
   // Beyond what brakes, tyres and arms can do, and the error that poses may have.
   constexpr double kMostM_S2 = 30.0, kPoseErrorM = 0.05;
+  // Steps that nobody timed tell no speed.
+  if (!scan.recorded_stamp) return last_.clear();
   if (!last_.empty() && last_.back().piece != scan.piece) last_.clear();
   if (last_.size() == 2) {
     const double before_s = SecondsBetween(last_[0].stamp_ns, last_[1].stamp_ns);

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "tools/synth_random.h"
-
 namespace lamina::synth {
 namespace {
 
@@ -22,6 +20,8 @@ double WayFromRest(double t, double speed) {
   return speed * (t - 0.5 * accelerating);
 }
 
+constexpr StampNs kScanNs = 100000000;
+
 // Way made in t seconds of braking from `speed`, to a stand.
 double WayOfBraking(double t, double speed) {
   t = std::min(t, speed / kBraking);
@@ -31,8 +31,8 @@ double WayOfBraking(double t, double speed) {
 }  // namespace
 
 const std::vector<std::string>& ProfileNames() {
-  static const std::vector<std::string> names = {"constant", "start", "brake",
-                                                 "gaps",     "spin",  "shake"};
+  static const std::vector<std::string> names = {"constant", "start", "brake", "gaps",
+                                                 "picked",   "spin",  "shake"};
   return names;
 }
 
@@ -54,15 +54,28 @@ Profile::Profile(const ProfileOptions& options, double speed_m_per_s, int frames
       shake_.emplace_back(std::vector<Wobble::Wave>{wave}, HashOf({seed, 0x5e, axis}));
     }
   }
-  if (options_.kind == ProfileKind::kGaps) {
-    StampNs missed = 0;
-    for (int scan = 20 + random.Index(20); scan < frames; scan += 20 + random.Index(20)) {
-      // Whole scans, as a recorder misses them.
-      const double length = options_.gap_s > 0.0 ? options_.gap_s : random.Uniform(0.5, 3.0);
-      missed += 100000000 * std::llround(10.0 * length);
-      gaps_.push_back(static_cast<std::size_t>(scan));
-      missed_.push_back(missed);
-    }
+  if (options_.kind == ProfileKind::kGaps) MissScans(frames, &random);
+  if (options_.kind == ProfileKind::kPicked) PickScans(frames, &random);
+}
+
+void Profile::MissScans(int frames, HashStream* random) {
+  StampNs missed = 0;
+  for (int scan = 20 + random->Index(20); scan < frames; scan += 20 + random->Index(20)) {
+    // Whole scans, as a recorder misses them.
+    const double length = options_.gap_s > 0.0 ? options_.gap_s : random->Uniform(0.5, 3.0);
+    missed += kScanNs * std::llround(10.0 * length);
+    gaps_.push_back(static_cast<std::size_t>(scan));
+    missed_.push_back(missed);
+  }
+}
+
+void Profile::PickScans(int frames, HashStream* random) {
+  StampNs left_out = 0;
+  for (int scan = 1; scan < frames; ++scan) {
+    const double way_m = random->Uniform(1.0, 5.0);
+    left_out += kScanNs * std::max(0LL, std::llround(10.0 * way_m / speed_m_per_s_) - 1);
+    gaps_.push_back(static_cast<std::size_t>(scan));
+    missed_.push_back(left_out);
   }
 }
 

@@ -6,6 +6,7 @@
 //   brake      again and again: braking at 8 m/s^2 to a stand, 1.5 s at rest, off with 3 m/s^2
 //   gaps       every 2 to 4 s the recorder misses 0.5 to 3 s; the scans that remain keep their
 //              true stamps
+//   picked     scans of which only some were kept, 1 to 5 m apart; with their true stamps, too
 //   spin       the sensor turns about its z axis, by 20 deg a scan from the first second on, and
 //              nods by up to 8 deg meanwhile
 //   shake      at 5 Hz, 1.5 deg and 2 cm in every direction
@@ -24,10 +25,11 @@
 #include "core/scan.h"
 #include "core/se3.h"
 #include "tools/synth_motion.h"
+#include "tools/synth_random.h"
 
 namespace lamina::synth {
 
-enum class ProfileKind { kConstant, kStart, kBrake, kGaps, kSpin, kShake };
+enum class ProfileKind { kConstant, kStart, kBrake, kGaps, kPicked, kSpin, kShake };
 // In the order of ProfileKind.
 const std::vector<std::string>& ProfileNames();
 
@@ -50,10 +52,12 @@ class Profile {
   double DriveTime(double t_s) const;
   // How the sensor has turned and moved on its carrier.
   SE3 T_carrier_lidar(double t_s) const;
-  // Time that the recorder has missed before scan i.
+  // Time that the recorder has missed before scan i, or that was left out.
   StampNs Missed(std::size_t i) const;
 
  private:
+  void MissScans(int frames, HashStream* random);
+  void PickScans(int frames, HashStream* random);
   SE3 Spun(double t_s) const;
   SE3 Shaken(double t_s) const;
 

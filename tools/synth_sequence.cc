@@ -69,6 +69,7 @@ void SynthOptions::Visit(OptionVisitor& v) {
   v.Integer("points", &points, 0, 1000000);
   v.Integer("rings", &rings, 0, 512);
   v.Group("profile", &profile);
+  v.Flag("untimed", &untimed);
   v.Group("errors", &errors);
   v.Group("weather", &weather);
 }
@@ -281,6 +282,17 @@ Scan SynthSequence::Generate(std::size_t i) const {
 
 SynthScanSource::SynthScanSource(std::shared_ptr<const SynthSequence> sequence)
     : sequence_(std::move(sequence)) {}
+
+StampNs SynthScanSource::Stamp(std::size_t i) const {
+  return recorded_stamps() ? sequence_->Stamp(i) : MadeUpStamp(i, ScanSourceOptions());
+}
+
+Scan SynthScanSource::Read(std::size_t i) const {
+  Scan scan = sequence_->Generate(i);
+  scan.stamp_ns = Stamp(i);
+  scan.stamp_made_up = !recorded_stamps();
+  return scan;
+}
 
 std::string SynthScanSource::Name(std::size_t i) const {
   return fmt::format("synthetic scan {}", i);

@@ -50,6 +50,8 @@ struct SynthOptions {
   int points = 0;
   int rings = 0;
   synth::ProfileOptions profile;
+  // No stamps are written, and the source gives made up ones.
+  bool untimed = false;
   synth::SensorErrorOptions errors;
   synth::WeatherOptions weather;
 
@@ -114,8 +116,9 @@ class SynthScanSource final : public ScanSource {
   explicit SynthScanSource(std::shared_ptr<const SynthSequence> sequence);
   std::size_t size() const override { return sequence_->size(); }
   std::string Name(std::size_t i) const override;
-  StampNs Stamp(std::size_t i) const override { return sequence_->Stamp(i); }
-  Scan Read(std::size_t i) const override { return sequence_->Generate(i); }
+  StampNs Stamp(std::size_t i) const override;
+  bool recorded_stamps() const override { return !sequence_->options().untimed; }
+  Scan Read(std::size_t i) const override;
 
  private:
   std::shared_ptr<const SynthSequence> sequence_;

@@ -67,7 +67,8 @@ void MakeScanDirectory(const fs::path& velodyne, std::size_t scans) {
 
 constexpr StampNs kSecond = 1000000000;
 
-void WriteTexts(const Trajectory& truth, const fs::path& directory, const std::string& truth_path) {
+void WriteTexts(const Trajectory& truth, bool timed, const fs::path& directory,
+                const std::string& truth_path) {
   std::string times;
   for (const StampedPose& pose : truth) {
     times += fmt::format("{}.{:09d}\n", pose.stamp_ns / kSecond, pose.stamp_ns % kSecond);
@@ -76,7 +77,12 @@ void WriteTexts(const Trajectory& truth, const fs::path& directory, const std::s
   for (const char* name : {"P0", "P1", "P2", "P3", "Tr"}) {
     calibration += fmt::format("{}: 1 0 0 0 0 1 0 0 0 0 1 0\n", name);
   }
-  WriteWhole(directory / "times.txt", times);
+  std::error_code none_there;
+  if (timed) {
+    WriteWhole(directory / "times.txt", times);
+  } else {
+    fs::remove(directory / "times.txt", none_there);
+  }
   WriteWhole(directory / "calib.txt", calibration);
   WriteKittiTrajectory(truth_path, truth);
 }
@@ -146,12 +152,13 @@ class Thinning {
 }  // namespace
 
 WrittenSequence WriteScans(const Trajectory& truth, const std::function<Scan(std::size_t)>& make,
-                           const std::string& directory, const SynthProgress& progress) {
+                           const std::string& directory, const SynthProgress& progress,
+                           bool timed) {
   const fs::path velodyne = fs::path(directory) / "velodyne";
   WrittenSequence written;
   written.truth_path = (fs::path(directory) / "poses.txt").string();
   MakeScanDirectory(velodyne, truth.size());
-  WriteTexts(truth, directory, written.truth_path);
+  WriteTexts(truth, timed, directory, written.truth_path);
   WriteAll(
       truth.size(), make,
       [&](std::size_t i, const Scan& scan) { WriteScan(ScanPath(velodyne, i), scan.points); },
@@ -168,7 +175,8 @@ WrittenSequence WriteSequence(const SynthOptions& options, const std::string& di
     truth.push_back({sequence.Stamp(i), sequence.TruePose(i)});
   }
   return WriteScans(
-      truth, [&](std::size_t i) { return sequence.Generate(i); }, directory, progress);
+      truth, [&](std::size_t i) { return sequence.Generate(i); }, directory, progress,
+      !options.untimed);
 }
 
 WrittenSequence WriteStations(const StationOptions& options, StationLayout layout,

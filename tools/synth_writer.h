@@ -36,9 +36,10 @@ WrittenSequence WriteSequence(const SynthOptions& options, const std::string& di
                               const SynthProgress& progress = nullptr);
 
 // The same for any scans: `truth` says how many, when and where. Scans are made by several threads
-// at once.
+// at once. Not `timed`: without times.txt.
 WrittenSequence WriteScans(const Trajectory& truth, const std::function<Scan(std::size_t)>& make,
-                           const std::string& directory, const SynthProgress& progress);
+                           const std::string& directory, const SynthProgress& progress,
+                           bool timed = true);
 
 enum class StationLayout { kKitti, kEthz };
 
