@@ -205,10 +205,10 @@ bool Odometry::WithinReach(const PosePrediction& prediction) const {
   return SigmaM(prediction) <= kReachM;
 }
 
-bool Odometry::Vouches(const PosePrediction& prediction) const {
-  // At a start the sensor is near by what is known of speeds.
-  return motion_.moving_known() ? WithinReach(prediction)
-                                : SigmaM(prediction) <= options_.search.range_m;
+bool Odometry::Vouches(const MatchResult& match, const PosePrediction& prediction) const {
+  if (motion_.moving_known()) return WithinReach(prediction);
+  // At a start near is likely, whatever the clock leaves open.
+  return (match.T_world_lidar.t - prediction.T_world_lidar.t).norm() <= options_.search.range_m;
 }
 
 bool Odometry::NeedsSearch(const MatchResult& match, const PosePrediction& prediction) const {
@@ -257,7 +257,7 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
   const MatchResult& match = frame.match;
   if (match.status == MatchResult::Status::kTooFewMatches) return false;
   const bool gap = lost_ || motion_.Gap(frame.stamp_ns) > options_.vouched_gap_s;
-  const bool vouched = !gap && Vouches(prediction) &&
+  const bool vouched = !gap && Vouches(match, prediction) &&
                        (!Leaps(match, prediction) ||
                         SigmasApart(prediction, match) <= options_.max_prediction_sigmas);
   if (match.inlier_share < options_.lost_inlier_ratio * RecentInliers()) return false;

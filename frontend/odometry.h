@@ -121,7 +121,7 @@ class Odometry {
   // Whether the prediction is as near as matching alone can bridge.
   bool WithinReach(const PosePrediction& prediction) const;
   // Whether a match near the prediction needs no other evidence.
-  bool Vouches(const PosePrediction& prediction) const;
+  bool Vouches(const MatchResult& match, const PosePrediction& prediction) const;
   // Whether matching alone cannot be trusted to find the way.
   bool NeedsSearch(const MatchResult& match, const PosePrediction& prediction) const;
   PoseHypotheses Hypotheses(const PosePrediction& prediction, bool map_is_older) const;
