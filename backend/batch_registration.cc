@@ -1,5 +1,6 @@
 #include "backend/batch_registration.h"
 
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <new>
@@ -129,10 +130,47 @@ bool MovedLess(const std::vector<SE3>& a, const std::vector<SE3>& b, double rota
          translation2 <= n * translation_m * translation_m;
 }
 
+// Groups found to slide go back, along the directions that are open, to where they began: earlier
+// rounds may have taken thick planes for something that holds them.
+void PutBack(const std::vector<BatchFrame>& frames, const std::vector<BundleFault>& faults,
+             std::vector<SE3>* poses) {
+  // From the last group: others, before it, may follow it.
+  for (std::size_t end = faults.size(), begin = end; end > 0; end = begin) {
+    const auto held = static_cast<std::size_t>(faults[end - 1].frame);
+    while (begin > 0 && static_cast<std::size_t>(faults[begin - 1].frame) == held) --begin;
+    std::vector<const BundleFault*> slides;
+    Eigen::MatrixXd open(6, 0);
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::vector<int>& group = faults[i].group;
+      if (faults[i].motion.empty()) continue;
+      const auto at = std::find(group.begin(), group.end(), faults[i].frame) - group.begin();
+      slides.push_back(&faults[i]);
+      open.conservativeResize(Eigen::NoChange, open.cols() + 1);
+      open.rightCols<1>() = faults[i].motion[static_cast<std::size_t>(at)];
+    }
+    if (slides.empty()) continue;
+    const Vector6d moved = LocalDelta(frames[held].T_world_lidar, (*poses)[held]);
+    const Eigen::VectorXd along = open.colPivHouseholderQr().solve(moved);
+    for (std::size_t i = 0; i < slides.size(); ++i) {
+      for (std::size_t k = 0; k < slides[i]->group.size(); ++k) {
+        SE3& T = (*poses)[static_cast<std::size_t>(slides[i]->group[k])];
+        T = Retract(T, -along(static_cast<Eigen::Index>(i)) * slides[i]->motion[k]);
+      }
+    }
+  }
+}
+
 void AddCovariances(const BundleProblem& problem, RegistrationResult* result) {
   constexpr double kOpenVariance = 1e6;
   try {
     result->covariances = PoseCovariances(problem, result->poses, kOpenVariance);
+    for (const BundleFault& fault : result->faults) {
+      for (std::size_t i = 0; i < fault.motion.size() && !result->covariances.empty(); ++i) {
+        if (fault.group[i] == fault.frame) continue;  // held: it has its share
+        Matrix6d& covariance = result->covariances[static_cast<std::size_t>(fault.group[i])];
+        covariance += kOpenVariance * fault.motion[i] * fault.motion[i].transpose();
+      }
+    }
     if (!result->covariances.empty()) return;
     result->covariance_failure = "the normal equations at the solution cannot be factorised";
   } catch (const std::bad_alloc&) {
@@ -261,13 +299,17 @@ RegistrationResult BatchRegistration::Solve(const std::vector<BatchFrame>& frame
       merged = Merged(frames, factor * map_.LeafSize());
     }
     *problem = CastRound(factor > 1 ? merged : frames, result.poses, report.root_size_m);
-    const Observability observability = FindObservability(*problem, options_.observability);
+    // Poor poses part planes that belong together; coarse rounds are there to join them.
+    const bool coarse = report.root_size_m > map_.root_size_m;
+    const Observability observability =
+        FindObservability(*problem, options_.observability, coarse ? Slides::kFree : Slides::kHeld);
     result.faults = observability.faults;
     result.reason = Refusal(*problem, observability, options_.solver);
     if (!result.reason.empty()) {
       result.status = Status::kIllPosed;
       return result;
     }
+    PutBack(frames, result.faults, &problem->poses);
     problem->holds = observability.holds;
     problem->hold_first_pose = false;
     report.build_ms = watch.LapMilliseconds();
@@ -283,7 +325,7 @@ RegistrationResult BatchRegistration::Solve(const std::vector<BatchFrame>& frame
         MovedLess(result.poses, solved.poses, options_.min_rotation_change_deg * M_PI / 180.0,
                   options_.min_translation_change_m);
     result.poses = solved.poses;
-    if (settled && report.root_size_m <= map_.root_size_m) {
+    if (settled && !coarse) {
       result.status = Status::kConverged;
     } else if (stop != nullptr && stop->load()) {
       result.status = Status::kInterrupted;

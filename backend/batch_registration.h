@@ -14,7 +14,10 @@
 // size.
 //
 // What cannot be determined (observability.h) stays at the initial poses and is reported; the rest
-// is solved. Nothing at all to solve is a refusal.
+// is solved. Nothing at all to solve is a refusal. Groups of frames that slide as one are held in
+// the rounds at the final size alone: planes that poor poses part are still to be joined by the
+// coarse ones. Whatever earlier rounds moved it by along open directions is undone. All of a group
+// that slides get the variance of an open direction along its motion.
 #pragma once
 
 #include <atomic>

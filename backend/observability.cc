@@ -9,7 +9,8 @@
 #include <numeric>
 #include <sstream>
 
-#include "backend/frame_pass.h"
+#include "backend/plane_geometry.h"
+#include "backend/sliding_groups.h"
 #include "frontend/degeneracy.h"
 
 namespace lamina {
@@ -61,8 +62,8 @@ void ForEachRows(const BundleProblem& problem, const std::vector<PlaneFrame>& pl
 }
 
 // What is known of each frame along the eigenvectors of its own information.
-std::vector<DirectionEvidence> FrameEvidence(const BundleProblem& problem) {
-  const std::vector<PlaneFrame> planes = MakePlaneFrames(problem, PoseMatrices(problem.poses));
+std::vector<DirectionEvidence> FrameEvidence(const BundleProblem& problem,
+                                             const std::vector<PlaneFrame>& planes) {
   std::vector<Matrix6d> H(problem.poses.size(), Matrix6d::Zero());
   ForEachRows(problem, planes, [&](std::size_t k, const ScaledRows& s, double weight, double) {
     H[k] += weight * s.rows.transpose() * s.rows;
@@ -161,13 +162,32 @@ bool HasFixedPlanes(const BundleProblem& problem) {
                      [](const Plane& p) { return !p.fixed.Empty(); });
 }
 
-// Holds the first frame of each group, and reports all groups but the largest.
-void HoldGauge(const std::map<int, std::vector<int>>& groups, Observability* result) {
+using HoldsOfFrames = std::vector<std::vector<HeldDirection>>;
+
+// Holds one frame of each group, and reports all groups but the largest. It is the first of the
+// largest rigid group within; if it can be, one whose planes determine it, since one with an open
+// direction would leave the others free along it.
+void HoldGauge(const std::map<int, std::vector<int>>& groups, const HoldsOfFrames& open,
+               RigidGroups* rigid, Observability* result) {
+  std::vector<std::size_t> rigid_of(open.size());
+  for (std::size_t g = 0; g < rigid->groups.size(); ++g) {
+    for (const int frame : rigid->groups[g].frames) rigid_of[static_cast<std::size_t>(frame)] = g;
+  }
   const auto largest = std::max_element(
       groups.begin(), groups.end(),
       [](const auto& a, const auto& b) { return a.second.size() < b.second.size(); });
   for (auto group = groups.begin(); group != groups.end(); ++group) {
-    HoldAll(group->first, &result->holds);
+    const auto size_of = [&](int frame) {
+      return rigid->groups[rigid_of[static_cast<std::size_t>(frame)]].frames.size();
+    };
+    const int in_largest = *std::max_element(group->second.begin(), group->second.end(),
+                                             [&](int a, int b) { return size_of(a) < size_of(b); });
+    FrameGroup& standing = rigid->groups[rigid_of[static_cast<std::size_t>(in_largest)]];
+    standing.stands = true;
+    const auto gauge = std::find_if(standing.frames.begin(), standing.frames.end(), [&](int frame) {
+      return open[static_cast<std::size_t>(frame)].empty();
+    });
+    HoldAll(gauge == standing.frames.end() ? standing.frames.front() : *gauge, &result->holds);
     if (group == largest) continue;
     BundleFault fault;
     fault.kind = BundleFault::Kind::kApart;
@@ -177,22 +197,48 @@ void HoldGauge(const std::map<int, std::vector<int>>& groups, Observability* res
   }
 }
 
-void FindOpenDirections(const BundleProblem& problem, const ObservabilityOptions& options,
-                        const std::vector<bool>& usable, Observability* result) {
-  const std::vector<DirectionEvidence> frames = FrameEvidence(problem);
-  std::vector<bool> gauge(problem.poses.size(), false);
-  for (const HeldDirection& hold : result->holds)
+// The open directions of single frames. The gauge is held already.
+void HoldOpenDirections(const std::vector<std::vector<BundleFault>>& open, Observability* result) {
+  std::vector<bool> gauge(open.size(), false);
+  for (const HeldDirection& hold : result->holds) {
     gauge[static_cast<std::size_t>(hold.frame)] = true;
-  for (std::size_t k = 0; k < frames.size(); ++k) {
-    if (!usable[k] || gauge[k]) continue;
-    const std::vector<BundleFault> open =
-        OpenDirections(static_cast<int>(k), frames[k], options.max_direction_sigma_m);
-    for (const BundleFault& fault : open) {
+  }
+  for (std::size_t k = 0; k < open.size(); ++k) {
+    if (gauge[k]) continue;
+    for (const BundleFault& fault : open[k]) {
       result->holds.push_back({fault.frame, fault.direction});
       result->faults.push_back(fault);
     }
-    if (open.size() < 6) result->free_frames.push_back(static_cast<int>(k));
   }
+}
+
+void HoldSlides(const std::vector<GroupSlide>& slides, Observability* result) {
+  for (const GroupSlide& slide : slides) {
+    BundleFault fault;
+    fault.kind = BundleFault::Kind::kOpenDirection;
+    fault.frame = slide.hold.frame;
+    fault.group = slide.frames;
+    fault.direction = slide.twist;
+    fault.motion = slide.motion;
+    fault.sigma_m = slide.sigma_m;
+    result->faults.push_back(fault);
+    result->holds.push_back(slide.hold);
+  }
+}
+
+// Frames in ascending order, runs of them by their ends: 1, 3 to 7.
+std::string ListOfFrames(const std::vector<int>& frames) {
+  std::ostringstream text;
+  text << (frames.size() == 1 ? "frame " : "frames ");
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    std::size_t end = i;
+    while (end + 1 < frames.size() && frames[end + 1] == frames[end] + 1) ++end;
+    text << (i > 0 ? ", " : "") << frames[i];
+    if (end < i + 2) continue;
+    text << " to " << frames[end];
+    i = end;
+  }
+  return text.str();
 }
 
 }  // namespace
@@ -211,8 +257,7 @@ std::string BundleFault::Describe() const {
            << " planes with other frames, too few to hold it";
       break;
     case Kind::kApart:
-      text << (group.size() == 1 ? "frame " : "frames ");
-      for (std::size_t i = 0; i < group.size(); ++i) text << (i > 0 ? ", " : "") << group[i];
+      text << ListOfFrames(group);
       text << (group.size() == 1 ? " shares" : " share") << " no plane with the other frames";
       break;
     case Kind::kLeapt:
@@ -222,9 +267,12 @@ std::string BundleFault::Describe() const {
     case Kind::kOpenDirection: {
       const bool turn = direction.head<3>().norm() * kRotationArmM > direction.tail<3>().norm();
       const Eigen::Vector3d axis = (turn ? direction.head<3>() : direction.tail<3>()).normalized();
-      text << "frame " << frame << ": no plane holds its "
-           << (turn ? "turn about the LiDAR's axis" : "motion along the world's direction") << " ("
-           << axis.x() << ", " << axis.y() << ", " << axis.z() << ")";
+      text << (group.empty() ? "frame " + std::to_string(frame) : ListOfFrames(group))
+           << ": no plane holds " << (group.size() > 1 ? "their common " : "its ")
+           << (!turn           ? "motion along the world's direction"
+               : group.empty() ? "turn about the LiDAR's axis"
+                               : "turn about the world's axis")
+           << " (" << axis.x() << ", " << axis.y() << ", " << axis.z() << ")";
       if (std::isfinite(sigma_m)) text << ", known to " << sigma_m << " m";
       break;
     }
@@ -232,7 +280,8 @@ std::string BundleFault::Describe() const {
   return text.str();
 }
 
-Observability FindObservability(const BundleProblem& problem, const ObservabilityOptions& options) {
+Observability FindObservability(const BundleProblem& problem, const ObservabilityOptions& options,
+                                Slides slides) {
   CheckOptions(options, "registration.observability");
   Observability result;
   const std::vector<int> shared = SharedPlanes(problem);
@@ -246,9 +295,33 @@ Observability FindObservability(const BundleProblem& problem, const Observabilit
     result.faults.push_back(fault);
     HoldAll(fault.frame, &result.holds);
   }
-  // Fixed clusters hold the gauge, and join whatever stands on them.
-  if (!HasFixedPlanes(problem)) HoldGauge(FindGroups(problem, usable), &result);
-  FindOpenDirections(problem, options, usable, &result);
+  const std::vector<PlaneFrame> planes = MakePlaneFrames(problem, PoseMatrices(problem.poses));
+  const std::vector<DirectionEvidence> frames = FrameEvidence(problem, planes);
+  std::vector<std::vector<BundleFault>> open(shared.size());
+  HoldsOfFrames open_holds(shared.size());
+  for (std::size_t k = 0; k < shared.size(); ++k) {
+    if (!usable[k]) continue;
+    open[k] = OpenDirections(static_cast<int>(k), frames[k], options.max_direction_sigma_m);
+    for (const BundleFault& fault : open[k]) {
+      open_holds[k].push_back({fault.frame, fault.direction});
+    }
+  }
+  RigidGroups rigid =
+      FindRigidGroups(problem, planes, usable, open_holds, options.max_direction_sigma_m);
+  // Fixed clusters hold the gauge of all that stands on them.
+  if (!HasFixedPlanes(problem)) {
+    HoldGauge(FindGroups(problem, usable), open_holds, &rigid, &result);
+  }
+  HoldOpenDirections(open, &result);
+  if (slides == Slides::kHeld) {
+    HoldSlides(FindSlides(problem.poses, open_holds, options.max_direction_sigma_m, &rigid),
+               &result);
+  }
+  std::vector<int> held(shared.size(), 0);
+  for (const HeldDirection& hold : result.holds) ++held[static_cast<std::size_t>(hold.frame)];
+  for (std::size_t k = 0; k < held.size(); ++k) {
+    if (held[k] < 6) result.free_frames.push_back(static_cast<int>(k));
+  }
   return result;
 }
 

@@ -215,6 +215,65 @@ TEST(BatchRegistration, ParallelPlanesHoldOpenDirectionsAndSolveTheRest) {
   EXPECT_GT(result.covariances[1](3, 3), 1e3);
 }
 
+// Frames 0 to 2 in one room, 3 to 5 in the next, all on one floor. The second room starts off as a
+// whole, the frames in it a little more.
+Batch RoomsOnOneFloor(const SE3& room_off, Draws* draws) {
+  Batch batch;
+  for (std::size_t k = 0; k < 6; ++k) {
+    const double x = k < 3 ? -3.0 : 3.0;
+    World room{{{{0, 0, -1.4}, {6, 0, 0}, {0, 3, 0}}}};
+    for (const double side : {-1.0, 1.0}) {
+      room.facets.push_back({{x + 2.1 * side, 0.1, 0}, {0, 2, 0}, {0, 0, 1.2}});
+      room.facets.push_back({{x, 2.35 * side + 0.01 * x, 0}, {1.9, 0, 0}, {0, 0, 1.2}});
+    }
+    SE3 truth = draws->Offset(0.3, 0.4);
+    truth.t.x() += x;
+    const SE3 off = k == 0 ? SE3() : draws->Offset(0.005, 0.02);
+    SE3 start(truth.q * off.q, truth.t + off.t);
+    if (k >= 3)
+      start = SE3(room_off.q * start.q, room_off * (start.t - 3.0 * Eigen::Vector3d::UnitX()) +
+                                            3.0 * Eigen::Vector3d::UnitX());
+    batch.truth.push_back(truth);
+    batch.frames.push_back(FrameAt(truth, start, room.Sample(4000, 0.005, draws), k));
+  }
+  return batch;
+}
+
+TEST(BatchRegistration, AGroupThatSlidesIsNamedAndKeepsItsPlace) {
+  for (unsigned seed = 0; seed < 3; ++seed) {
+    Draws draws(seed);
+    const SE3 off(ExpSO3({0, 0, 0.02}), {0.06, -0.04, 0.02});
+    const Batch batch = RoomsOnOneFloor(off, &draws);
+    const RegistrationResult result = Registration().Run(batch.frames, {});
+    EXPECT_EQ(result.status, Status::kPartial) << result.reason;
+    ASSERT_EQ(result.faults.size(), 3U) << "seed " << seed;
+    const auto held = static_cast<std::size_t>(result.faults[0].frame);
+    for (const BundleFault& fault : result.faults) {
+      EXPECT_THAT(fault.Describe(), HasSubstr("frames 3 to 5: no plane holds their common"));
+      EXPECT_EQ(fault.frame, result.faults[0].frame);
+    }
+    // The held frame keeps its place on the floor; the others come to it, and the floor to all.
+    const SE3& start = batch.frames[held].T_world_lidar;
+    EXPECT_LT((result.poses[held].t - start.t).head<2>().norm(), 0.002);
+    for (std::size_t k = 0; k < 6; ++k) {
+      const std::size_t of = k < 3 ? 0 : held;
+      const SE3 found = result.poses[of].Inverse() * result.poses[k];
+      const SE3 truth = batch.truth[of].Inverse() * batch.truth[k];
+      EXPECT_LT(LargestError({found}, {truth}), 0.005) << "frame " << k << " seed " << seed;
+      EXPECT_NEAR(result.poses[k].t.z(), batch.truth[k].t.z(), 0.004);
+      const Matrix6d& covariance = result.covariances[k];
+      if (k < 3) {
+        EXPECT_LT(covariance.trace(), 1e-3);
+        continue;
+      }
+      EXPECT_GT(covariance(3, 3), 1e3) << "frame " << k;
+      EXPECT_GT(covariance(4, 4), 1e3) << "frame " << k;
+      EXPECT_GT(covariance.diagonal().head(3).sum(), 1e3) << "frame " << k;
+      EXPECT_LT(covariance(5, 5), 1e-4 * covariance(3, 3)) << "frame " << k;
+    }
+  }
+}
+
 // Two rooms with a wall between them that is thinner than what passes for a plane. Through a door
 // both see the end of the one, which is all that says how far the rooms are apart.
 Batch RoomsOnBothSidesOfAWall(double off_rad, double off_m, Draws* draws) {
