@@ -83,16 +83,20 @@ std::vector<TimedCluster> BuildScanClusters(const std::vector<TimedPoint>& point
   std::vector<VoxelSums> sums;
   sums.reserve(points.size() / 8 + 64);
   const double inverse = 1.0 / leaf_size_m;
-  // Returns come in the order of the sweep: the voxel of the last point is the best guess.
-  VoxelKey last_key = 0;
+  // Returns come in the order of the sweep: most lie in the voxel of the last one. Nearer to its
+  // faces than this, rounding decides.
+  const double inside_m = 0.4999 * leaf_size_m;
   VoxelSums* last = nullptr;
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
   for (const TimedPoint& point : points) {
     const Eigen::Vector3d p(point.x, point.y, point.z);
-    const Eigen::Vector3d cell = (p * inverse).array().floor();
-    const VoxelKey key =
-        PackVoxelKey(static_cast<std::int64_t>(cell.x()), static_cast<std::int64_t>(cell.y()),
-                     static_cast<std::int64_t>(cell.z()));
-    if (last == nullptr || key != last_key) {
+    Eigen::Vector3d d = p - centre;
+    if (last == nullptr ||
+        !(std::abs(d.x()) < inside_m && std::abs(d.y()) < inside_m && std::abs(d.z()) < inside_m)) {
+      const Eigen::Vector3d cell = (p * inverse).array().floor();
+      const VoxelKey key =
+          PackVoxelKey(static_cast<std::int64_t>(cell.x()), static_cast<std::int64_t>(cell.y()),
+                       static_cast<std::int64_t>(cell.z()));
       const auto fresh = static_cast<std::int32_t>(sums.size());
       const std::int32_t slot = index.FindOrInsert(key, fresh);
       if (slot == fresh) {
@@ -100,9 +104,9 @@ std::vector<TimedCluster> BuildScanClusters(const std::vector<TimedPoint>& point
         sums.back().key = key;
       }
       last = &sums[static_cast<std::size_t>(slot)];
-      last_key = key;
+      centre = (cell + Eigen::Vector3d::Constant(0.5)) * leaf_size_m;
+      d = p - centre;
     }
-    const Eigen::Vector3d d = p - (cell + Eigen::Vector3d::Constant(0.5)) * leaf_size_m;
     AddPoint(d.x(), d.y(), d.z(), point.time_s, last);
   }
   std::vector<TimedCluster> clusters;
