@@ -28,6 +28,7 @@ nlohmann::json Faults(const std::vector<BundleFault>& faults) {
         {"kind", KindName(fault.kind)}, {"frame", fault.frame}, {"text", fault.Describe()}};
     if (fault.kind == BundleFault::Kind::kOpenDirection) {
       entry["direction"] = std::vector<double>(fault.direction.data(), fault.direction.data() + 6);
+      if (!fault.group.empty()) entry["group"] = fault.group;
     }
     list.push_back(entry);
   }
