@@ -205,14 +205,23 @@ bool Odometry::WithinReach(const PosePrediction& prediction) const {
   return SigmaM(prediction) <= kReachM;
 }
 
+bool Odometry::AsExpected(const MatchResult& match, const PosePrediction& prediction) const {
+  constexpr double kMostSigmaM = 1.0, kNearM = 0.5, kNearRad = 0.1, kLikeBefore = 0.9;
+  return SigmaM(prediction) <= kMostSigmaM && match.status == MatchResult::Status::kConverged &&
+         match.inlier_share >= kLikeBefore * RecentInliers() &&
+         (match.T_world_lidar.t - prediction.T_world_lidar.t).norm() <= kNearM &&
+         RotationAngle(match.T_world_lidar, prediction.T_world_lidar) <= kNearRad;
+}
+
 bool Odometry::Vouches(const MatchResult& match, const PosePrediction& prediction) const {
-  if (motion_.moving_known()) return WithinReach(prediction);
+  if (motion_.moving_known()) return WithinReach(prediction) || AsExpected(match, prediction);
   // At a start near is likely, whatever the clock leaves open.
   return (match.T_world_lidar.t - prediction.T_world_lidar.t).norm() <= options_.search.range_m;
 }
 
 bool Odometry::NeedsSearch(const MatchResult& match, const PosePrediction& prediction) const {
   const PoseSearchOptions& o = options_.search;
+  if (!lost_ && motion_.moving_known() && AsExpected(match, prediction)) return false;
   if (lost_ || !WithinReach(prediction)) return true;
   if (match.status == MatchResult::Status::kTooFewMatches) return true;
   if (Leaps(match, prediction)) return true;

@@ -120,6 +120,9 @@ class Odometry {
   bool Leaps(const MatchResult& match, const PosePrediction& prediction) const;
   // Whether the prediction is as near as matching alone can bridge.
   bool WithinReach(const PosePrediction& prediction) const;
+  // Whether a match is so near a prediction that is not much worse, and fits so well, that another
+  // place is not to be expected.
+  bool AsExpected(const MatchResult& match, const PosePrediction& prediction) const;
   // Whether a match near the prediction needs no other evidence.
   bool Vouches(const MatchResult& match, const PosePrediction& prediction) const;
   // Whether matching alone cannot be trusted to find the way.
