@@ -108,7 +108,9 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
 
 int Odometry::DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const {
   const double dt = motion_.Gap(stamp_ns);
-  const bool timed = AnyTimed(clusters) && dt > 0.0 && dt <= options_.vouched_gap_s;
+  // The way since a scan long ago says little of the motion during this one.
+  constexpr double kMotionOfS = 2.0;
+  const bool timed = AnyTimed(clusters) && dt > 0.0 && dt <= kMotionOfS;
   return timed ? options_.deskew_passes : 0;
 }
 

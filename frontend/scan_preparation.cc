@@ -10,6 +10,9 @@ namespace {
 
 constexpr float kPi = 3.14159265358979F;
 
+// Sensors turn 5 to 20 times a second: scans farther apart were picked from more.
+constexpr double kLongestSweepS = 0.22;
+
 // atan2 to 1e-5 rad, several times faster than the library's: 1e-5 of a sweep's turn is well below
 // a micrometre of motion.
 inline float FastAtan2(float y, float x) {
@@ -143,7 +146,8 @@ double SweepPeriod(const std::vector<StampNs>& stamps_up_to_i, double fallback_s
     if (period > 0.0) periods.push_back(period);
   }
   if (periods.empty()) return fallback_s;
-  return UpperMedian(&periods);
+  const double period_s = UpperMedian(&periods);
+  return period_s <= kLongestSweepS ? period_s : fallback_s;
 }
 
 }  // namespace lamina

@@ -134,6 +134,13 @@ TEST(ScanPreparation, RangeOffsetStretchesEveryRayAndMixesWithTheVerticalCorrect
   }
 }
 
+TEST(SweepPeriod, ScansThatWerePickedAreNoSweepApart) {
+  constexpr StampNs kMs = 1000000;
+  EXPECT_NEAR(SweepPeriod({0, 200 * kMs, 400 * kMs}, 0.1), 0.2, 1e-12);
+  EXPECT_EQ(SweepPeriod({0, 500 * kMs, 1000 * kMs}, 0.1), 0.1);
+  EXPECT_EQ(SweepPeriod({0, 100 * kMs, 500 * kMs, 900 * kMs}, 0.1), 0.1);
+}
+
 TEST(SweepPeriod, IsTheMedianOfRecentDifferences) {
   constexpr StampNs kMs = 1000000;
   EXPECT_EQ(SweepPeriod({}, 0.25), 0.25);
