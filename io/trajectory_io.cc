@@ -95,6 +95,15 @@ Trajectory CameraToLidar(const Trajectory& cameras, const SE3& T_camera_lidar) {
   return lidars;
 }
 
+void AppendSeconds(StampNs stamp_ns, std::string* text) {
+  // The magnitude as unsigned: the smallest StampNs has no positive counterpart.
+  const bool negative = stamp_ns < 0;
+  const auto bits = static_cast<std::uint64_t>(stamp_ns);
+  const std::uint64_t ns = negative ? 0 - bits : bits;
+  fmt::format_to(std::back_inserter(*text), "{}{}.{:09d}", negative ? "-" : "", ns / 1000000000,
+                 ns % 1000000000);
+}
+
 void AppendPoseLine(const StampedPose& pose, TrajectoryForm form, std::string* text) {
   if (form == TrajectoryForm::kKitti) {
     Eigen::Matrix<double, 3, 4, Eigen::RowMajor> T;
@@ -103,14 +112,10 @@ void AppendPoseLine(const StampedPose& pose, TrajectoryForm form, std::string* t
                    fmt::join(T.data(), T.data() + T.size(), " "));
     return;
   }
-  // The magnitude as unsigned: the smallest StampNs has no positive counterpart.
-  const bool negative = pose.stamp_ns < 0;
-  const auto bits = static_cast<std::uint64_t>(pose.stamp_ns);
-  const std::uint64_t ns = negative ? 0 - bits : bits;
+  AppendSeconds(pose.stamp_ns, text);
   const Eigen::Vector3d& t = pose.T_world_lidar.t;
   const Eigen::Quaterniond& q = pose.T_world_lidar.q;
-  fmt::format_to(std::back_inserter(*text), "{}{}.{:09d} {} {} {} {} {} {} {}\n",
-                 negative ? "-" : "", ns / 1000000000, ns % 1000000000, t.x(), t.y(), t.z(), q.x(),
+  fmt::format_to(std::back_inserter(*text), " {} {} {} {} {} {} {}\n", t.x(), t.y(), t.z(), q.x(),
                  q.y(), q.z(), q.w());
 }
 

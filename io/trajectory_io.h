@@ -31,6 +31,10 @@ Trajectory CameraToLidar(const Trajectory& cameras, const SE3& T_camera_lidar);
 
 enum class TrajectoryForm { kKitti, kTum };
 
+// Appends a stamp to a text as decimal seconds that are exact to the ns: -1.500000000.
+// ParseSecondsNs (io/text_input.h) reads it back.
+void AppendSeconds(StampNs stamp_ns, std::string* text);
+
 // Appends the line of a pose to a text.
 void AppendPoseLine(const StampedPose& pose, TrajectoryForm form, std::string* text);
 

@@ -168,6 +168,7 @@ TEST_F(HttpServerTest, StatusTellsWhatTheBoardKnows) {
   LiveStatus status;
   status.state = LiveState::kMapping;
   status.frames = 3;
+  status.verdict = {RunVerdict::Grade::kWrong, {"20 % of the scans are lost"}, "Look."};
   status.last_error = "bad \xff name";
   status.checkpoint = LiveStatus::Checkpoint{2, 1000, 4.5, {}};
   view_.SetStatus(status);
@@ -188,6 +189,8 @@ TEST_F(HttpServerTest, StatusTellsWhatTheBoardKnows) {
   EXPECT_GT(s["rss_bytes"], 1000000);
   EXPECT_GT(s["rate_hz"], 0.0);
   EXPECT_FALSE(s["degenerate_now"]);
+  EXPECT_EQ(s["verdict"]["verdict"], "wrong");
+  EXPECT_EQ(s["verdict"]["reasons"][0], "20 % of the scans are lost");
 }
 
 TEST_F(HttpServerTest, TrajectoryComesInPagesAndThenWhatHasChanged) {
@@ -337,6 +340,7 @@ TEST_F(HttpServerTest, MetricsAreWhatPrometheusReads) {
   Serve();
   LiveStatus status;
   status.frames = 12345678901;
+  status.verdict.grade = RunVerdict::Grade::kDoubtful;
   status.checkpoint = LiveStatus::Checkpoint{};
   view_.SetStatus(status);
   const auto answer = Client().Get("/metrics");
@@ -368,6 +372,7 @@ TEST_F(HttpServerTest, MetricsAreWhatPrometheusReads) {
   }
   EXPECT_EQ(values.at("lamina_frames_total"), 12345678901.0);
   EXPECT_EQ(values.count("lamina_checkpoint_age_seconds"), 1U);
+  EXPECT_EQ(values.at("lamina_verdict"), 1.0);
   EXPECT_GT(values.size(), 20U);
 }
 

@@ -101,6 +101,21 @@ TEST_F(LivePage, ShowsMapAndMovingTrajectory) {
   EXPECT_THAT(browser_->Errors(), IsEmpty());
 }
 
+TEST_F(LivePage, ShowsTheVerdict) {
+  Open();
+  EXPECT_FALSE(
+      browser_->WaitFor("document.getElementById('verdict').textContent === 'good'").is_null());
+  LiveStatus status;
+  status.verdict = {RunVerdict::Grade::kWrong, {"20 % <b>lost", "2 pieces"}, "Look."};
+  daemon_->view().SetStatus(status);
+  EXPECT_FALSE(browser_
+                   ->WaitFor("document.getElementById('verdict').textContent === "
+                             "'wrong: 20 % <b>lost; 2 pieces. Look.'")
+                   .is_null());
+  EXPECT_EQ(browser_->Run("return document.getElementById('verdict').dataset.tone"), "bad");
+  EXPECT_THAT(browser_->Errors(), IsEmpty());
+}
+
 TEST_F(LivePage, RevisedPosesAndNewSurfelsArrive) {
   Open();
   ASSERT_TRUE(WaitForSurfels(world_.size()));

@@ -42,7 +42,8 @@ class ReportTest : public FilesTest {
     for (int i = 0; i < poses; ++i) csv += std::to_string(i) + ",tracked,1.5,10,3.25\n";
     Write("run/frames.csv", csv);
     Write("run/summary.json",
-          R"({"frames": 40, "note": "</script><!-- <b>", "skipped_by_reason": {"empty": 2}})");
+          R"({"frames": 40, "note": "</script><!-- <b>", "skipped_by_reason": {"empty": 2},
+              "verdict": {"verdict": "doubtful", "reasons": ["12 % are <i>lost"], "hint": "Look."}})");
   }
 
   // Errs by `error_m` at every second pose.
@@ -137,6 +138,18 @@ TEST_F(ReportTest, FilesThatMayBeMissing) {
   EXPECT_FALSE(data.contains("summary"));
 }
 
+TEST_F(ReportTest, TheVerdictIsThatOfTheSummary) {
+  WriteRun();
+  EXPECT_EQ(ReadReportData(Source())["verdict"]["reasons"][0], "12 % are <i>lost");
+  // Another program's, or an older run's.
+  for (const char* summary :
+       {"{}", R"({"verdict": 3})", R"({"verdict": {"verdict": "good", "reasons": "x"}})",
+        R"({"verdict": {"verdict": "superb", "reasons": [], "hint": ""}})"}) {
+    Write("run/summary.json", summary);
+    EXPECT_FALSE(ReadReportData(Source()).contains("verdict")) << summary;
+  }
+}
+
 TEST_F(ReportTest, BadInputIsNamed) {
   EXPECT_THAT(MessageFor(), HasSubstr("run: is no folder"));
   WriteRun();
@@ -171,7 +184,7 @@ TEST_F(ReportTest, UsageIsChecked) {
   EXPECT_THROW(Run("report --run " + Path("run") + " --out " + Path("none/report.html")),
                OutputError);
   EXPECT_THAT(MessageOf<InputError>([&] {
-                ReportPage({"", "/nowhere"}, {});
+                ReportPage({"", "/nowhere"}, "report.html", {});
               }),
               HasSubstr("report.html"));
   EXPECT_FALSE(std::filesystem::exists(Path("report.html")));
@@ -207,7 +220,8 @@ TEST_F(ReportTest, OpensFromAFileAndDraws) {
             0.05);
   const std::string text = browser.Run("return document.body.innerText");
   EXPECT_THAT(text, AllOf(HasSubstr("4,000 of "), HasSubstr("40 poses"), HasSubstr("0.2000 m"),
-                          HasSubstr("</script><!-- <b>"), HasSubstr("odometry")));
+                          HasSubstr("</script><!-- <b>"), HasSubstr("odometry"),
+                          HasSubstr("doubtful: 12 % are <i>lost. Look.")));
   // A chart that has been drawn has pixels.
   for (const char* chart : {"position-error", "rotation-error", "stages"}) {
     EXPECT_TRUE(browser.Run(std::string("const c = document.querySelector('#") + chart +

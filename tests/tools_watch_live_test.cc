@@ -78,6 +78,8 @@ TEST_F(WatchLiveTest, StatusAndMapGrowAndPostsAct) {
   EXPECT_GT(Status()["map_bytes"], first["map_bytes"]);
   EXPECT_GT(Status()["solves"], first["solves"]);
   EXPECT_EQ(Status()["frames"], 30);
+  const nlohmann::json verdict = Status()["verdict"];
+  EXPECT_EQ(verdict["verdict"], "good");
   EXPECT_THAT(client_->Get("/metrics")->body, HasSubstr("\nlamina_frames_total 30\n"));
   EXPECT_EQ(client_->Get("/healthz")->status, 200);
   const auto map = client_->Get("/api/map?x=0&y=0&z=0&radius=60&page=0");
@@ -92,6 +94,7 @@ TEST_F(WatchLiveTest, StatusAndMapGrowAndPostsAct) {
   EXPECT_EQ(Post("/api/stop"), 202);
   EXPECT_EQ(WaitFor(daemon).code, 0);
   EXPECT_GE(Summary("session")["map_surfels"], on_page);
+  EXPECT_EQ(Summary("session")["verdict"], verdict);
   Run(Path("in"));
   ExpectSameResults("session", "out");
 }

@@ -105,6 +105,7 @@ constexpr PageFile kPageFiles[] = {
     {"/surfels.js", "text/javascript; charset=utf-8", false, "surfels.js"},
     {"/viewer.js", "text/javascript; charset=utf-8", false, "viewer.js"},
     {"/charts.js", "text/javascript; charset=utf-8", false, "charts.js"},
+    {"/verdict.js", "text/javascript; charset=utf-8", false, "verdict.js"},
     {"/live.js", "text/javascript; charset=utf-8", false, "live.js"},
     {"/three.min.js", "text/javascript; charset=utf-8", true, "three.min.js"},
     {"/OrbitControls.js", "text/javascript; charset=utf-8", true,

@@ -73,6 +73,8 @@ void AddGauges(std::string* text, const LiveReport& r) {
   add("lamina_resident_memory_bytes", "Resident set of the process.", bytes(r.rss_bytes));
   add("lamina_degenerate_directions", "Directions of the newest frame that nothing holds.",
       static_cast<double>(r.status.degenerate_directions));
+  add("lamina_verdict", "On the poses so far: 0 good, 1 doubtful, 2 probably wrong.",
+      static_cast<double>(r.status.verdict.grade));
   add("lamina_failed", "1 while the stream stands still because of an error.",
       r.status.failure.empty() ? 0.0 : 1.0);
   if (!r.status.checkpoint) return;
@@ -111,6 +113,7 @@ std::string StatusJson(const LiveReport& r) {
                          {"failed_solves", s.failed_solves},
                          {"checkpoint", CheckpointJson(r)},
                          {"last_pose", PoseJson(r.last)},
+                         {"verdict", ToJson(s.verdict)},
                          {"degenerate_now", s.degenerate_directions > 0},
                          {"degenerate_directions", s.degenerate_directions},
                          {"last_error", Printable(s.last_error)},

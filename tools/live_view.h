@@ -35,6 +35,7 @@
 #include <vector>
 
 #include "core/scan.h"
+#include "tools/run_verdict.h"
 
 namespace lamina {
 
@@ -84,6 +85,7 @@ struct LiveStatus {
   std::size_t queue = 0;  // complete files that wait in the inbox
   std::size_t map_bytes = 0, map_budget_bytes = 0, map_surfels = 0, tiles_on_disk = 0;
   int degenerate_directions = 0;  // of the newest frame; 0: every direction is held by the scene
+  RunVerdict verdict;             // on all scans so far
   std::optional<Checkpoint> checkpoint;
   std::string last_error;  // the newest that the stream survived; empty: none so far
   std::string failure;     // why the stream stands still; empty: it does not

@@ -29,7 +29,7 @@ int WriteReport(const ReportArguments& arguments) {
   }
   ReportSource source = arguments.source;
   source.folder = arguments.run.empty() ? arguments.session : arguments.run;
-  const std::string page = ReportPage(FindWebFolders(), ReadReportData(source));
+  const std::string page = ReportPage(FindWebFolders(), "report.html", ReadReportData(source));
   WriteTextFile(arguments.out, page);
   fmt::print("report {} ({:.1f} MB)\n", arguments.out, static_cast<double>(page.size()) / 1e6);
   return 0;

@@ -216,7 +216,10 @@ json ReadReportData(const ReportSource& source) {
                {"map", ReadMap(path("map_surfels.ply"), source.max_surfels)},
                {"further_maps", ReadFurtherMaps(folder, pieces, source.max_surfels)}};
   if (fs::exists(path("frames.csv"))) data["timings"] = ReadTimings(path("frames.csv"));
-  if (fs::exists(path("summary.json"))) data["summary"] = ReadSummary(path("summary.json"));
+  if (fs::exists(path("summary.json"))) {
+    data["summary"] = ReadSummary(path("summary.json"));
+    if (const auto verdict = ReadVerdict(data["summary"])) data["verdict"] = ToJson(*verdict);
+  }
   if (!source.truth.empty()) data["truth"] = CompareWithTruth(source);
   return data;
 }

@@ -62,11 +62,12 @@ std::string Base64Floats(const std::vector<double>& values) {
   return Base64({reinterpret_cast<const char*>(floats.data()), floats.size() * sizeof(float)});
 }
 
-std::string ReportPage(const WebFolders& web, const nlohmann::json& data) {
+std::string ReportPage(const WebFolders& web, const std::string& frame_name,
+                       const nlohmann::json& data) {
   static const std::regex kPart(
       R"re(<link rel="stylesheet" href="([a-z.]+)">|<script src="([A-Za-z.]+)"></script>)re");
   static const std::string kData = "<!-- data -->";
-  const std::string frame = ReadWebFile(web, "report.html");
+  const std::string frame = ReadWebFile(web, frame_name);
   std::string page;
   std::size_t done = 0;
   for (std::sregex_iterator part(frame.begin(), frame.end(), kPart), end; part != end; ++part) {
@@ -81,7 +82,7 @@ std::string ReportPage(const WebFolders& web, const nlohmann::json& data) {
   // Within a script, no text may look like its end.
   ReplaceAll("<", "\\u003c", &json);
   const std::size_t at = page.find(kData);
-  if (at == std::string::npos) throw InputError("report.html has no place for the data");
+  if (at == std::string::npos) throw InputError(frame_name + " has no place for the data");
   return page.replace(at, kData.size(),
                       "<script type=\"application/json\" id=\"data\">" + json + "</script>");
 }

@@ -12,6 +12,7 @@
 #include <fstream>
 
 #include "io/map_io.h"
+#include "io/trajectory_io.h"
 
 namespace lamina {
 
@@ -28,11 +29,11 @@ FrameTable::FrameTable(const std::string& path, int max_iterations)
 }
 
 void FrameTable::Append(const SessionScan& s) {
-  std::string line =
-      fmt::format("{},{}.{:09},{},{},{},{},{},{},{:.4f},{:.5f},{},{},{:.5f}", s.scan,
-                  s.stamp_ns / 1000000000, s.stamp_ns % 1000000000, s.status, s.keyframe ? 1 : 0,
-                  s.points, s.clusters, s.matched, s.iterations, s.inlier_share, s.residual_m,
-                  s.searched ? 1 : 0, s.unobservable_directions, s.worst_sigma_m);
+  std::string line = fmt::format("{},", s.scan);
+  AppendSeconds(s.stamp_ns, &line);
+  line += fmt::format(",{},{},{},{},{},{},{:.4f},{:.5f},{},{},{:.5f}", s.status, s.keyframe ? 1 : 0,
+                      s.points, s.clusters, s.matched, s.iterations, s.inlier_share, s.residual_m,
+                      s.searched ? 1 : 0, s.unobservable_directions, s.worst_sigma_m);
   for (int i = 0; i < 6; ++i) line += fmt::format(",{:.3e}", s.covariance(i, i));
   line += fmt::format(",{},{:.2f},{:.2f},{:.2f},{:.2f},{:.2f},{:.2f}\n", s.piece, s.read_ms,
                       s.prepare_ms, s.cluster_ms, s.odometry_ms, s.map_ms, s.solve_ms);

@@ -4,8 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <utility>
+
+#include "tools/run_rules.h"
 
 namespace lamina {
 namespace {
@@ -31,20 +34,21 @@ class Judgement {
     if (worse || verdict_->hint.empty()) verdict_->hint = hint;
   }
 
-  void MuchOf(std::int64_t part, std::int64_t all, double doubtful, double wrong, const char* what,
+  void MuchOf(std::int64_t part, std::int64_t all, run_rules::Limit limit, const std::string& what,
               const char* hint) {
     // One slip of a short recording is no verdict on it.
     constexpr std::int64_t kFew = 3;
     const double share = Share(part, all);
-    Weigh(share >= doubtful, share >= wrong && part >= kFew,
+    Weigh(share >= limit.doubtful, share >= limit.wrong && part >= kFew,
           fmt::format("{:.1f} % {} (from {:.0f} % on that is too much)", 100.0 * share, what,
-                      100.0 * doubtful),
+                      100.0 * limit.doubtful),
           hint);
   }
 
-  void Low(double value, double doubtful, double wrong, const char* what, const char* hint) {
-    Weigh(value < doubtful, value < wrong,
-          fmt::format("{} {:.2f} (below {:.2f} that is too little)", what, value, doubtful), hint);
+  void Low(double value, run_rules::Limit limit, const char* what, const char* hint) {
+    Weigh(value < limit.doubtful, value < limit.wrong,
+          fmt::format("{} {:.2f} (below {:.2f} that is too little)", what, value, limit.doubtful),
+          hint);
   }
 
  private:
@@ -76,6 +80,22 @@ nlohmann::json ToJson(const RunVerdict& verdict) {
       {"verdict", ToString(verdict.grade)}, {"reasons", verdict.reasons}, {"hint", verdict.hint}};
 }
 
+std::optional<RunVerdict> ReadVerdict(const nlohmann::json& summary) {
+  using Grade = RunVerdict::Grade;
+  try {
+    const nlohmann::json& json = summary.at("verdict");
+    RunVerdict verdict{Grade::kGood, json.at("reasons"), json.at("hint")};
+    const std::string name = json.at("verdict");
+    for (const Grade grade : {Grade::kGood, Grade::kDoubtful, Grade::kWrong}) {
+      verdict.grade = grade;
+      if (ToString(grade) == name) return verdict;
+    }
+  } catch (const nlohmann::json::exception&) {
+    // Another program's, or another version's.
+  }
+  return std::nullopt;
+}
+
 void ShareHistogram::Add(double share) {
   const double last = static_cast<double>(counts_.size() - 1);
   ++counts_[static_cast<std::size_t>(std::lround(last * std::clamp(share, 0.0, 1.0)))];
@@ -92,66 +112,62 @@ void VerdictCounter::Add(const SessionScan& scan) {
   if (scan.skipped) return last_.clear();
   ++frames_;
   pieces_.insert(scan.piece);
-  if (scan.status == "lost") {
+  if (run_rules::IsLost(scan)) {
     ++lost_;
     return last_.clear();
   }
-  degenerate_ += scan.status == "degenerate" ? 1 : 0;
-  if (scan.matched > 0) {
+  degenerate_ += run_rules::IsDegenerate(scan) ? 1 : 0;
+  if (run_rules::IsMatched(scan)) {
     ++matched_;
-    unconverged_ += scan.iterations >= max_iterations_ ? 1 : 0;
+    unconverged_ += run_rules::IsUnconverged(scan, max_iterations_) ? 1 : 0;
     inliers_.Add(scan.inlier_share);
-    fits_.Add(scan.inlier_share * static_cast<double>(scan.clusters) /
-              static_cast<double>(scan.matched));
+    fits_.Add(run_rules::Fit(scan));
   }
   CountJump(scan);
 }
 
 void VerdictCounter::CountJump(const SessionScan& scan) {
-  // Beyond what brakes, tyres and arms can do, and the error that poses may have.
-  constexpr double kMostM_S2 = 30.0, kPoseErrorM = 0.05;
   // Steps that nobody timed tell no speed.
   if (!scan.recorded_stamp) return last_.clear();
-  if (!last_.empty() && last_.back().piece != scan.piece) last_.clear();
+  if (last_piece_ != scan.piece) last_.clear();
+  last_piece_ = scan.piece;
+  const StampedPose pose{scan.stamp_ns, scan.T_world_lidar};
   if (last_.size() == 2) {
-    const double before_s = SecondsBetween(last_[0].stamp_ns, last_[1].stamp_ns);
-    const double after_s = SecondsBetween(last_[1].stamp_ns, scan.stamp_ns);
-    if (before_s > 0.0 && after_s > 0.0) {
-      const Eigen::Vector3d before =
-          (last_[1].T_world_lidar.t - last_[0].T_world_lidar.t) / before_s;
-      const Eigen::Vector3d after = (scan.T_world_lidar.t - last_[1].T_world_lidar.t) / after_s;
-      const double dt = 0.5 * (before_s + after_s);
+    if (const auto change = run_rules::ChangeOfMotion(last_[0], last_[1], pose)) {
       ++motions_;
-      jumps_ += (after - before).norm() * dt > kMostM_S2 * dt * dt + kPoseErrorM ? 1 : 0;
+      jumps_ += change->m_s2 > run_rules::kMostM_S2 ? 1 : 0;
     }
     last_.pop_front();
   }
-  last_.push_back({scan.piece, scan.stamp_ns, scan.T_world_lidar});
+  last_.push_back(pose);
 }
 
 RunVerdict VerdictCounter::Judge() const {
+  namespace rules = run_rules;
+  constexpr rules::Limit kDegenerate{rules::kDegenerate, std::numeric_limits<double>::infinity()};
   RunVerdict verdict;
   Judgement judgement(&verdict);
-  judgement.MuchOf(jumps_, motions_, 0.01, 0.04,
-                   "of the motions are more than 30 m/s^2, which no vehicle makes",
+  judgement.MuchOf(jumps_, motions_, rules::kJumps,
+                   fmt::format("of the motions are more than {:.0f} m/s^2, which no vehicle makes",
+                               rules::kMostM_S2),
                    "Check stamps and order of the scans; with few points a scan, raise "
                    "map.root_size_m.");
-  judgement.MuchOf(unconverged_, matched_, 0.08, 0.15, "of the matches did not converge",
+  judgement.MuchOf(unconverged_, matched_, rules::kUnconverged, "of the matches did not converge",
                    "Try the configuration for this kind of sensor (lamina config), and look at the "
                    "order of the scans.");
   if (!inliers_.empty()) {
     judgement.Low(
-        inliers_.Median(), 0.30, 0.20, "the median share of inliers is",
+        inliers_.Median(), rules::kInliers, "the median share of inliers is",
         "The scans may be too far apart, or map.root_size_m be too large or too small for "
         "the place.");
-    judgement.Low(fits_.Median(), 0.75, 0.60, "the median fit on the map's planes is",
+    judgement.Low(fits_.Median(), rules::kFit, "the median fit on the map's planes is",
                   "A moving sensor without preparation.deskew, or a sensor whose angles are badly "
                   "known (lamina calibrate), blurs the map like that.");
   }
-  judgement.MuchOf(lost_, frames_, 0.05, 0.50, "of the scans are lost",
+  judgement.MuchOf(lost_, frames_, rules::kLost, "of the scans are lost",
                    "frames.csv says which; frontend.search and preparation.min_range_m matter most "
                    "there.");
-  judgement.MuchOf(degenerate_, frames_, 0.25, 2.0,
+  judgement.MuchOf(degenerate_, frames_, kDegenerate,
                    "of the scans leave a direction open, which is predicted",
                    "Corridors, tunnels and open fields do so; nothing but another sensor helps.");
   const auto pieces = static_cast<std::int64_t>(pieces_.size());

@@ -1,22 +1,5 @@
 // Whether the poses of a run can be believed, in one word with reasons.
-//
-// The measures are absolute, never compared with the run's own median: a sensor that was lost from
-// the first scan on is steadily so. The thickness of the map is none of them: a run that is stuck
-// in one place has the thinnest map.
-//
-//   measure                                                        doubtful      wrong
-//   ------------------------------------------------------------------------------------
-//   matches that did not converge, of those matched                    8 %       15 %
-//   median share of inliers                                           0.30       0.20
-//   median fit of what meets planes at all                            0.75       0.60
-//   frames that are lost                                               5 %       50 %
-//   motions that no vehicle makes: more than 30 m/s^2                  1 %        4 %
-//   frames with a direction that nothing determines                   25 %        -
-//   pieces that no match connects                                        2        -
-//
-// Seen in generated scenes with exact truth (lamina adverse): runs that are right have up to 3 %
-// that do not converge, 0.39 of inliers or more, a fit of 0.86 or more, and 1 % of such motions;
-// runs that slip have 4 to 25 % of them.
+// What is measured, and what is too much of it: tools/run_rules.h.
 #pragma once
 
 #include <array>
@@ -24,6 +7,7 @@
 #include <cstdint>
 #include <deque>
 #include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
@@ -33,7 +17,7 @@
 namespace lamina {
 
 struct RunVerdict {
-  enum class Grade { kGood, kDoubtful, kWrong };
+  enum class Grade { kGood = 0, kDoubtful = 1, kWrong = 2 };
   Grade grade = Grade::kGood;
   std::vector<std::string> reasons;  // of the grade; empty if it is good
   std::string hint;                  // what to try; empty if it is good
@@ -44,6 +28,8 @@ std::string ToString(RunVerdict::Grade grade);
 std::string ToString(const RunVerdict& verdict);
 // Of summary.json: verdict, reasons, hint.
 nlohmann::json ToJson(const RunVerdict& verdict);
+// The "verdict" of a summary.json; nothing if it has none that is whole.
+std::optional<RunVerdict> ReadVerdict(const nlohmann::json& summary);
 
 // Counts of numbers in [0, 1], to the thousandth: a run may have any number of scans.
 class ShareHistogram {
@@ -76,12 +62,8 @@ class VerdictCounter {
   std::int64_t motions_ = 0, jumps_ = 0;
   ShareHistogram inliers_, fits_;
   std::set<std::int64_t> pieces_;
-  struct Pose {
-    std::int64_t piece = 0;
-    StampNs stamp_ns = 0;
-    SE3 T_world_lidar;
-  };
-  std::deque<Pose> last_;  // at most two, that follow one another
+  std::int64_t last_piece_ = 0;
+  std::deque<StampedPose> last_;  // at most two of that piece, that follow one another
 };
 
 }  // namespace lamina

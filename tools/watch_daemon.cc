@@ -54,13 +54,15 @@ WatchDaemon::WatchDaemon(WatchSetup setup)
     : setup_(std::move(setup)),
       files_(setup_.inbox, setup_.session, setup_.done),
       room_(setup_.session),
-      queries_([this] { Wake(); }) {
+      queries_([this] { Wake(); }),
+      verdict_(setup_.config.frontend.matcher.max_iterations) {
   session_ = std::make_unique<Session>(MakeSessionSetup(), Hooks());
   WriteTextFile((fs::path(setup_.session) / "config.yaml").string(), ToYaml(setup_.config));
   ContinueInbox();
   if (!setup_.http) return;
   session_->TrackTiles();
   session_->database().ForEach(0, session_->next_scan(), [this](const SessionScan& row) {
+    verdict_.Add(row);
     if (!row.skipped) view_.AddPast({row.scan, row.stamp_ns, row.T_world_lidar, row.piece});
   });
   HttpParts parts;
@@ -241,6 +243,7 @@ void WatchDaemon::OnScan(const ScanReport& report, const SessionScan& row) {
     WarnRepeated("lost", fmt::format("lost at scan {}: {:.0f} % of its clusters agree with the map",
                                      row.scan, 100.0 * row.inlier_share));
   }
+  verdict_.Add(row);
   degenerate_directions_ = report.skipped ? 0 : report.odometry.match.degenerate;
   map_peak_bytes_ = std::max(map_peak_bytes_, session_->pipeline().map().bytes());
   queries_.AnswerSlice(session_->pipeline().map(), setup_.config.backend.min_surfel_frames);
@@ -332,6 +335,7 @@ void WatchDaemon::ShowStatus(LiveState state) {
   status.map_budget_bytes = static_cast<std::size_t>(map.options().BudgetBytes());
   status.tiles_on_disk = session_->stored_roots();
   status.degenerate_directions = degenerate_directions_;
+  status.verdict = verdict_.Judge();
   status.failure = room_.wanted();
   {
     const std::lock_guard<std::mutex> lock(mutex_);

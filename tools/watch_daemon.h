@@ -93,6 +93,7 @@ class WatchDaemon {
   std::deque<UnderWay> under_way_;
   std::optional<LiveStatus::Checkpoint> checkpoint_;
 
+  VerdictCounter verdict_;  // on the scans of the live page
   std::size_t rejected_ = 0, late_ = 0;
   RepeatedLines repeated_;
   int degenerate_directions_ = 0;

@@ -1,6 +1,7 @@
 // Small charts on a canvas: lines, or areas that stand on each other.
 //
 //   const chart = new Lamina.Chart(figure, {series: [{name, colour}], unit: 'ms', stacked: true});
+//   options.band: [first, last] of x, which is marked; options.limit: a value with a line of its own
 //   chart.set(x, [values, ...]);   // x ascending; a value that is not finite breaks the line
 //
 // `figure` holds a <canvas> and gets a legend that shows the values under the pointer.
@@ -78,7 +79,8 @@
           if (isFinite(value) && value > most) most = value;
         }
       }
-      return most;
+      const limit = this.options.limit;
+      return Number.isFinite(limit) ? Math.max(most, limit) : most;
     }
 
     draw() {
@@ -99,9 +101,32 @@
       const [first, last] = n > 0 ? [this.x[0], this.x[n - 1]] : [0, 1];
       const px = (x) => kLeft + (width - kLeft - kRight) * (x - first) / (last - first || 1);
       const py = (y) => kTop + (height - kTop - kBottom) * (1 - y / high);
+      this.drawBand(c, px, height);
       this.drawGrid(c, {width, height, high, step, first, last, px, py});
       for (let s = this.values.length - 1; s >= 0; --s) this.drawSeries(c, s, px, py);
+      this.drawLimit(c, width, high, py);
       this.showValues(c, px, height);
+    }
+
+    drawBand(c, px, height) {
+      if (!this.options.band) return;
+      const [from, to] = this.options.band.map(px);
+      const width = Math.max(3, to - from), middle = 0.5 * (from + to);
+      c.fillStyle = 'rgba(240,99,106,.25)';
+      c.fillRect(middle - 0.5 * width, kTop, width, height - kTop - kBottom);
+    }
+
+    drawLimit(c, width, high, py) {
+      const limit = this.options.limit;
+      if (!Number.isFinite(limit) || limit > high) return;
+      c.strokeStyle = '#e8b339';
+      c.lineWidth = 1;
+      c.setLineDash([5, 4]);
+      c.beginPath();
+      c.moveTo(kLeft, py(limit));
+      c.lineTo(width - kRight, py(limit));
+      c.stroke();
+      c.setLineDash([]);
     }
 
     drawGrid(c, {width, height, high, step, first, last, px, py}) {

@@ -240,6 +240,7 @@
         s.state === 'mapping' || s.state === 'localising' ? 'good' : '';
     showState(s.failure ? 'failed' : s.state, tone);
     showMessage(s);
+    Lamina.showVerdict($('verdict'), s.verdict);
     const texts = {
       frames: s.frames.toLocaleString('en') + ', ' + s.keyframes.toLocaleString('en') + ' key',
       rate: s.rate_hz.toFixed(1) + ' Hz',

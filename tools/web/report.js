@@ -5,13 +5,7 @@
   const $ = (id) => document.getElementById(id);
   const data = JSON.parse($('data').textContent);
 
-  function bytes(base64) {
-    const text = atob(base64);
-    const array = new Uint8Array(text.length);
-    for (let i = 0; i < text.length; ++i) array[i] = text.charCodeAt(i);
-    return array.buffer;
-  }
-  const floats = (base64) => new Float32Array(bytes(base64));
+  const {bytes, floats} = Lamina;
   const count = (n) => n.toLocaleString('en');
 
   function addFigure(list, name, value) {
@@ -130,7 +124,13 @@
     }
   }
 
+  function showVerdict(verdict) {
+    $('verdict-section').hidden = false;
+    Lamina.showVerdict($('verdict'), verdict);
+  }
+
   showOutline();
+  if (data.verdict) showVerdict(data.verdict);
   const viewer = showView();
   if (data.truth) showErrors(data.truth);
   if (data.timings) showTimings(data.timings);

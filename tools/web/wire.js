@@ -1,7 +1,15 @@
-// Readers of the binary forms of tools/live_wire.h.
+// Readers of the binary forms of tools/live_wire.h, and of those in base64 in a page's own data.
 (function () {
   'use strict';
   const Lamina = (window.Lamina = window.Lamina || {});
+
+  Lamina.bytes = function (base64) {
+    const text = atob(base64);
+    const array = new Uint8Array(text.length);
+    for (let i = 0; i < text.length; ++i) array[i] = text.charCodeAt(i);
+    return array.buffer;
+  };
+  Lamina.floats = (base64) => new Float32Array(Lamina.bytes(base64));
 
   function reader(buffer, magic) {
     const view = new DataView(buffer);
