@@ -22,6 +22,7 @@
 #include "tools/command_words.h"
 #include "tools/compare_command.h"
 #include "tools/config_command.h"
+#include "tools/doctor_command.h"
 #include "tools/eval_command.h"
 #include "tools/export_command.h"
 #include "tools/log_text.h"
@@ -54,6 +55,7 @@ int main(int argc, char** argv) {
   lamina::AddExportCommand(&app, &run);
   lamina::AddPlotCommand(&app, &run);
   lamina::AddReportCommand(&app, &run);
+  lamina::AddDoctorCommand(&app, &run);
   lamina::AddSynthCommand(&app, &run);
   lamina::AddSimulateCommand(&app, &run);
   lamina::AddCompareCommand(&app, &run);

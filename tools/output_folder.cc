@@ -72,6 +72,7 @@ void RemoveStaleResults(const std::string& out, const std::vector<std::string>& 
                                                    "cloud.ply",
                                                    "cloud.pcd",
                                                    "map.png",
+                                                   "doctor.html",
                                                    "summary.json"};
     const bool ours = std::find(kResults.begin(), kResults.end(), name) != kResults.end() ||
                       PieceOfFile(name, MapFileName) || PieceOfFile(name, PieceTrajectoryName);

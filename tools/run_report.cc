@@ -53,6 +53,7 @@ void FrameTable::CountPiece(const SessionScan& s) {
   if (s.skipped) return;
   ++piece.frames;
   piece.lost += s.status == "lost" ? 1 : 0;
+  piece.recorded_stamps = piece.recorded_stamps && s.recorded_stamp;
 }
 
 double ProcessCpuSeconds() {
@@ -160,6 +161,7 @@ nlohmann::json ToJson(const std::map<std::int64_t, PieceFigures>& pieces) {
                     {"last_scan", piece.last_scan},
                     {"frames", piece.frames},
                     {"lost_frames", piece.lost},
+                    {"recorded_stamps", piece.recorded_stamps},
                     {"connected_to", nlohmann::json::array()}});
   }
   return json;

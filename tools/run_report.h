@@ -20,6 +20,7 @@ struct PieceFigures {
   std::string recording;  // the folder that its scans came from
   std::int64_t first_scan = 0, last_scan = 0;
   std::size_t frames = 0, lost = 0;
+  bool recorded_stamps = true;  // of all frames; made up otherwise
 };
 
 // A line for each scan, in order. Distances in metres, angles in radians, covariance of the pose's
