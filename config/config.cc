@@ -12,7 +12,7 @@
 #include <sstream>
 
 #include "config/shipped_configs.h"
-#include "core/nearest_name.h"
+#include "core/options/nearest_name.h"
 
 namespace lamina {
 namespace {

@@ -9,14 +9,14 @@
 #include <string>
 #include <vector>
 
-#include "backend/batch_registration.h"
-#include "backend/global_synchronisation.h"
-#include "backend/mapping_pipeline.h"
-#include "backend/sensor_calibration.h"
-#include "backend/session.h"
-#include "core/options.h"
-#include "frontend/pairwise_registration.h"
-#include "io/inbox.h"
+#include "backend/calibration/sensor_calibration.h"
+#include "backend/mapping/pipeline.h"
+#include "backend/registration/batch_registration.h"
+#include "backend/registration/global_synchronisation.h"
+#include "backend/session/session.h"
+#include "core/options/options.h"
+#include "frontend/pairwise/pairwise_registration.h"
+#include "io/inbox/inbox.h"
 
 namespace lamina {
 

@@ -1,10 +1,10 @@
 // Which directions of a pose a set of plane residuals determines: the one criterion of matching, of
 // the sliding window and of batches.
 //
-// Directions are unit vectors v of the *scaled* tangent: that of core/se3.h with rotations counting
-// by what they move at kRotationArmM, so that everything is in metres. A residual with scaled
-// Jacobian row j and weight w (1/m^2) carries w (j v)^2 of information along v. Part of it may be
-// feigned: a normal that is wrong by the angle a turns the row by up to leak(v),
+// Directions are unit vectors v of the *scaled* tangent: that of core/geometry/se3.h with rotations
+// counting by what they move at kRotationArmM, so that everything is in metres. A residual with
+// scaled Jacobian row j and weight w (1/m^2) carries w (j v)^2 of information along v. Part of it
+// may be feigned: a normal that is wrong by the angle a turns the row by up to leak(v),
 //
 //     leak(v)^2 = a^2 (|mu|^2 / arm^2 |v_rotation|^2 + |v_translation|^2),
 //
@@ -18,7 +18,7 @@
 // that say nothing of v change nothing about v, however many they are.
 #pragma once
 
-#include "core/se3.h"
+#include "core/geometry/se3.h"
 
 namespace lamina {
 

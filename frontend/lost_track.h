@@ -11,10 +11,10 @@
 #include <deque>
 #include <vector>
 
-#include "core/point_cluster.h"
-#include "core/scan.h"
-#include "core/state_archive.h"
-#include "core/voxel_map.h"
+#include "core/geometry/point_cluster.h"
+#include "core/geometry/scan.h"
+#include "core/geometry/state_archive.h"
+#include "core/map/voxel_map.h"
 #include "frontend/motion_model.h"
 #include "frontend/scan_matcher.h"
 

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/parallel.h"
-#include "core/robust_kernel.h"
-#include "core/voxel_key.h"
+#include "core/base/parallel.h"
+#include "core/geometry/robust_kernel.h"
+#include "core/map/voxel_key.h"
 #include "frontend/scan_matcher.h"
 
 namespace lamina {

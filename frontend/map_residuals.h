@@ -4,16 +4,16 @@
 
 #include <vector>
 
-#include "core/point_cluster.h"
-#include "core/se3.h"
-#include "core/voxel_map.h"
+#include "core/geometry/point_cluster.h"
+#include "core/geometry/se3.h"
+#include "core/map/voxel_map.h"
 #include "frontend/degeneracy.h"
 
 namespace lamina {
 
 struct ScanMatcherOptions;
 
-// One linearisation of the cost, H step = -g, in the tangent of core/se3.h.
+// One linearisation of the cost, H step = -g, in the tangent of core/geometry/se3.h.
 struct NormalEquations {
   Matrix6d H = Matrix6d::Zero();
   Vector6d g = Vector6d::Zero();

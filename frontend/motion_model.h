@@ -11,10 +11,10 @@
 // kHeldS the velocity is taken to die down, a turn within half a second, the way within ten.
 #pragma once
 
-#include "core/options.h"
-#include "core/scan.h"
-#include "core/se3.h"
-#include "core/state_archive.h"
+#include "core/geometry/scan.h"
+#include "core/geometry/se3.h"
+#include "core/geometry/state_archive.h"
+#include "core/options/options.h"
 #include "frontend/scan_matcher.h"
 
 namespace lamina {

@@ -14,10 +14,10 @@
 #include <functional>
 #include <vector>
 
-#include "core/options.h"
-#include "core/scan.h"
-#include "core/state_archive.h"
-#include "core/voxel_map.h"
+#include "core/geometry/scan.h"
+#include "core/geometry/state_archive.h"
+#include "core/map/voxel_map.h"
+#include "core/options/options.h"
 #include "frontend/lost_track.h"
 #include "frontend/motion_model.h"
 #include "frontend/pose_search.h"

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstddef>
 
-#include "core/parallel.h"
+#include "core/base/parallel.h"
 
 namespace lamina {
 namespace {

@@ -10,10 +10,10 @@
 #include <functional>
 #include <vector>
 
-#include "core/options.h"
-#include "core/point_cluster.h"
-#include "core/se3.h"
-#include "core/voxel_map.h"
+#include "core/geometry/point_cluster.h"
+#include "core/geometry/se3.h"
+#include "core/map/voxel_map.h"
+#include "core/options/options.h"
 #include "frontend/scan_matcher.h"
 
 namespace lamina {

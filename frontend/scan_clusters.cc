@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/parallel.h"
-#include "core/voxel_key.h"
+#include "core/base/parallel.h"
+#include "core/map/voxel_key.h"
 
 namespace lamina {
 namespace {

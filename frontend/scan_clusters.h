@@ -6,8 +6,8 @@
 
 #include <vector>
 
-#include "core/point_cluster.h"
-#include "core/scan.h"
+#include "core/geometry/point_cluster.h"
+#include "core/geometry/scan.h"
 #include "frontend/scan_preparation.h"
 
 namespace lamina {

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/robust_kernel.h"
+#include "core/geometry/robust_kernel.h"
 #include "frontend/map_residuals.h"
 
 namespace lamina {

@@ -8,11 +8,11 @@
 // is its distance in standard deviations: a cluster that is not flat along the plane it meets
 // (a bush before a wall) weighs little by itself. The cost is
 //
-//     sum_k  min(n_k, max_cluster_weight) rho(e_k),    rho of core/robust_kernel.h, its scale
-//     graduated from wide to narrow,
+//     sum_k  min(n_k, max_cluster_weight) rho(e_k),    rho of core/geometry/robust_kernel.h, its
+//     scale graduated from wide to narrow,
 //
-// minimised by Gauss-Newton over the tangent [rotation; translation] of core/se3.h. Where planes
-// leave a direction open, rough leaves join with all three directions of their distribution
+// minimised by Gauss-Newton over the tangent [rotation; translation] of core/geometry/se3.h. Where
+// planes leave a direction open, rough leaves join with all three directions of their distribution
 // (Magnusson's NDT, in the distribution-to-distribution form).
 //
 // Degeneracy (degeneracy.h). Along a direction that the residuals do not determine, the estimate is
@@ -32,10 +32,10 @@
 
 #include <vector>
 
-#include "core/options.h"
-#include "core/point_cluster.h"
-#include "core/se3.h"
-#include "core/voxel_map.h"
+#include "core/geometry/point_cluster.h"
+#include "core/geometry/se3.h"
+#include "core/map/voxel_map.h"
+#include "core/options/options.h"
 #include "frontend/degeneracy.h"
 
 namespace lamina {
@@ -68,7 +68,8 @@ struct ScanMatcherOptions {
   void Visit(OptionVisitor& v);
 };
 
-// Where a scan is expected, and how well that is known: covariance in the tangent of core/se3.h.
+// Where a scan is expected, and how well that is known: covariance in the tangent of
+// core/geometry/se3.h.
 struct PosePrediction {
   SE3 T_world_lidar;
   Matrix6d covariance = Matrix6d::Zero();

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/median.h"
+#include "core/base/median.h"
 
 namespace lamina {
 namespace {

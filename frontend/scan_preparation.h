@@ -3,14 +3,14 @@
 //
 // Points are NOT deskewed here. They stay in the LiDAR frame of their own instant, with that
 // instant beside them; clusters of them are deskewed later, in closed form, under whatever motion
-// is known best at that moment (TimedCluster in core/point_cluster.h).
+// is known best at that moment (TimedCluster in core/geometry/point_cluster.h).
 #pragma once
 
 #include <cstddef>
 #include <vector>
 
-#include "core/options.h"
-#include "core/scan.h"
+#include "core/geometry/scan.h"
+#include "core/options/options.h"
 
 namespace lamina {
 
@@ -62,8 +62,8 @@ PreparedScan PrepareScan(const Scan& scan, const ScanPreparationOptions& options
                          double sweep_period_s, const SE3& T_vehicle_lidar = SE3());
 
 // The period that PrepareScan wants for scan i: the median of the last (up to 9) positive
-// differences of the stamps up to i, or `fallback_s` where there is none, or where it is longer than
-// any sensor's sweep, 0.22 s: the scans are some of many. A dropped scan does not change it.
+// differences of the stamps up to i, or `fallback_s` where there is none, or where it is longer
+// than any sensor's sweep, 0.22 s: the scans are some of many. A dropped scan does not change it.
 double SweepPeriod(const std::vector<StampNs>& stamps_up_to_i, double fallback_s);
 
 }  // namespace lamina

@@ -13,7 +13,7 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "core/point_cluster.h"
+#include "core/geometry/point_cluster.h"
 
 namespace lamina {
 

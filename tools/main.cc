@@ -1,8 +1,8 @@
 // The program `lamina`: parses the command line, runs a subcommand, turns errors into messages.
 // Exit codes: 0 done, 1 failed with a reason, 2 wrong usage: a command line that cannot be parsed,
 // or an option or a value of the configuration outside of its rule (OptionError); 3 a run
-// that is done and whose poses are probably wrong (run_verdict.h); 130 ended by Ctrl-C before all
-// was done, in good order.
+// that is done and whose poses are probably wrong (tools/results/verdict.h); 130 ended by Ctrl-C
+// before all was done, in good order.
 
 #include <fmt/format.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
@@ -14,25 +14,25 @@
 #include <new>
 #include <string>
 
-#include "core/error.h"
-#include "core/printable_text.h"
-#include "tools/adverse_command.h"
-#include "tools/calibrate_command.h"
-#include "tools/command_common.h"
-#include "tools/command_words.h"
-#include "tools/compare_command.h"
-#include "tools/config_command.h"
-#include "tools/doctor_command.h"
-#include "tools/eval_command.h"
-#include "tools/export_command.h"
-#include "tools/log_text.h"
-#include "tools/plot_command.h"
-#include "tools/register_command.h"
-#include "tools/report_command.h"
-#include "tools/run_command.h"
-#include "tools/simulate_command.h"
-#include "tools/synth_command.h"
-#include "tools/watch_command.h"
+#include "core/base/error.h"
+#include "core/base/printable_text.h"
+#include "tools/calibrate/command.h"
+#include "tools/cli/common.h"
+#include "tools/cli/config_command.h"
+#include "tools/cli/log_text.h"
+#include "tools/cli/words.h"
+#include "tools/compare/command.h"
+#include "tools/doctor/command.h"
+#include "tools/eval/command.h"
+#include "tools/export/command.h"
+#include "tools/plot/command.h"
+#include "tools/promises/command.h"
+#include "tools/register/command.h"
+#include "tools/report/command.h"
+#include "tools/run/command.h"
+#include "tools/simulate/command.h"
+#include "tools/synth/command.h"
+#include "tools/watch/command.h"
 
 int main(int argc, char** argv) {
   // Results go to standard output, everything about the way there to standard error.

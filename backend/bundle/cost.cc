@@ -1,0 +1,138 @@
+#include "backend/bundle/cost.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "core/base/parallel.h"
+
+namespace lamina {
+namespace {
+
+constexpr std::size_t kChunk = 4;  // frames
+
+// block_k -= mine' rows_k for the rows of one plane up to `mine`; blocks are 6x6, column-major, in
+// the strip at their frames. Written column by column: a plain product of such small matrices does
+// not keep its operands in registers.
+void SubtractProducts(const ReducedSystem::Rows* rows, const PlaneObservation* observations,
+                      std::size_t count, double* strip) {
+  const Vector6d a0 = rows[count - 1].row(0), a1 = rows[count - 1].row(1),
+                 a2 = rows[count - 1].row(2);
+  for (std::size_t k = 0; k < count; ++k) {
+    const double* b = rows[k].data();
+    double* block = strip + 36 * observations[k].frame;
+    for (int c = 0; c < 6; ++c) {
+      Eigen::Map<Vector6d>(block + 6 * c) -= a0 * b[c] + a1 * b[6 + c] + a2 * b[12 + c];
+    }
+  }
+}
+
+// Zeros where the upper triangle of H has entries, in the order in which they are filled.
+void MakeStructure(const BlockPattern& pattern, std::size_t frames,
+                   Eigen::SparseMatrix<double>* H) {
+  const auto size = static_cast<Eigen::Index>(6 * frames);
+  H->resize(size, size);
+  Eigen::VectorXi entries(size);
+  for (std::size_t f = 0; f < frames; ++f) {
+    for (int c = 0; c < 6; ++c) {
+      entries(static_cast<Eigen::Index>(6 * f) + c) =
+          6 * static_cast<int>(pattern.partners(f).size() - 1) + c + 1;
+    }
+  }
+  H->reserve(entries);
+  for (std::size_t f = 0; f < frames; ++f) {
+    for (int c = 0; c < 6; ++c) {
+      const int column = 6 * static_cast<int>(f) + c;
+      for (const std::int32_t k : pattern.partners(f)) {
+        const int end_row = static_cast<std::size_t>(k) == f ? c + 1 : 6;
+        for (int r = 0; r < end_row; ++r) H->insert(6 * k + r, column) = 0.0;
+      }
+    }
+  }
+  H->makeCompressed();
+}
+
+}  // namespace
+
+BlockPattern::BlockPattern(const BundleProblem& problem, const BundleIndex& index)
+    : partners_(problem.poses.size()) {
+  std::vector<std::size_t> seen_by(partners_.size(), partners_.size());  // last frame that met it
+  for (std::size_t f = 0; f < partners_.size(); ++f) {
+    const auto add = [&](int k) {
+      if (std::exchange(seen_by[static_cast<std::size_t>(k)], f) != f) partners_[f].push_back(k);
+    };
+    for (auto* e = index.begin(f); e != index.end(f); ++e) {
+      const Plane& plane = problem.planes[static_cast<std::size_t>(e->plane)];
+      for (int o = plane.first; o <= e->observation; ++o) {
+        add(problem.observations[static_cast<std::size_t>(o)].frame);
+      }
+    }
+    add(static_cast<int>(f));
+    std::sort(partners_[f].begin(), partners_[f].end());
+  }
+}
+
+double BlockPattern::Density() const {
+  double blocks = 0.0;
+  for (const auto& partners : partners_) blocks += static_cast<double>(partners.size());
+  const auto n = static_cast<double>(partners_.size());
+  return n > 0.0 ? blocks / (0.5 * n * (n + 1.0)) : 0.0;
+}
+
+void ReducedSystem::FillStrip(const BundleProblem& problem, const BundleIndex& index, std::size_t f,
+                              std::vector<double>* strip) const {
+  strip->assign(36 * (f + 1), 0.0);
+  Eigen::Map<Matrix6d>(strip->data() + 36 * f) = diagonal[f];
+  for (auto* e = index.begin(f); e != index.end(f) && !rows.empty(); ++e) {
+    const auto first =
+        static_cast<std::size_t>(problem.planes[static_cast<std::size_t>(e->plane)].first);
+    SubtractProducts(rows.data() + first, problem.observations.data() + first,
+                     static_cast<std::size_t>(e->observation) - first + 1, strip->data());
+  }
+}
+
+void ReducedSystem::Assemble(const BundleProblem& problem, const BundleIndex& index,
+                             Eigen::MatrixXd* H) const {
+  const std::size_t frames = diagonal.size();
+  const auto size = static_cast<Eigen::Index>(6 * frames);
+  H->resize(size, size);
+  // Each frame fills its own block row, below the diagonal, in a strip that stays in the cache.
+  ParallelChunks(frames, kChunk, [&](std::size_t begin, std::size_t end) {
+    std::vector<double> strip;
+    for (std::size_t f = begin; f < end; ++f) {
+      FillStrip(problem, index, f, &strip);
+      for (std::size_t k = 0; k <= f; ++k) {
+        H->block<6, 6>(static_cast<Eigen::Index>(6 * f), static_cast<Eigen::Index>(6 * k)) =
+            Eigen::Map<const Matrix6d>(strip.data() + 36 * k);
+      }
+    }
+  });
+  ParallelChunks(frames, kChunk, [&](std::size_t begin, std::size_t end) {
+    for (auto c = static_cast<Eigen::Index>(6 * begin); c < static_cast<Eigen::Index>(6 * end);
+         ++c) {
+      H->col(c).head(c) = H->row(c).head(c).transpose();
+    }
+  });
+}
+
+void ReducedSystem::Assemble(const BundleProblem& problem, const BundleIndex& index,
+                             const BlockPattern& pattern, Eigen::SparseMatrix<double>* H) const {
+  const std::size_t frames = diagonal.size();
+  if (H->nonZeros() == 0) MakeStructure(pattern, frames, H);
+  ParallelChunks(frames, kChunk, [&](std::size_t begin, std::size_t end) {
+    std::vector<double> strip;
+    for (std::size_t f = begin; f < end; ++f) {
+      FillStrip(problem, index, f, &strip);
+      // H is symmetric: column c of frame f above the diagonal is row c of its strip.
+      for (std::size_t c = 0; c < 6; ++c) {
+        double* value = H->valuePtr() + H->outerIndexPtr()[6 * f + c];
+        for (const std::int32_t k : pattern.partners(f)) {
+          const double* block = strip.data() + 36 * k;
+          const std::size_t end_row = static_cast<std::size_t>(k) == f ? c + 1 : 6;
+          for (std::size_t r = 0; r < end_row; ++r) *value++ = block[6 * r + c];
+        }
+      }
+    }
+  });
+}
+
+}  // namespace lamina

@@ -1,0 +1,45 @@
+#include "backend/bundle/formulations/second_order_cost.h"
+
+#include "backend/bundle/frame_pass.h"
+
+namespace lamina {
+namespace {
+
+void AddObservation(const FramePassItem& item, const PlaneFrame& f) {
+  const ObservationTerms terms(item, f);
+  const double n = item.cluster.count, w = item.plane.weight;
+  const double distance = f.normal.dot(terms.x);
+  terms.AddGradient(w, n, distance, item.g);
+  terms.AddSquare(w, n, item.D);
+  const Eigen::Vector3d q = (n * distance) * item.cluster.mean + item.cluster.scatter * terms.m;
+  Eigen::Matrix3d curvature = 0.5 * (terms.m * q.transpose() + q * terms.m.transpose());
+  curvature.diagonal().array() -= terms.m.dot(q);
+  item.D->topLeftCorner<3, 3>() += w * curvature;
+
+  const Eigen::Vector3d roots = PlaneRoots(f, w, f.l(2));
+  Vector6d row = (n * f.u1.dot(terms.x)) * terms.j;
+  row.head<3>() += q.cross(terms.m1) - terms.turn1;
+  row.tail<3>() += (n * distance) * f.u1;
+  item.W->row(0) = roots(0) * row;
+  row = (n * f.u2.dot(terms.x)) * terms.j;
+  row.head<3>() += q.cross(terms.m2) - terms.turn2;
+  row.tail<3>() += (n * distance) * f.u2;
+  item.W->row(1) = roots(1) * row;
+  item.W->row(2) = (-roots(2) * n) * terms.j;
+}
+
+}  // namespace
+
+void SecondOrderCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* system) {
+  const PoseMatrices matrices(poses);
+  LineariseEigenvalueCost(
+      problem_, index_, matrices, MakePlaneFrames(problem_, matrices),
+      [](const FramePassItem& item, const PlaneFrame& frame) { AddObservation(item, frame); },
+      system);
+}
+
+double SecondOrderCost::Value(const std::vector<SE3>& poses) const {
+  return EigenvalueCost(problem_, poses);
+}
+
+}  // namespace lamina

@@ -1,0 +1,233 @@
+#include "backend/bundle/levenberg_marquardt.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/SparseCholesky>
+#include <algorithm>
+#include <cmath>
+
+#include "backend/bundle/held_directions.h"
+#include "backend/bundle/priors.h"
+#include "core/base/stopwatch.h"
+
+namespace lamina {
+namespace {
+
+constexpr double kMinGain = 1e-3;
+constexpr double kStartRadius = 1e4, kMinRadius = 1e-32, kMaxRadius = 1e16;
+constexpr double kMinStep = 1e-11;       // rad or m: the poses' own digits
+constexpr double kRounding = 4e-16;      // of the cost
+constexpr double kLeastDiagonal = 1e-9;  // of the largest
+
+std::vector<SE3> Moved(const std::vector<SE3>& poses, const Eigen::VectorXd& step) {
+  std::vector<SE3> moved;
+  moved.reserve(poses.size());
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    moved.push_back(Retract(poses[k], step.segment<6>(static_cast<Eigen::Index>(6 * k))));
+  }
+  return moved;
+}
+
+// The quadratic model at one linearisation, and its damped solutions.
+class StepSolver {
+ public:
+  StepSolver(const BundleProblem& problem, BundleCost* cost)
+      : problem_(problem),
+        index_(problem),
+        pattern_(problem, index_),
+        held_(HeldSpaces(problem)),
+        cost_(cost) {
+    const auto size = static_cast<Eigen::Index>(6 * problem.poses.size());
+    sparse_ = problem.priors.empty() && size >= kSparseSize && pattern_.Density() < kSparseDensity;
+  }
+
+  // False if anything is not finite.
+  bool Linearise(const std::vector<SE3>& poses) {
+    cost_->Linearise(poses, &system_);
+    value_ = system_.cost;
+    decoupled_ = system_.rows.empty() && problem_.priors.empty();
+    const auto size = system_.gradient.size();
+    diagonal_.resize(size);
+    if (decoupled_) {
+      for (Eigen::Index i = 0; i < size; ++i) {
+        diagonal_(i) = system_.diagonal[static_cast<std::size_t>(i / 6)](i % 6, i % 6);
+      }
+    } else if (sparse_) {
+      system_.Assemble(problem_, index_, pattern_, &sparse_H_);
+      diagonal_ = sparse_H_.diagonal();
+    } else {
+      system_.Assemble(problem_, index_, &H_);
+      value_ += AddPriors(problem_, poses, &system_.gradient, &H_);
+      diagonal_ = H_.diagonal();
+    }
+    Hold();
+    const double least = kLeastDiagonal * diagonal_.cwiseAbs().maxCoeff() + 1e-300;
+    diagonal_ = diagonal_.cwiseAbs().cwiseMax(least);
+    return std::isfinite(value_) && system_.gradient.allFinite() && diagonal_.allFinite();
+  }
+
+  double value() const { return value_; }
+  double Value(const std::vector<SE3>& poses) const {
+    return cost_->Value(poses) + PriorCost(problem_, poses);
+  }
+
+  // False if the damped matrix is not positive definite. `promised` is the model's decrease.
+  bool Solve(double radius, Eigen::VectorXd* step, double* promised) {
+    const Eigen::VectorXd damping = diagonal_ / radius;
+    step->setZero(system_.gradient.size());
+    const bool solved = decoupled_ ? SolveBlocks(damping, step)
+                        : sparse_  ? SolveSparse(damping, step)
+                                   : SolveDense(damping, step);
+    if (!solved || !step->allFinite()) return false;
+    // The stiffness leaves a whisper of motion along held directions: none is wanted.
+    for (std::size_t k = 0; k < held_.size(); ++k) {
+      auto part = step->segment<6>(static_cast<Eigen::Index>(6 * k));
+      if (held_[k].cols() == 6) part.setZero();
+      if (held_[k].cols() > 0) part -= held_[k] * (held_[k].transpose() * part);
+    }
+    *promised = -0.5 * system_.gradient.dot(*step) + 0.5 * step->cwiseAbs2().dot(damping);
+    return true;
+  }
+
+ private:
+  // A held direction gets a stiffness beside which everything else is nothing, and no gradient.
+  void Hold() {
+    constexpr double kStiffness = 1e8;
+    const double stiffness = kStiffness * diagonal_.cwiseAbs().maxCoeff();
+    for (std::size_t k = 0; k < held_.size(); ++k) {
+      if (held_[k].cols() == 0) continue;
+      const auto i = static_cast<Eigen::Index>(6 * k);
+      auto gradient = system_.gradient.segment<6>(i);
+      gradient -= held_[k] * (held_[k].transpose() * gradient);
+      const Matrix6d block = stiffness * held_[k] * held_[k].transpose();
+      if (decoupled_) {
+        system_.diagonal[k] += block;
+      } else if (sparse_) {
+        for (int c = 0; c < 6; ++c) {
+          for (int r = 0; r <= c; ++r) sparse_H_.coeffRef(i + r, i + c) += block(r, c);
+        }
+      } else {
+        H_.block<6, 6>(i, i) += block;
+      }
+    }
+  }
+
+  bool SolveBlocks(const Eigen::VectorXd& damping, Eigen::VectorXd* step) const {
+    for (Eigen::Index i = 0; i < step->size(); i += 6) {
+      Matrix6d block = system_.diagonal[static_cast<std::size_t>(i / 6)];
+      block.diagonal() += damping.segment<6>(i);
+      const Eigen::LLT<Matrix6d> llt(block);
+      if (llt.info() != Eigen::Success) return false;
+      step->segment<6>(i) = -llt.solve(system_.gradient.segment<6>(i));
+    }
+    return true;
+  }
+
+  bool SolveDense(const Eigen::VectorXd& damping, Eigen::VectorXd* step) {
+    factor_ = H_;
+    factor_.diagonal() += damping;
+    const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> llt(factor_);
+    if (llt.info() != Eigen::Success) return false;
+    *step = -llt.solve(system_.gradient);
+    return true;
+  }
+
+  bool SolveSparse(const Eigen::VectorXd& damping, Eigen::VectorXd* step) {
+    Eigen::SparseMatrix<double> damped = sparse_H_;
+    for (int i = 0; i < damped.cols(); ++i) damped.coeffRef(i, i) += damping(i);
+    if (!analysed_) sparse_llt_.analyzePattern(damped);
+    analysed_ = true;
+    sparse_llt_.factorize(damped);
+    if (sparse_llt_.info() != Eigen::Success) return false;
+    *step = -sparse_llt_.solve(system_.gradient);
+    return true;
+  }
+
+  // Below this size, or with more of its blocks filled, a dense factorisation is faster.
+  static constexpr Eigen::Index kSparseSize = 300;
+  static constexpr double kSparseDensity = 0.25;
+
+  const BundleProblem& problem_;
+  BundleIndex index_;
+  BlockPattern pattern_;
+  std::vector<HeldSpace> held_;
+  BundleCost* cost_;
+  ReducedSystem system_;
+  bool decoupled_ = false;
+  double value_ = 0.0;
+  Eigen::MatrixXd H_, factor_;
+  bool sparse_ = false, analysed_ = false;
+  Eigen::SparseMatrix<double> sparse_H_;
+  Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Upper> sparse_llt_;
+  Eigen::VectorXd diagonal_;
+};
+
+// Radius of the trust region (see the header).
+class TrustRegion {
+ public:
+  double radius() const { return radius_; }
+  void Accept(double gain) {
+    radius_ =
+        std::min(kMaxRadius, radius_ / std::max(1.0 / 3.0, 1.0 - std::pow(2.0 * gain - 1.0, 3)));
+    shrink_ = 2.0;
+  }
+  // False if there is nothing left to try.
+  bool Reject() {
+    radius_ /= shrink_;
+    shrink_ *= 2.0;
+    return radius_ > kMinRadius;
+  }
+
+ private:
+  double radius_ = kStartRadius;
+  double shrink_ = 2.0;
+};
+
+}  // namespace
+
+BundleResult MinimiseByLevenbergMarquardt(const BundleProblem& problem, BundleCost* cost,
+                                          const BundleAdjusterOptions& options,
+                                          const BundleObserver& observer) {
+  Stopwatch clock;
+  BundleResult result;
+  result.poses = problem.poses;
+  result.status = BundleResult::Status::kFailed;
+  StepSolver solver(problem, cost);
+  if (!solver.Linearise(result.poses)) return result;
+  result.status = BundleResult::Status::kIterationLimit;
+  result.initial_cost = result.final_cost = solver.value();
+  TrustRegion region;
+  bool done = false;
+  while (!done && result.iterations < options.max_iterations) {
+    BundleStep step;
+    step.iteration = ++result.iterations;
+    Eigen::VectorXd delta;
+    double promised = 0.0;
+    if (solver.Solve(region.radius(), &delta, &promised)) {
+      step.step = delta.cwiseAbs().maxCoeff();
+      const std::vector<SE3> moved = Moved(result.poses, delta);
+      const double before = solver.value();
+      const double decrease = before - solver.Value(moved);
+      done = step.step < kMinStep || promised <= kRounding * before;
+      step.accepted = decrease > kMinGain * promised;  // false for NaN
+      if (step.accepted) {
+        result.poses = moved;
+        region.Accept(decrease / promised);
+        done = done || decrease <= options.min_cost_change * before;
+        result.final_cost = before - decrease;
+        if (!done && result.iterations < options.max_iterations) {
+          if (!solver.Linearise(result.poses)) break;
+          result.final_cost = solver.value();
+        }
+      }
+    }
+    if (done) result.status = BundleResult::Status::kConverged;
+    if (!step.accepted && !region.Reject()) break;
+    step.cost = result.final_cost;
+    step.solve_ms = clock.Milliseconds();
+    if (observer) clock.Outside([&] { observer(step, result.poses); });
+  }
+  result.solve_ms = clock.Milliseconds();
+  return result;
+}
+
+}  // namespace lamina

@@ -1,0 +1,84 @@
+#include "backend/bundle/uncertainty/pose_covariance.h"
+
+#include <algorithm>
+#include <numeric>
+
+#include "backend/bundle/condensed_cost.h"
+#include "backend/bundle/held_directions.h"
+#include "backend/bundle/priors.h"
+#include "backend/bundle/uncertainty/selected_inverse.h"
+
+namespace lamina {
+namespace {
+
+// The blocks of H that are not zero.
+SymmetricBlocks SparseBlocks(const BundleProblem& problem, const ReducedSystem& system) {
+  const BundleIndex index(problem);
+  const BlockPattern pattern(problem, index);
+  Eigen::SparseMatrix<double> H;  // its upper triangle
+  system.Assemble(problem, index, pattern, &H);
+  SymmetricBlocks rows;
+  for (std::size_t f = 0; f < problem.poses.size(); ++f) {
+    rows.columns.push_back(pattern.partners(f));
+    rows.blocks.emplace_back(pattern.partners(f).size(), Matrix6d::Zero());
+    for (int c = 0; c < 6; ++c) {
+      std::size_t block = 0;
+      const auto column = static_cast<int>(6 * f) + c;
+      for (Eigen::SparseMatrix<double>::InnerIterator entry(H, column); entry; ++entry) {
+        while (rows.columns[f][block] < entry.row() / 6) ++block;
+        rows.blocks[f][block](c, entry.row() % 6) = entry.value();
+      }
+    }
+    Matrix6d& diagonal = rows.blocks[f].back();
+    diagonal = Matrix6d(diagonal.selfadjointView<Eigen::Lower>());
+  }
+  return rows;
+}
+
+// All blocks of H: priors are for windows of some frames.
+SymmetricBlocks DenseBlocks(const BundleProblem& problem, const std::vector<SE3>& poses,
+                            ReducedSystem* system) {
+  Eigen::MatrixXd H;
+  system->Assemble(problem, BundleIndex(problem), &H);
+  AddPriors(problem, poses, &system->gradient, &H);
+  SymmetricBlocks rows;
+  for (std::size_t f = 0; f < problem.poses.size(); ++f) {
+    rows.columns.emplace_back(f + 1);
+    std::iota(rows.columns[f].begin(), rows.columns[f].end(), 0);
+    rows.blocks.emplace_back();
+    for (std::size_t k = 0; k <= f; ++k) {
+      rows.blocks[f].push_back(
+          H.block<6, 6>(static_cast<Eigen::Index>(6 * f), static_cast<Eigen::Index>(6 * k)));
+    }
+  }
+  return rows;
+}
+
+}  // namespace
+
+std::vector<Matrix6d> PoseCovariances(const BundleProblem& problem, const std::vector<SE3>& poses,
+                                      double open_variance) {
+  CondensedCost cost(problem);
+  ReducedSystem system;
+  cost.Linearise(poses, &system);
+  SymmetricBlocks H =
+      problem.priors.empty() ? SparseBlocks(problem, system) : DenseBlocks(problem, poses, &system);
+  const std::vector<HeldSpace> held = HeldSpaces(problem);
+  double largest = 1e-300;
+  for (const auto& row : H.blocks) largest = std::max(largest, row.back().diagonal().maxCoeff());
+  for (std::size_t k = 0; k < held.size(); ++k) {
+    StiffenHeld(held[k], largest, H.blocks[k].back());
+  }
+  std::vector<Matrix6d> covariances;
+  if (!InvertOnDiagonal(H, &covariances)) return {};
+  for (std::size_t k = 0; k < held.size(); ++k) {
+    if (held[k].cols() == 6) {
+      covariances[k].setZero();
+    } else {
+      covariances[k] += open_variance * held[k] * held[k].transpose();
+    }
+  }
+  return covariances;
+}
+
+}  // namespace lamina

@@ -1,0 +1,103 @@
+#include "backend/mapping/deskew_choice.h"
+
+#include <algorithm>
+#include <vector>
+
+#include "backend/mapping/map_thickness.h"
+#include "backend/mapping/pipeline.h"
+#include "core/base/error.h"
+
+namespace lamina {
+namespace {
+
+using Deskew = ScanPreparationOptions::Deskew;
+
+constexpr std::size_t kScans = 20;
+
+struct Look {
+  bool tracked = false;  // throughout
+  double way_m = 0.0, turn_rad = 0.0;
+  MapThickness map;
+};
+
+Look MapScans(const ScanSource& source, std::size_t begin, std::size_t end, MappingOptions options,
+              Deskew deskew, const std::atomic<bool>* stop) {
+  options.preparation.deskew = deskew;
+  Look look;
+  Trajectory poses;
+  MappingCallbacks callbacks;
+  callbacks.on_final_pose = [&](const FinalPose& pose) {
+    if (!pose.skipped) poses.push_back(pose.pose);
+  };
+  MappingPipeline pipeline(options, callbacks);
+  pipeline.Process(source, {begin, begin, end}, stop);
+  pipeline.Finish();
+  look.tracked = pipeline.counts().lost == 0 && poses.size() * 2 > end - begin;
+  for (std::size_t i = 1; i < poses.size(); ++i) {
+    const SE3 step = poses[i - 1].T_world_lidar.Inverse() * poses[i].T_world_lidar;
+    look.way_m += step.t.norm();
+    look.turn_rad += LogSO3(step.q).norm();
+  }
+  look.map = MeasureThickness(pipeline.map(), options.mapper.backend.min_surfel_frames);
+  return look;
+}
+
+// Whether the maps of both say anything: the sensor moved, and both found much the same.
+bool Comparable(const Look& a, const Look& b) {
+  // A sensor that is at rest shakes by less.
+  constexpr double kLeastWayM = 1.0, kLeastTurnRad = 0.2, kAlike = 0.8;
+  constexpr std::size_t kLeastPlanes = 50;
+  const auto alike = [&](double x, double y) { return std::min(x, y) >= kAlike * std::max(x, y); };
+  const bool moved = (std::min(a.way_m, b.way_m) > kLeastWayM && alike(a.way_m, b.way_m)) ||
+                     std::min(a.turn_rad, b.turn_rad) > kLeastTurnRad;
+  return a.tracked && b.tracked && moved && std::min(a.map.planes, b.map.planes) >= kLeastPlanes;
+}
+
+// Times that are of the scans' own length: others have a wrong unit, or the stamps are not theirs,
+// and what deskewing by them does tells nothing.
+bool PointsHaveTimes(const ScanSource& source, std::size_t begin, std::size_t end) {
+  constexpr std::size_t kTries = 5;
+  constexpr double kMostPeriods = 1.5;
+  std::vector<StampNs> stamps;
+  for (std::size_t i = begin; i < end && stamps.size() < kTries; ++i) {
+    if (source.Sensor(i) == source.Sensor(begin)) stamps.push_back(source.Stamp(i));
+  }
+  const double period_s = SweepPeriod(stamps, 0.0);
+  for (std::size_t i = begin; i < std::min(end, begin + kTries); ++i) {
+    try {
+      const std::vector<float> times = source.Read(i).time_s;
+      if (times.empty()) return false;
+      const auto [first, last] = std::minmax_element(times.begin(), times.end());
+      return static_cast<double>(*last) - static_cast<double>(*first) < kMostPeriods * period_s;
+    } catch (const InputError&) {
+      // The next one may be readable.
+    }
+  }
+  return false;
+}
+
+}  // namespace
+
+DeskewChoice ChooseDeskew(const ScanSource& source, std::size_t begin, std::size_t end,
+                          const MappingOptions& options, const std::atomic<bool>* stop) {
+  // Differences of fewer per cent are within what maps of so few scans vary by.
+  constexpr double kClearlyThinner = 0.9;
+  DeskewChoice choice;
+  if (options.preparation.deskew != Deskew::kAuto || !PointsHaveTimes(source, begin, end)) {
+    return choice;
+  }
+  for (const std::size_t from : {begin, begin + (end - begin) / 2}) {
+    const std::size_t to = std::min(end, from + kScans);
+    const Look deskewed = MapScans(source, from, to, options, Deskew::kTime, stop);
+    const Look as_they_are = MapScans(source, from, to, options, Deskew::kOff, stop);
+    if (stop != nullptr && stop->load()) return {};
+    if (!Comparable(deskewed, as_they_are)) continue;
+    choice.deskewed_m = deskewed.map.median_m;
+    choice.as_they_are_m = as_they_are.map.median_m;
+    choice.compensated = choice.as_they_are_m < kClearlyThinner * choice.deskewed_m;
+    break;
+  }
+  return choice;
+}
+
+}  // namespace lamina

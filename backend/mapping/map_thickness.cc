@@ -1,0 +1,21 @@
+#include "backend/mapping/map_thickness.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "core/base/median.h"
+
+namespace lamina {
+
+MapThickness MeasureThickness(const VoxelMap& map, int min_frames) {
+  std::vector<float> variances;
+  map.ForEachSurface(min_frames, [&](const Surfel& s) { variances.push_back(s.eigenvalues(2)); });
+  MapThickness thickness;
+  thickness.planes = variances.size();
+  if (variances.empty()) return thickness;
+  thickness.median_m = std::sqrt(std::max(0.0, static_cast<double>(UpperMedian(&variances))));
+  return thickness;
+}
+
+}  // namespace lamina

@@ -1,0 +1,180 @@
+// The mapping algorithm of one piece of the map, one scan after the other, without threads:
+// odometry, keyframes, sliding window, hand-over of bundle adjustment.
+//
+// All poses are in the frame of the piece, the *world* of its mapper. Several mappers may work on
+// pieces of one map in turn (SerialMapping); each selects its own before it touches the map.
+//
+//   Process(scan)      pose from odometry; a keyframe enters window and map
+//   TakeFinal(...)     poses that nothing will change any more
+//   SolveDue()         whether a bundle adjustment of the window is to start now
+//   PrepareSolve()     its problem, a self-contained copy: AdjustBundle may run on any thread
+//   ApplySolve(...)    takes its result in: moves the window's frames, the map, the present pose.
+//                      Frames that left the window meanwhile stay where the map has them
+//
+// When ApplySolve is called is for the caller to decide, as long as it is decided by counting
+// frames: then the result is the same whatever the threads do (MappingPipeline).
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <vector>
+
+#include "backend/bundle/adjuster.h"
+#include "backend/mapping/sliding_window.h"
+#include "core/geometry/scan.h"
+#include "core/geometry/state_archive.h"
+#include "core/map/voxel_map.h"
+#include "frontend/lost_track.h"
+#include "frontend/odometry.h"
+
+namespace lamina {
+
+struct BackendOptions {
+  // Off: poses stay as the frontend found them; everything else is the same.
+  bool enabled = true;
+  // A bundle adjustment starts every so many keyframes, and its result takes effect so many frames
+  // later.
+  int solve_every_keyframes = 5;
+  int hand_over_lag_frames = 2;
+  // A frame becomes a keyframe when it moved or turned so far from the last one. 0: every frame.
+  double keyframe_translation_m = 0.03;
+  double keyframe_rotation_deg = 0.3;
+  // Also when so many frames have come since the last one: a sensor that stands still makes a map
+  // of the place, too. 0: never for that reason.
+  int keyframe_after_frames = 100;
+  // A pose is final when so many scans have come after it, wherever the window stands.
+  int final_after_frames = 300;
+  // Lost for so many frames in a row: the next one begins a piece of its own, at its predicted
+  // pose.
+  int restart_after_lost_frames = 20;
+  // Frames that must have seen a plane before it counts as part of the map that is written out.
+  int min_surfel_frames = 2;
+  SlidingWindowOptions window;
+  BundleAdjusterOptions solver;
+
+  // Frames that a solve needs at least.
+  static constexpr int kLeastSolved = 3;
+
+  void Visit(OptionVisitor& v);
+  // Throws OptionError, naming both, for options that contradict one another.
+  void CheckTogether() const;
+};
+
+struct MapperOptions {
+  VoxelMapOptions map;
+  OdometryOptions odometry;
+  BackendOptions backend;
+};
+
+// A scan as a mapper takes it.
+struct MapperScan {
+  std::int64_t number = 0;  // increases from scan to scan, and so does the stamp
+  StampNs stamp_ns = 0;
+  bool stamp_made_up = false;                     // Scan::stamp_made_up
+  std::vector<TimedCluster>* clusters = nullptr;  // taken if the scan becomes a keyframe
+};
+
+struct MappedFrame {
+  OdometryFrame odometry;
+  bool keyframe = false;
+  // Lost for so long that this scan is to begin a piece of its own, and was left out of this one.
+  // Only after scans that agree with one another, and that the map does not have: rain and spray
+  // begin no map.
+  bool to_restart = false;
+};
+
+// A frame whose pose bundle adjustment may still move.
+struct OpenFrame {
+  std::int64_t scan = 0;
+  StampNs stamp_ns = 0;
+  // The keyframe that it hangs on (itself, if it is one). kNoKeyframe: none, T_keyframe_lidar is
+  // T_world_lidar.
+  static constexpr std::int64_t kNoKeyframe = -1;
+  std::int64_t keyframe_id = kNoKeyframe;
+  SE3 T_keyframe_lidar;
+};
+
+class Mapper {
+ public:
+  // `piece` must be one of the map's, which must outlive the mapper. The first scan is at
+  // `T_world_start`.
+  Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
+         const SE3& T_world_start = SE3());
+
+  // A lost frame leaves the map as it is. Without `may_restart` a frame is lost however many were
+  // before.
+  MappedFrame Process(const MapperScan& scan, bool may_restart = true);
+
+  bool SolveDue() const;
+  // Whether there is anything to solve at all, due or not.
+  bool SolvePossible() const;
+  BundleProblem PrepareSolve();
+  // False if nothing of it could be used: it failed, or all of its frames have left the window.
+  bool ApplySolve(const BundleResult& result);
+
+  // From now on scans are matched to the map and leave it as it is, the first one near this pose.
+  // Before any scan.
+  void StartLocalising(const SE3& T_world_lidar);
+
+  // No more scans come: the frames of the window join the fixed part of the map as they stand, and
+  // all poses are final. Nothing is kept of a piece in which no scan was ever matched: another may
+  // have its place in the map. Then this mapper is of no use any more.
+  void Close();
+
+  // Poses that have become final since the last call: of the frames behind the window, and of all
+  // scans with a number below `before_scan`. A sensor that stands still, or whose scans have ceased
+  // to come, gives the window no reason to move on, but what is open is in memory, in every
+  // checkpoint, and in what is shown; and the keyframe that such a frame hangs on hardly moves.
+  Trajectory TakeFinal(std::int64_t before_scan);
+  // Poses of the frames after those, as known now.
+  Trajectory OpenFrames() const;
+
+  // Where the points of the newest keyframe are in the world: the means of its clusters.
+  std::vector<Eigen::Vector3d> NewestKeyframe() const;
+
+  // All but the map and the piece's number.
+  void Archive(StateArchive& a);
+
+  std::int64_t piece() const { return piece_; }
+
+ private:
+  OdometryFrame Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters);
+  void DropWindow();
+  bool IsKeyframe(const SE3& T_world_lidar) const;
+  void AddKeyframe(const OdometryFrame& frame, std::vector<TimedCluster> clusters);
+  // The same for a scan that follows a lost one.
+  OdometryFrame FindAgain(StampNs stamp_ns, const std::vector<TimedCluster>& clusters);
+  // Whether a lost scan is to begin a map anew.
+  bool MayRestart() const;
+  // Deskews the last keyframe again, now that the motion after it is known too. False if it makes
+  // no difference.
+  bool RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar);
+  // Brings back what the map had where this scan is expected.
+  void RecallAround(const SE3& T_world_lidar, const std::vector<TimedCluster>& clusters);
+  StampedPose PoseOf(const OpenFrame& frame) const;
+  SE3& Keyframe(std::int64_t id) { return keyframes_[static_cast<std::size_t>(id - first_id_)]; }
+  const SE3& Keyframe(std::int64_t id) const {
+    return keyframes_[static_cast<std::size_t>(id - first_id_)];
+  }
+  std::int64_t NextId() const { return first_id_ + static_cast<std::int64_t>(keyframes_.size()); }
+
+  MapperOptions options_;
+  VoxelMap* map_;
+  std::int64_t piece_;
+  SE3 T_world_start_;
+  Odometry odometry_;
+  SlidingWindow window_;
+  std::deque<OpenFrame> open_;
+  // Poses of the keyframes in the window, and of those before them on which open frames hang.
+  std::deque<SE3> keyframes_;
+  std::int64_t first_id_ = 0;  // of the first of them
+  int keyframes_since_solve_ = 0;
+  int frames_since_keyframe_ = 0;
+  std::vector<std::int64_t> solving_;  // ids of the frames of the problem under way
+  int lost_in_a_row_ = 0;
+  LostTrack lost_track_;
+  bool matched_ = false;  // any scan, ever
+  bool localising_ = false;
+};
+
+}  // namespace lamina

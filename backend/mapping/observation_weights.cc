@@ -1,0 +1,104 @@
+#include "backend/mapping/observation_weights.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "backend/mapping/sliding_window.h"
+#include "core/base/median.h"
+#include "core/geometry/robust_kernel.h"
+#include "core/map/voxel_key.h"
+
+namespace lamina {
+namespace {
+
+// Leaves are fetched so many clusters ahead.
+constexpr std::size_t kAhead = 8;
+// Below this weight a cluster disagrees with its plane.
+constexpr double kContestedWeight = 0.25;
+
+}  // namespace
+
+ObservationWeights::ObservationWeights(const VoxelMap& map, const std::deque<WindowFrame>& frames,
+                                       const KernelOptions& options)
+    : map_(map) {
+  FindPlanes(frames);
+  ScaleKernels(options);
+  Weigh(frames, false);
+  if (!options.resist_outliers) return;
+  constexpr int kRounds = 2;
+  for (int round = 0; round < kRounds; ++round) {
+    EstimateContested(frames);
+    Weigh(frames, true);
+  }
+}
+
+void ObservationWeights::FindPlanes(const std::deque<WindowFrame>& frames) {
+  VoxelIndex index(16384);
+  for (const WindowFrame& frame : frames) {
+    const std::size_t n = frame.leaves.size();
+    std::vector<std::int32_t>& planes = plane_of_.emplace_back(n, kNone);
+    weights_.emplace_back(n, kUnknown);
+    for (std::size_t i = 0; i < n; ++i) {
+      if (i + kAhead < n) map_.Prefetch(frame.leaves[i + kAhead]);
+      if (frame.leaves[i] == VoxelMap::kNoNode) continue;
+      const VoxelMap::NodeId node = map_.PlaneAbove(frame.leaves[i]);
+      if (node == VoxelMap::kNoNode) continue;
+      const auto fresh = static_cast<std::int32_t>(nodes_.size());
+      planes[i] = index.FindOrInsert(static_cast<VoxelKey>(node), fresh);
+      if (planes[i] != fresh) continue;
+      const Surface& surface = map_.surface(node);
+      nodes_.push_back(node);
+      planes_.push_back({surface.mean, surface.normal.cast<double>(),
+                         static_cast<double>(surface.variance), false});
+    }
+  }
+}
+
+void ObservationWeights::ScaleKernels(const KernelOptions& options) {
+  if (planes_.empty()) return;
+  constexpr double kMostOfUsual = 2.5;
+  std::vector<double> variances;
+  variances.reserve(planes_.size());
+  for (const Support& plane : planes_) variances.push_back(plane.scale2);
+  const double most = options.resist_outliers ? kMostOfUsual * UpperMedian(&variances)
+                                              : std::numeric_limits<double>::infinity();
+  for (Support& plane : planes_) {
+    plane.scale2 = options.kernel_sigma * options.kernel_sigma *
+                   (options.noise_floor_m * options.noise_floor_m + std::min(plane.scale2, most));
+  }
+}
+
+void ObservationWeights::Weigh(const std::deque<WindowFrame>& frames, bool contested_alone) {
+  for (std::size_t f = 0; f < frames.size(); ++f) {
+    for (std::size_t i = 0; i < plane_of_[f].size(); ++i) {
+      if (plane_of_[f][i] == kNone) continue;
+      Support& plane = planes_[static_cast<std::size_t>(plane_of_[f][i])];
+      if (contested_alone && !plane.contested) continue;
+      const double distance = plane.normal.dot(frames[f].in_map[i].mean - plane.mean);
+      weights_[f][i] = GemanMcClureWeight(distance * distance / plane.scale2);
+      if (weights_[f][i] < kContestedWeight) plane.contested = true;
+    }
+  }
+}
+
+void ObservationWeights::EstimateContested(const std::deque<WindowFrame>& frames) {
+  std::vector<PointCluster> sums(planes_.size());
+  for (std::size_t p = 0; p < planes_.size(); ++p) {
+    if (planes_[p].contested) sums[p] = map_.FixedAggregate(nodes_[p]);
+  }
+  for (std::size_t f = 0; f < frames.size(); ++f) {
+    for (std::size_t i = 0; i < plane_of_[f].size(); ++i) {
+      if (plane_of_[f][i] == kNone) continue;
+      const auto p = static_cast<std::size_t>(plane_of_[f][i]);
+      if (planes_[p].contested) sums[p] += frames[f].in_map[i].Scaled(weights_[f][i]);
+    }
+  }
+  for (std::size_t p = 0; p < planes_.size(); ++p) {
+    if (!planes_[p].contested || sums[p].count < map_.options().min_points) continue;
+    planes_[p].mean = sums[p].mean;
+    planes_[p].normal = sums[p].Eigen().u.col(2);
+  }
+}
+
+}  // namespace lamina

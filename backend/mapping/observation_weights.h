@@ -1,0 +1,66 @@
+// Robust weight of each cluster of the window on the plane that it lies on. Private to backend.
+//
+// Whatever stands before a wall for a few frames shares the wall's voxels, draws the plane towards
+// itself and thickens it. So neither the plane nor its thickness may be taken from the map as they
+// are: the kernel's scale is bounded by what thickness is usual among the planes of the window, and
+// where clusters disagree with their plane, the plane is estimated again from all of its clusters
+// under the weights so far, fixed ones included, and the weights from that plane.
+//
+// The weights are applied to the clusters before aggregation, held during a solve, and kept when
+// the frame is marginalised.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <vector>
+
+#include "core/map/voxel_map.h"
+
+namespace lamina {
+
+struct WindowFrame;
+
+struct KernelOptions {
+  double noise_floor_m = 0.02;
+  double kernel_sigma = 3.0;
+  // Off: planes and their thickness are taken from the map as they are. For batches, in which the
+  // two faces of a wall share voxels until they are told apart.
+  bool resist_outliers = true;
+};
+
+class ObservationWeights {
+ public:
+  static constexpr std::int32_t kNone = -1;
+
+  // Of all clusters of the frames, at the frames' present poses; the map must be refreshed.
+  ObservationWeights(const VoxelMap& map, const std::deque<WindowFrame>& frames,
+                     const KernelOptions& options);
+
+  // Number of the plane of cluster i of frame f, in the order in which planes are met; kNone if it
+  // lies on none.
+  std::int32_t PlaneOf(std::size_t f, std::size_t i) const { return plane_of_[f][i]; }
+  // kUnknown where there is no plane.
+  static constexpr double kUnknown = -1.0;
+  const std::vector<double>& Weights(std::size_t f) const { return weights_[f]; }
+  // The map's node of each plane.
+  const std::vector<VoxelMap::NodeId>& nodes() const { return nodes_; }
+
+ private:
+  struct Support {  // of one plane
+    Eigen::Vector3d mean, normal;
+    double scale2 = 0.0;
+    bool contested = false;
+  };
+  void FindPlanes(const std::deque<WindowFrame>& frames);
+  void ScaleKernels(const KernelOptions& options);
+  void Weigh(const std::deque<WindowFrame>& frames, bool contested_alone);
+  void EstimateContested(const std::deque<WindowFrame>& frames);
+
+  const VoxelMap& map_;
+  std::vector<std::vector<std::int32_t>> plane_of_;
+  std::vector<std::vector<double>> weights_;
+  std::vector<VoxelMap::NodeId> nodes_;
+  std::vector<Support> planes_;
+};
+
+}  // namespace lamina

@@ -1,0 +1,57 @@
+// What is told of each scan and of each solve while a recording is mapped, and what is counted.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <map>
+
+#include "backend/bundle/adjuster.h"
+#include "backend/mapping/final_poses.h"
+#include "backend/mapping/scan_decoder.h"
+#include "core/geometry/state_archive.h"
+#include "frontend/odometry.h"
+
+namespace lamina {
+
+struct ScanReport : ScanDecodeReport {
+  OdometryFrame odometry;
+  bool keyframe = false;
+  std::int64_t piece = 0;    // of the map, in whose frame the pose is
+  bool began_piece = false;  // with this scan
+  // Milliseconds of wall time. Of the solve: the one that was taken in before this scan. Of the
+  // map: to take that in and to build the next problem, since the scan before.
+  double odometry_ms = 0, map_ms = 0, solve_ms = 0;
+};
+
+// A window that was solved.
+struct SolveReport {
+  std::size_t before_scan = 0;  // took effect before this scan
+  std::size_t frames = 0, planes = 0, observations = 0;
+  bool discarded = false;  // solved in vain: its frames had left the window
+  BundleResult result;
+
+  void Archive(StateArchive& a);
+};
+
+struct MappingCounts {
+  std::size_t scans = 0, frames = 0;  // with and without those skipped
+  std::size_t keyframes = 0, lost = 0, restarts = 0, degenerate = 0, searched = 0;
+  std::size_t pieces = 0;  // of the map, begun
+  std::map<SkipReason, std::size_t> skipped;
+  std::size_t solves = 0, failed_solves = 0, discarded_solves = 0;
+
+  void Archive(StateArchive& a);
+};
+
+// All are called from one thread at a time, between two scans, when the pipeline may be looked at.
+// May be empty.
+struct MappingCallbacks {
+  std::function<void(const ScanReport&)> on_scan;  // each scan, in order
+  // All that could be done before the next scan has been done, and the state may be saved.
+  std::function<void()> on_settled;
+  std::function<void(const FinalPose&)> on_final_pose;  // each scan, in order, somewhat later
+  std::function<void(const SolveReport&)> on_solve;
+};
+
+}  // namespace lamina

@@ -1,0 +1,131 @@
+// The frames that bundle adjustment may still move, and their share of the map.
+//
+// Each frame keeps its clusters as measured (with time), as deskewed under its present twist, and
+// as they stand in the voxel map at its present pose. Moving frames or changing their twist
+// exchanges exactly those clusters in the map, leaf by leaf; association to leaves is made once,
+// when the frame enters. The oldest frame leaves by marginalisation: its clusters join the fixed
+// clusters of their leaves at the final pose, with the robust weights that they had in the last
+// bundle adjustment: what that let go of does not become an anchor.
+//
+// Not thread-safe. The map must outlive the window and be changed by nobody else.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <vector>
+
+#include "backend/bundle/problem.h"
+#include "core/geometry/scan.h"
+#include "core/geometry/state_archive.h"
+#include "core/map/voxel_map.h"
+#include "core/options/options.h"
+#include "frontend/scan_clusters.h"
+#include "frontend/scan_matcher.h"
+
+namespace lamina {
+
+struct SlidingWindowOptions {
+  int frames = 15;
+  // Weight of a cluster in the map and in bundle adjustment, in points, at most.
+  double max_cluster_weight = 4.0;
+  // Standard deviation that no plane is believed to be better than.
+  double noise_floor_m = 0.02;
+  // Scale of the robust kernel on a cluster's distance to its plane, in standard deviations.
+  double kernel_sigma = 3.0;
+  // Planes of one solve at most; those seen by most frames are kept.
+  int max_planes = 20000;
+  // Standard deviation of the frontend's motion from frame to frame, where no plane says better.
+  double prior_rotation_deg = 0.5;
+  double prior_translation_m = 0.1;
+
+  void Visit(OptionVisitor& v);
+};
+
+struct WindowFrame {
+  std::int64_t id = 0;
+  StampNs stamp_ns = 0;
+  SE3 T_world_lidar;
+  Vector6d twist = Vector6d::Zero();     // body, per second, during the scan
+  std::vector<TimedCluster> measured;    // emptied if they carry no time: nothing to deskew
+  std::vector<PointCluster> deskewed;    // LiDAR frame at the stamp
+  std::vector<PointCluster> in_map;      // world frame, capped weight
+  std::vector<VoxelMap::NodeId> leaves;  // kNoNode: outside of what the map can hold
+  std::vector<VoxelMap::LeafAddress> addresses;
+  // The first of its map: its clusters must be planes by themselves, so they may weigh as much as a
+  // plane needs (VoxelMapOptions::min_points).
+  bool alone = false;
+  // Robust weight of each cluster in the last problem, with which it is marginalised; negative
+  // where it was on no plane, empty before the first problem (observation_weights.h).
+  std::vector<double> weights;
+  // Directions that the frontend's planes left open, and the information that holds the frontend's
+  // motion there (MatchResult::degenerate_directions, degenerate_information; zero ends them).
+  Matrix6d held = Matrix6d::Zero();
+  Vector6d held_information = Vector6d::Zero();
+  SE3 T_previous_this;  // motion since the frame before, as the frontend found it
+};
+
+class SlidingWindow {
+ public:
+  // Frames farther apart in time say nothing of the velocity at either.
+  static constexpr double kMaxTwistGapS = 0.5;
+
+  SlidingWindow(const SlidingWindowOptions& options, VoxelMap* map);
+
+  const std::deque<WindowFrame>& frames() const { return frames_; }
+  bool full() const { return static_cast<int>(frames_.size()) >= options_.frames; }
+
+  // Puts a frame into window and map. id, stamp, pose, twist and `measured` must be set.
+  void Push(WindowFrame frame);
+
+  // Marginalises the oldest frame.
+  void PopOldest();
+
+  // Sets the pose of frame i and leaves its clusters to a later Move.
+  void SetPose(std::size_t i, const SE3& T_world_lidar) {
+    frames_[i].T_world_lidar = T_world_lidar;
+  }
+  // Moves frame i to a new pose and twist. The map must be refreshed afterwards.
+  void Move(std::size_t i, const SE3& T_world_lidar, const Vector6d& twist);
+
+  // The twist of frame i from the poses of its neighbours in the window: the mean of the motions
+  // before and after, which is the velocity at its stamp. Neighbours more than half a second away
+  // do not count.
+  Vector6d CentralTwist(std::size_t i) const;
+
+  // Planes of the map seen by the window's frames, with weights applied: caps and kernel on the
+  // observations (the frames keep them until they are marginalised), 1 / variance on the planes,
+  // and far less on those much thicker than the others.
+  BundleProblem BuildProblem() { return BuildProblem(Sides::kOne, nullptr); }
+  // kTwo: what some frames see from one side and others from the other is two planes, the faces of
+  // a wall or a door, however thin. While poses are off by more than its thickness, nothing else
+  // tells them apart, and as one plane they draw the rooms on both sides into one another. For maps
+  // without fixed parts, of which the side is not known.
+  enum class Sides { kOne, kTwo };
+  // Also tells into which observation each cluster of each frame went, and with what weight a point
+  // of it (-1 and 0 where it went into none).
+  struct ClusterUse {
+    std::int32_t observation = -1;
+    double point_weight = 0.0;
+  };
+  BundleProblem BuildProblem(Sides sides, std::vector<std::vector<ClusterUse>>* uses);
+
+  // Reading finds the leaves in the map, which must hold what it held when this was written, and
+  // holds them again. Throws InputError if it does not.
+  void Archive(StateArchive& a);
+
+ private:
+  void FindLeaves(WindowFrame* frame) const;
+  // Along what its planes left open, the first frame stays: motion priors hold the others to it,
+  // and nothing else would keep the window from sliding as a whole.
+  void HoldFirst(BundleProblem* problem) const;
+  RelativePrior MotionPrior(std::size_t i) const;
+  void UpdateClusters(const SE3& T, WindowFrame* frame) const;
+  // Weight with which cluster i of a frame that leaves the window joins the fixed clusters.
+  double MarginalWeight(const WindowFrame& frame, std::size_t i) const;
+
+  SlidingWindowOptions options_;
+  VoxelMap* map_;
+  std::deque<WindowFrame> frames_;
+};
+
+}  // namespace lamina

@@ -1,0 +1,346 @@
+#include "backend/registration/batch_registration.h"
+
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+#include <new>
+
+#include "backend/bundle/uncertainty/pose_covariance.h"
+#include "core/base/parallel.h"
+#include "core/base/stopwatch.h"
+#include "core/geometry/central_twist.h"
+#include "frontend/scan_clusters.h"
+
+namespace lamina {
+namespace {
+
+using Status = RegistrationResult::Status;
+
+// All frames, cast into one map.
+class CastFrames {
+ public:
+  CastFrames(const std::vector<BatchFrame>& frames, const std::vector<SE3>& poses,
+             const VoxelMapOptions& map, const SlidingWindowOptions& weights)
+      : frames_(frames), map_(map), window_(weights, &map_) {
+    Trajectory trajectory;
+    for (std::size_t k = 0; k < frames.size(); ++k) {
+      trajectory.push_back({frames[k].stamp_ns, poses[k]});
+    }
+    for (std::size_t k = 0; k < frames.size(); ++k) {
+      WindowFrame frame;
+      frame.id = static_cast<std::int64_t>(k);
+      frame.stamp_ns = frames[k].stamp_ns;
+      frame.T_world_lidar = poses[k];
+      frame.measured = frames[k].clusters;
+      CentralTwist(trajectory, k, SlidingWindow::kMaxTwistGapS, &frame.twist);
+      window_.Push(std::move(frame));
+    }
+    map_.Refresh();
+  }
+
+  const VoxelMap& map() const { return map_; }
+
+  BundleProblem Problem(bool with_points) {
+    std::vector<std::vector<SlidingWindow::ClusterUse>> uses;
+    BundleProblem problem =
+        window_.BuildProblem(SlidingWindow::Sides::kTwo, with_points ? &uses : nullptr);
+    problem.priors.clear();  // no odometry stands behind these poses
+    if (with_points) problem.points.resize(problem.observations.size());
+    for (std::size_t f = 0; f < uses.size(); ++f) AddPoints(f, uses[f], &problem);
+    return problem;
+  }
+
+ private:
+  // Points deskewed as their clusters are, but one by one.
+  void AddPoints(std::size_t f, const std::vector<SlidingWindow::ClusterUse>& uses,
+                 BundleProblem* problem) const {
+    const Vector6d& twist = window_.frames()[f].twist;
+    for (std::size_t i = 0; i < uses.size(); ++i) {
+      if (uses[i].observation < 0) continue;
+      auto& points = problem->points[static_cast<std::size_t>(uses[i].observation)];
+      for (const TimedPoint& p : frames_[f].points.at(i)) {
+        const Eigen::Vector3d measured(p.x, p.y, p.z);
+        points.push_back({p.time_s == 0.0F ? measured : TwistExp(p.time_s * twist) * measured,
+                          uses[i].point_weight});
+      }
+    }
+  }
+
+  const std::vector<BatchFrame>& frames_;
+  VoxelMap map_;
+  SlidingWindow window_;
+};
+
+// The frames with their clusters merged to voxels of this size; poses are left out.
+std::vector<BatchFrame> Merged(const std::vector<BatchFrame>& frames, double leaf_size_m) {
+  std::vector<BatchFrame> merged(frames.size());
+  ParallelChunks(frames.size(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t k = begin; k < end; ++k) {
+      std::vector<std::size_t> group_of;
+      merged[k].stamp_ns = frames[k].stamp_ns;
+      merged[k].clusters = MergeClusters(frames[k].clusters, leaf_size_m, &group_of);
+      if (frames[k].points.empty()) continue;
+      merged[k].points.resize(merged[k].clusters.size());
+      for (std::size_t i = 0; i < group_of.size(); ++i) {
+        const std::vector<TimedPoint>& from = frames[k].points[i];
+        std::vector<TimedPoint>& to = merged[k].points[group_of[i]];
+        to.insert(to.end(), from.begin(), from.end());
+      }
+    }
+  });
+  return merged;
+}
+
+// Reason to refuse the problem; empty if there is something to solve.
+std::string Refusal(const BundleProblem& problem, const Observability& observability,
+                    const BundleAdjusterOptions& options) {
+  if (problem.planes.size() < static_cast<std::size_t>(options.min_planes)) {
+    return std::to_string(problem.planes.size()) +
+           " planes are seen by two frames or more, at least " +
+           std::to_string(options.min_planes) + " are wanted";
+  }
+  if (observability.free_frames.empty()) return "no frame shares enough with others to be moved";
+  return "";
+}
+
+// Frames that a solve has carried farther than its associations can be good for.
+std::vector<int> FramesThatLeapt(const std::vector<SE3>& before, const std::vector<SE3>& after,
+                                 double root_size_m) {
+  constexpr double kMostRad = 0.5;
+  std::vector<int> leapt;
+  for (std::size_t k = 0; k < before.size(); ++k) {
+    if ((after[k].t - before[k].t).norm() > root_size_m ||
+        RotationAngle(before[k], after[k]) > kMostRad) {
+      leapt.push_back(static_cast<int>(k));
+    }
+  }
+  return leapt;
+}
+
+// Root mean square over the frames: single ones may go back and forth with their associations.
+bool MovedLess(const std::vector<SE3>& a, const std::vector<SE3>& b, double rotation_rad,
+               double translation_m) {
+  double rotation2 = 0.0, translation2 = 0.0;
+  for (std::size_t k = 0; k < a.size(); ++k) {
+    rotation2 += std::pow(RotationAngle(a[k], b[k]), 2);
+    translation2 += (a[k].t - b[k].t).squaredNorm();
+  }
+  const auto n = static_cast<double>(a.size());
+  return rotation2 <= n * rotation_rad * rotation_rad &&
+         translation2 <= n * translation_m * translation_m;
+}
+
+// Groups found to slide go back, along the directions that are open, to where they began: earlier
+// rounds may have taken thick planes for something that holds them.
+void PutBack(const std::vector<BatchFrame>& frames, const std::vector<BundleFault>& faults,
+             std::vector<SE3>* poses) {
+  // From the last group: others, before it, may follow it.
+  for (std::size_t end = faults.size(), begin = end; end > 0; end = begin) {
+    const auto held = static_cast<std::size_t>(faults[end - 1].frame);
+    while (begin > 0 && static_cast<std::size_t>(faults[begin - 1].frame) == held) --begin;
+    std::vector<const BundleFault*> slides;
+    Eigen::MatrixXd open(6, 0);
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::vector<int>& group = faults[i].group;
+      if (faults[i].motion.empty()) continue;
+      const auto at = std::find(group.begin(), group.end(), faults[i].frame) - group.begin();
+      slides.push_back(&faults[i]);
+      open.conservativeResize(Eigen::NoChange, open.cols() + 1);
+      open.rightCols<1>() = faults[i].motion[static_cast<std::size_t>(at)];
+    }
+    if (slides.empty()) continue;
+    const Vector6d moved = LocalDelta(frames[held].T_world_lidar, (*poses)[held]);
+    const Eigen::VectorXd along = open.colPivHouseholderQr().solve(moved);
+    for (std::size_t i = 0; i < slides.size(); ++i) {
+      for (std::size_t k = 0; k < slides[i]->group.size(); ++k) {
+        SE3& T = (*poses)[static_cast<std::size_t>(slides[i]->group[k])];
+        T = Retract(T, -along(static_cast<Eigen::Index>(i)) * slides[i]->motion[k]);
+      }
+    }
+  }
+}
+
+void AddCovariances(const BundleProblem& problem, RegistrationResult* result) {
+  constexpr double kOpenVariance = 1e6;
+  try {
+    result->covariances = PoseCovariances(problem, result->poses, kOpenVariance);
+    for (const BundleFault& fault : result->faults) {
+      for (std::size_t i = 0; i < fault.motion.size() && !result->covariances.empty(); ++i) {
+        if (fault.group[i] == fault.frame) continue;  // held: it has its share
+        Matrix6d& covariance = result->covariances[static_cast<std::size_t>(fault.group[i])];
+        covariance += kOpenVariance * fault.motion[i] * fault.motion[i].transpose();
+      }
+    }
+    if (!result->covariances.empty()) return;
+    result->covariance_failure = "the normal equations at the solution cannot be factorised";
+  } catch (const std::bad_alloc&) {
+    result->covariance_failure = "there is not enough memory for those of " +
+                                 std::to_string(result->poses.size()) + " poses";
+  }
+}
+
+}  // namespace
+
+const char* ToString(RegistrationResult::Status status) {
+  switch (status) {
+    case Status::kConverged:
+      return "converged";
+    case Status::kRoundLimit:
+      return "round_limit";
+    case Status::kPartial:
+      return "partial";
+    case Status::kIllPosed:
+      return "ill_posed";
+    case Status::kFailed:
+      return "failed";
+    case Status::kInterrupted:
+      return "interrupted";
+  }
+  return "unknown";
+}
+
+void RegistrationOptions::Visit(OptionVisitor& v) {
+  v.EnumChoice("formulation", &formulation, FormulationNames());
+  v.Integer("rounds", &rounds, 1, 1000);
+  v.Number("coarse_root_size_m", &coarse_root_size_m, 0.0, 100.0);
+  v.Number("min_rotation_change_deg", &min_rotation_change_deg, 0.0, 180.0);
+  v.Number("min_translation_change_m", &min_translation_change_m, 0.0, 100.0);
+  v.Group("solver", &solver);
+  v.Group("observability", &observability);
+}
+
+BatchRegistration::BatchRegistration(const RegistrationOptions& options, const VoxelMapOptions& map,
+                                     const SlidingWindowOptions& weights)
+    : options_(options), map_(map), weights_(weights) {
+  CheckOptions(options, "registration");
+  CheckOptions(map, "map");
+  CheckOptions(weights, "backend.window");
+}
+
+double BatchRegistration::RootSize(int round) const {
+  if (options_.coarse_root_size_m <= map_.root_size_m || options_.rounds < 2) {
+    return map_.root_size_m;
+  }
+  // The last two rounds have the final size, so that convergence can be seen there.
+  const double last = std::max(1, options_.rounds - 2);
+  const double left = std::max(0.0, 1.0 - round / last);
+  return map_.root_size_m * std::pow(options_.coarse_root_size_m / map_.root_size_m, left);
+}
+
+int BatchRegistration::MergeFactor(int round) const {
+  return 1 << std::lround(std::log2(RootSize(round) / map_.root_size_m));
+}
+
+BundleProblem BatchRegistration::CastRound(const std::vector<BatchFrame>& frames,
+                                           const std::vector<SE3>& poses,
+                                           double root_size_m) const {
+  VoxelMapOptions map = map_;
+  map.root_size_m = root_size_m;
+  // Poor poses make planes thick: what passes for one grows with the voxel.
+  map.max_thickness_m *= map.root_size_m / map_.root_size_m;
+  return CastFrames(frames, poses, map, weights_)
+      .Problem(options_.formulation == Formulation::kEvm1);
+}
+
+BundleResult BatchRegistration::SolveRound(const RegistrationCallbacks& callbacks,
+                                           BundleProblem* problem, RoundReport* report,
+                                           std::vector<BundleFault>* faults) const {
+  const BundleObserver observer = [&](const BundleStep& step, const std::vector<SE3>&) {
+    if (callbacks.on_step) callbacks.on_step(*report, step);
+  };
+  report->planes = problem->planes.size();
+  report->observations = problem->observations.size();
+  BundleResult solved = AdjustBundle(*problem, options_.solver, options_.formulation, observer);
+  for (const int frame : FramesThatLeapt(problem->poses, solved.poses, report->root_size_m)) {
+    for (int i = 0; i < 6; ++i) problem->holds.push_back({frame, Vector6d::Unit(i)});
+    BundleFault fault;
+    fault.kind = BundleFault::Kind::kLeapt;
+    fault.frame = frame;
+    faults->push_back(fault);
+    report->leapt = true;
+  }
+  if (report->leapt) {
+    solved = AdjustBundle(*problem, options_.solver, options_.formulation, observer);
+  }
+  report->initial_cost = solved.initial_cost;
+  report->final_cost = solved.final_cost;
+  report->iterations = solved.iterations;
+  report->solve_ms = solved.solve_ms;
+  return solved;
+}
+
+RegistrationResult BatchRegistration::Run(const std::vector<BatchFrame>& frames,
+                                          const RegistrationCallbacks& callbacks,
+                                          const std::atomic<bool>* stop) const {
+  BundleProblem problem;
+  RegistrationResult result = Solve(frames, callbacks, stop, &problem);
+  if (callbacks.on_poses) callbacks.on_poses(result);
+  if (result.reason.empty()) AddCovariances(problem, &result);
+  return result;
+}
+
+RegistrationResult BatchRegistration::Solve(const std::vector<BatchFrame>& frames,
+                                            const RegistrationCallbacks& callbacks,
+                                            const std::atomic<bool>* stop,
+                                            BundleProblem* problem) const {
+  RegistrationResult result;
+  for (const BatchFrame& frame : frames) result.poses.push_back(frame.T_world_lidar);
+  result.status = Status::kRoundLimit;
+  std::vector<BatchFrame> merged;
+  for (int round = 0; round < options_.rounds && result.status == Status::kRoundLimit; ++round) {
+    Stopwatch watch;
+    RoundReport report;
+    report.round = round;
+    report.root_size_m = RootSize(round);
+    const int factor = MergeFactor(round);
+    if (factor == 1) {
+      merged.clear();
+    } else if (round == 0 || factor != MergeFactor(round - 1)) {
+      merged = Merged(frames, factor * map_.LeafSize());
+    }
+    *problem = CastRound(factor > 1 ? merged : frames, result.poses, report.root_size_m);
+    // Poor poses part planes that belong together; coarse rounds are there to join them.
+    const bool coarse = report.root_size_m > map_.root_size_m;
+    const Observability observability =
+        FindObservability(*problem, options_.observability, coarse ? Slides::kFree : Slides::kHeld);
+    result.faults = observability.faults;
+    result.reason = Refusal(*problem, observability, options_.solver);
+    if (!result.reason.empty()) {
+      result.status = Status::kIllPosed;
+      return result;
+    }
+    PutBack(frames, result.faults, &problem->poses);
+    problem->holds = observability.holds;
+    problem->hold_first_pose = false;
+    report.build_ms = watch.LapMilliseconds();
+    const BundleResult solved = SolveRound(callbacks, problem, &report, &result.faults);
+    result.rounds.push_back(report);
+    if (callbacks.on_round) callbacks.on_round(report);
+    if (!solved.usable()) {
+      result.status = Status::kFailed;
+      result.reason = "the solver failed in round " + std::to_string(round);
+      return result;
+    }
+    const bool settled =
+        MovedLess(result.poses, solved.poses, options_.min_rotation_change_deg * M_PI / 180.0,
+                  options_.min_translation_change_m);
+    result.poses = solved.poses;
+    if (settled && !coarse) {
+      result.status = Status::kConverged;
+    } else if (stop != nullptr && stop->load()) {
+      result.status = Status::kInterrupted;
+    }
+  }
+  if (!result.faults.empty() && result.status != Status::kInterrupted) {
+    result.status = Status::kPartial;
+  }
+  return result;
+}
+
+void BatchRegistration::VisitSurfels(const std::vector<BatchFrame>& frames,
+                                     const std::vector<SE3>& poses, int min_frames,
+                                     const std::function<void(const Surfel&)>& visit) const {
+  CastFrames(frames, poses, map_, weights_).map().ForEachSurface(min_frames, visit);
+}
+
+}  // namespace lamina

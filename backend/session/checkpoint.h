@@ -1,0 +1,27 @@
+// Checkpoints in the folder of a session: their names, and how they are read
+// (backend/session/session.h has the format).
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "backend/mapping/pipeline.h"
+
+namespace lamina {
+
+// `scans`: how many scans are in it.
+std::string CheckpointName(std::int64_t scans);
+
+// The checkpoints in a folder, by their number of scans, the newest first.
+std::vector<std::int64_t> CheckpointsIn(const std::string& folder);
+
+enum class CheckpointPart { kAll, kMap };
+
+// Into a new pipeline. `fixed_options` must be those that the session of the checkpoint was begun
+// with. Throws InputError, naming the file, if it is damaged or was made with others; the pipeline
+// is of no use then.
+void ReadCheckpoint(const std::string& path, const std::string& fixed_options, CheckpointPart part,
+                    MappingPipeline* pipeline);
+
+}  // namespace lamina

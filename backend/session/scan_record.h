@@ -1,0 +1,17 @@
+// What is remembered of a scan and of a solve, out of the reports of the pipeline.
+#pragma once
+
+#include "backend/mapping/pipeline.h"
+#include "io/store/session_database.h"
+
+namespace lamina {
+
+// Without the names of its file. The pose is the one that the scan has now.
+SessionScan RecordOf(const ScanReport& report);
+SessionSolve RecordOf(const SolveReport& report);
+FinalPose PoseOf(const SessionScan& scan);
+// A scan that was mapped once, and could not be read again, keeps the pose that it has in the
+// database, whatever lies between those of its neighbours.
+FinalPose AsRecorded(const SessionDatabase& database, const FinalPose& pose);
+
+}  // namespace lamina

@@ -1,0 +1,331 @@
+// The map: a hash of root voxels, each the root of a small octree of point clusters.
+//
+// Clusters live in the leaves alone. Since clusters add, a parent is the sum of its eight children,
+// and no level keeps a point. A *surface* is what matching and bundle adjustment look for: the
+// COARSEST node around a place whose aggregate is planar (large flat walls are one feature, small
+// patches of a rough facade are many).
+//
+// A leaf holds two clusters, in world coordinates:
+//   fixed    of frames that have left the sliding window: capped weight, never moved again
+//   window   the sum of the frames in the window at their present poses; the window exchanges them
+//            when it moves the frames
+//
+// Every change marks the root; Refresh() brings the surfaces of the marked roots up to date, in
+// parallel. Nothing here visits the whole map but ForEachSurface.
+//
+// Memory stays below `budget_mb`: the roots form a list in the order in which they were last
+// touched, and EvictToBudget moves the longest untouched to the VoxelStore, unless the window still
+// stands on them. They come back when something new is to be put beside them, or by Recall(). A
+// budget below what the window stands on cannot be kept; over_budget() says so.
+//
+// Pieces: parts of the map that no match connects (two recordings; what came before and after the
+// sensor was lost). Each has a frame of its own, the *world* of all that is said here, and none
+// sees the others, wherever their coordinates lie; index, budget, list and store are shared. What
+// is read and written by coordinates is of the piece selected; nodes know theirs.
+//
+// Snapshot: the map as it stood at one moment, saved piece by piece while it goes on changing. A
+// root is saved before its first change after that moment, or when its turn comes.
+//
+// Thread-safety: const members may run at once; anything else needs the map for itself.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <vector>
+
+#include "core/geometry/point_cluster.h"
+#include "core/geometry/state_archive.h"
+#include "core/map/root_key.h"
+#include "core/map/surfel.h"
+#include "core/map/tile_index.h"
+#include "core/map/voxel_key.h"
+#include "core/map/voxel_store.h"
+#include "core/options/options.h"
+
+namespace lamina {
+
+struct VoxelMapOptions {
+  // Edge of a root voxel, and how often it is halved: leaf = root_size_m / 2^depth.
+  double root_size_m = 1.6;
+  int depth = 1;
+  // A node is planar if it holds at least so many points, ...
+  int min_points = 8;
+  // ... sqrt(l3) is at most so thick, ...
+  double max_thickness_m = 0.10;
+  // ... l3 <= max_flatness * l2 (thin) and l2 >= min_breadth * l1 (not a line).
+  double max_flatness = 0.1;
+  double min_breadth = 0.02;
+  // Points that a fixed cluster weighs at most: later data can still correct an old surface.
+  double max_fixed_weight = 30.0;
+  // Memory of the map, in units of 2^20 bytes.
+  double budget_mb = 2048.0;
+
+  void Visit(OptionVisitor& v);
+  double LeafSize() const { return root_size_m / static_cast<double>(1 << depth); }
+  double BudgetBytes() const { return budget_mb * 1048576.0; }
+};
+
+// What a node looks like from outside.
+struct Surface {
+  enum class Kind : std::uint8_t {
+    kEmpty,  // too few points to say anything
+    kRough,  // a distribution without a plane
+    kPlane,
+  };
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  Eigen::Vector3f normal = Eigen::Vector3f::Zero();  // unit, kPlane only; the sign has no meaning
+  float variance = 0.0F;                             // l3, m^2: the plane's squared thickness
+  float flatness = 1.0F;                             // l3 / l2: squared thickness over breadth
+  std::uint16_t frames = 0;                          // frames that contributed, saturating
+  Kind kind = Kind::kEmpty;
+  bool covered =
+      false;  // this node or one above it is planar; below that one, nothing is kept up to date
+};
+
+class VoxelMap {
+ public:
+  using NodeId = std::int32_t;
+  static constexpr NodeId kNoNode = -1;
+
+  // `store` gets what leaves memory, and must outlive the map; without one it is lost. Throws
+  // OptionError.
+  explicit VoxelMap(const VoxelMapOptions& options, VoxelStore* store = nullptr);
+
+  const VoxelMapOptions& options() const { return options_; }
+
+  // --- Pieces --------------------------------------------------------------------------------
+
+  // Piece 0 is there from the beginning, and selected.
+  void SelectPiece(std::int64_t piece);
+  std::int64_t selected_piece() const { return pieces_[static_cast<std::size_t>(slot_)]; }
+  bool HasPiece(std::int64_t piece) const;
+  bool RoomForPiece() const;
+  // A new one, numbered so, and selects it. There must be room.
+  void BeginPiece(std::int64_t piece);
+  // Of a piece that nothing is to be kept of: takes out these roots, which nobody holds, and are
+  // all that it has; gives its room to another.
+  void DropPiece(std::int64_t piece, const std::vector<VoxelKey>& roots);
+
+  // --- Reading -------------------------------------------------------------------------------
+
+  // The coarsest planar node around p or, if there is none, the leaf around p (rough or empty);
+  // kNoNode where the map has nothing.
+  NodeId FindSurface(const Eigen::Vector3d& p) const;
+  // The coarsest planar node among a leaf and its ancestors, else kNoNode.
+  NodeId PlaneAbove(NodeId leaf) const;
+  const Surface& surface(NodeId id) const { return node(id).surface; }
+  // What a node with this cluster would look like.
+  Surface SurfaceOf(const PointCluster& cluster, int frames) const;
+  // Sum of fixed and window clusters below a node / of the fixed ones alone.
+  PointCluster Aggregate(NodeId id) const;
+  PointCluster FixedAggregate(NodeId id) const;
+
+  // Calls visit for every coarsest planar node with at least min_frames frames: first those in
+  // memory, from the longest to the last touched root, then those in the store (the same order for
+  // the same input).
+  using VisitSurfel = std::function<void(const Surfel&)>;
+  void ForEachSurface(int min_frames, const VisitSurfel& visit) const;
+  // The tile around p, which must satisfy CanHold, of a piece.
+  VoxelKey TileAround(const Eigen::Vector3d& p, std::int64_t piece = 0) const {
+    return TileOf(SlotBase(SlotOfPiece(piece)) + RootKeyOf(p, inverse_root_size_));
+  }
+  // Those of one tile. Returns the number of the refresh that last changed it; visits nothing if
+  // that is `changed_by` or earlier (0 for what lies in the store).
+  std::int64_t ForEachSurfaceOfTile(VoxelKey tile, std::int64_t changed_by, int min_frames,
+                                    const VisitSurfel& visit) const;
+  // The tiles of a piece in memory and in the store, their changes numbered by refreshes(). Null
+  // unless TrackTiles() was called.
+  const TileIndex* tiles(std::int64_t piece = 0) const;
+  double TileSize() const { return options_.root_size_m * (1 << kTileBits); }
+  // The key of a tile by its indices, which are those of the lower corner in tiles.
+  VoxelKey TileAt(const Eigen::Vector3i& place, std::int64_t piece = 0) const;
+  // Whether the store has a part of a tile, so that showing it waits for the disk.
+  bool IsStored(VoxelKey tile) const { return store_ != nullptr && store_->Has(tile); }
+
+  // Has the processor fetch a node that is soon to be read or written. Whoever walks many leaves in
+  // an order of its own waits for memory more than for anything else.
+  void Prefetch(NodeId id) const {
+    if (id == kNoNode) return;
+    const char* bytes = reinterpret_cast<const char*>(&node(id));
+    for (std::size_t i = 0; i < sizeof(Node); i += kCacheLine) __builtin_prefetch(bytes + i);
+  }
+
+  // Number of refreshes that changed anything.
+  std::int64_t refreshes() const { return refreshes_; }
+
+  std::size_t roots() const { return index_.size(); }
+  std::size_t nodes() const { return used_nodes_; }
+  std::size_t bytes() const;
+  // After EvictToBudget: what is held alone takes, or once took, more than the budget.
+  bool over_budget() const { return static_cast<double>(bytes()) > options_.BudgetBytes(); }
+
+  // --- Writing -------------------------------------------------------------------------------
+
+  // A leaf, named so that another map of the same content finds it.
+  struct LeafAddress {
+    VoxelKey root = 0;
+    std::uint64_t path = 0;  // the child of each level, three bits each, that of the root on top
+  };
+  // The leaf around p, made if it is not there; p must satisfy CanHold. Touches the root. Its
+  // address goes to *address.
+  NodeId LeafAt(const Eigen::Vector3d& p, LeafAddress* address = nullptr);
+  bool CanHold(const Eigen::Vector3d& p) const { return IsRootKeyInRange(p, inverse_root_size_); }
+
+  // The window part of a leaf. Clusters are in the world frame and belong to the frame `frame`; all
+  // clusters of one frame are added before any of the next.
+  void AddWindow(NodeId leaf, const PointCluster& cluster, std::int64_t frame);
+  // Exchanges a cluster that was added before, when its frame has moved.
+  void ReplaceWindow(NodeId leaf, const PointCluster& before, const PointCluster& after);
+  // Marginalisation: a cluster that was added to the window part leaves it and joins the fixed
+  // part, its points weighing `weight` (0 to 1) times what they did; the weight of the fixed part
+  // is then capped. Frames leave in the order in which they came.
+  void FixWindow(NodeId leaf, const PointCluster& cluster, double weight, std::int64_t frame);
+
+  // While a leaf is held, its root is not evicted. Calls add up.
+  void Hold(NodeId leaf);
+  void Release(NodeId leaf);
+
+  // Brings surfaces of all marked roots up to date.
+  void Refresh();
+
+  // From now on there is an index of the tiles: a look-up for each root that a refresh changes.
+  void TrackTiles();
+
+  // Moves the longest untouched roots to the store until bytes() fits the budget. Roots that are
+  // held stay, even over budget. To be called after each frame. Returns the number moved.
+  std::size_t EvictToBudget();
+
+  // Brings back, and up to date, what the store has of the tiles around these points, as far as
+  // there is room or can be made by evicting what no recent frame has touched: a budget below what
+  // the sensor sees must not make every frame write and read it all. Returns the number of roots
+  // that came.
+  std::size_t Recall(const std::vector<Eigen::Vector3d>& points);
+
+  // --- Saving and loading (voxel_map_records.cc) ---------------------------------------------
+
+  // Starts a snapshot; one under way is given up. Nothing may be marked: after Refresh().
+  void BeginSnapshot();
+  // Saves roots until `bytes` have come together, and moves them to *records, which Load() reads.
+  // False when the snapshot is complete.
+  bool ContinueSnapshot(std::size_t bytes, std::string* records);
+  // All that is saved beside the roots; to be read before them.
+  void ArchiveCounters(StateArchive& a);
+
+  // Into an empty map, in any number of pieces, then FinishLoading(). Throws InputError.
+  void Load(std::string_view records);
+  void FinishLoading();
+
+  NodeId LeafOf(const LeafAddress& address) const;  // kNoNode if there is none
+
+ private:
+  class RecordSurfaces;
+  struct Node {
+    PointCluster fixed, window;  // leaves alone
+    Surface surface;
+    NodeId child[8];  // kNoNode where empty; leaves have none
+    NodeId parent = kNoNode;
+
+    std::uint16_t fixed_frames = 0, window_frames = 0;
+    std::int32_t last_added = -1, last_fixed = -1;  // frames, to count each once
+    // Roots alone:
+    VoxelKey key = 0;
+    NodeId older = kNoNode, newer = kNoNode;  // list in order of touch
+    std::uint32_t holds = 0;
+    std::uint32_t snapshot = 0;   // the last one that has it, or does not want it
+    std::uint32_t refreshed = 0;  // by which refresh
+    std::uint64_t touched = 0;    // number of the touch: grows along the list
+    bool marked = false;
+  };
+  // Nodes live in blocks: big enough that their table stays small, small enough that a budget of a
+  // megabyte is some dozen of them.
+  static constexpr int kBlockBits = 8;
+  static constexpr NodeId kBlockMask = (1 << kBlockBits) - 1;
+  static constexpr std::size_t kCacheLine = 64;
+
+  Node& node(NodeId id) {
+    return blocks_[static_cast<std::size_t>(id >> kBlockBits)][id & kBlockMask];
+  }
+  const Node& node(NodeId id) const {
+    return blocks_[static_cast<std::size_t>(id >> kBlockBits)][id & kBlockMask];
+  }
+  VoxelKey KeyOf(const Eigen::Vector3d& p) const {
+    return SlotBase(slot_) + RootKeyOf(p, inverse_root_size_);
+  }
+  int SlotOfPiece(std::int64_t piece) const;
+  void RemoveRoot(NodeId root);
+  void TouchTile(VoxelKey tile, std::int64_t change);
+  NodeId NewNode(NodeId parent);
+  void FreeTree(NodeId id);
+  NodeId RootOf(NodeId id) const;
+  void Unlink(NodeId root);
+  void LinkNewest(NodeId root);
+  void Touch(NodeId root) {
+    LinkNewest(root);
+    node(root).touched = ++touches_;
+  }
+  // Before anything of a root changes that a snapshot would show.
+  void BeforeChange(NodeId root) {
+    if (snapshot_under_way_ && node(root).snapshot != snapshot_) SaveRoot(root);
+  }
+  // Before a leaf changes.
+  void Mark(NodeId leaf);
+  void MarkRoot(NodeId root);
+  // A record that the store gave back.
+  void Return(std::string_view record);
+  // Until UsedBytes() is at most `limit`, as far as roots go that have not been touched since.
+  std::size_t EvictTo(double limit, std::uint64_t last_touch);
+  void ArchiveTree(StateArchive& a, NodeId id, int level);
+  void ArchiveRoot(StateArchive& a, NodeId root);
+  void SaveRoot(NodeId root);
+  // A record's root, neither linked nor marked; kNoNode if it is there already.
+  NodeId LoadRoot(StateArchive& a);
+  struct TreeSum {
+    NodeId id;
+    PointCluster cluster;
+    int frames;
+  };
+  // Sums of a node and all below it, parents before children; returns the node's own.
+  PointCluster SumTree(NodeId id, std::vector<TreeSum>* sums);
+  void RefreshTree(NodeId root, std::vector<TreeSum>* sums);
+  void VisitRoot(NodeId root, int min_frames, const VisitSurfel& visit) const;
+  void VisitSurfaces(NodeId id, int min_frames, std::int64_t piece, const VisitSurfel& visit) const;
+  std::int32_t LastAdded(NodeId id) const;
+  std::size_t UsedBytes() const;
+
+  VoxelMapOptions options_;
+  double inverse_root_size_;
+  VoxelStore* store_;
+  VoxelIndex index_;
+  static constexpr std::int64_t kNoPiece = -1;
+  std::vector<std::int64_t> pieces_{0};  // by slot
+  int slot_ = 0;                         // of the selected piece
+  std::vector<std::unique_ptr<Node[]>> blocks_;
+  NodeId next_unused_ = 0;
+  NodeId free_list_ = kNoNode;  // chained through Node::parent
+  std::size_t used_nodes_ = 0;
+  std::size_t bytes_after_eviction_ = 0;
+  NodeId oldest_ = kNoNode, newest_ = kNoNode;
+  std::vector<NodeId> marked_;
+  std::int64_t refreshes_ = 0;
+  std::uint64_t touches_ = 0;
+  // As it stood after each of the last frames; what was touched since, a recall does not evict.
+  std::array<std::uint64_t, 16> recent_touches_ = {};
+
+  bool track_tiles_ = false;
+  std::map<int, TileIndex> tiles_;  // by slot; of those dropped, too: a walk may be under way
+
+  bool snapshot_under_way_ = false;
+  std::uint32_t snapshot_ = 0;
+  NodeId snapshot_next_ = kNoNode;  // in the order of the list
+  StateArchive snapshot_records_;
+};
+
+template <>
+inline constexpr bool kPlainState<VoxelMap::LeafAddress> = true;
+static_assert(sizeof(VoxelMap::LeafAddress) == 16);
+
+}  // namespace lamina

@@ -1,0 +1,59 @@
+#include "core/options/options.h"
+
+#include <sstream>
+
+#include "core/geometry/se3.h"
+
+namespace lamina {
+namespace {
+
+template <typename T>
+void CheckRange(const std::string& name, T value, T low, T high) {
+  if (value >= low && value <= high) return;
+  std::ostringstream message;
+  message << name << " = " << value << ": must be in [" << low << ", " << high << "]";
+  throw OptionError(message.str());
+}
+
+}  // namespace
+
+void NamedOptionVisitor::BeginGroup(const char* name) { prefix_ = FullName(name); }
+
+void NamedOptionVisitor::EndGroup() {
+  const size_t dot = prefix_.rfind('.');
+  prefix_ = dot == std::string::npos ? "" : prefix_.substr(0, dot);
+}
+
+std::string NamedOptionVisitor::FullName(const char* name) const {
+  return prefix_.empty() ? name : prefix_ + "." + name;
+}
+
+void OptionChecker::Number(const char* name, double* value, double low, double high) {
+  CheckRange(FullName(name), *value, low, high);
+}
+
+void OptionChecker::Integer(const char* name, int* value, int low, int high) {
+  CheckRange(FullName(name), *value, low, high);
+}
+
+void OptionChecker::Choice(const char* name, int* index, const std::vector<std::string>& names) {
+  CheckRange(FullName(name), *index, 0, static_cast<int>(names.size()) - 1);
+}
+
+void OptionChecker::FolderPoses(const char* name, std::map<std::string, SE3>* poses,
+                                double most_m) {
+  constexpr double kUnit = 1e-6;
+  for (const auto& [folder, pose] : *poses) {
+    if (folder.empty() || folder.front() == '/' || folder.back() == '/') {
+      throw OptionError(FullName(name) + ": '" + folder +
+                        "' must be the name of a folder, without a slash at either end");
+    }
+    const std::string of_folder = FullName(name) + "." + folder;
+    for (int i = 0; i < 3; ++i) {
+      CheckRange(of_folder + " " + "xyz"[i], pose.t(i), -most_m, most_m);
+    }
+    CheckRange(of_folder + " length of the quaternion", pose.q.norm(), 1.0 - kUnit, 1.0 + kUnit);
+  }
+}
+
+}  // namespace lamina

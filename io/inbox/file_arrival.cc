@@ -1,0 +1,106 @@
+#include "io/inbox/file_arrival.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <climits>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <memory>
+#include <optional>
+
+#include "core/geometry/scan.h"
+#include "io/recording/point_file_check.h"
+
+namespace lamina {
+namespace {
+
+FileLook Refused(std::string reason) {
+  FileLook look;
+  look.what = FileLook::What::kRefused;
+  look.reason = std::move(reason);
+  return look;
+}
+
+FileLook FromStatus(const struct stat& status) {
+  FileLook look;
+  if (S_ISDIR(status.st_mode)) {
+    look.what = FileLook::What::kFolder;
+    return look;
+  }
+  if (!S_ISREG(status.st_mode)) return Refused("is not a regular file");
+  look.what = FileLook::What::kFile;
+  look.size = static_cast<std::uint64_t>(status.st_size);
+  look.modified_ns = std::int64_t{status.st_mtim.tv_sec} * 1'000'000'000 + status.st_mtim.tv_nsec;
+  look.linked = status.st_nlink > 1;
+  return look;
+}
+
+FileLook LookThroughLink(const std::string& root, const std::string& path) {
+  struct Free {
+    void operator()(char* text) const { std::free(text); }
+  };
+  const std::unique_ptr<char, Free> resolved(realpath(path.c_str(), nullptr));
+  if (resolved == nullptr && errno == ENOENT) {
+    FileLook look;
+    look.what = FileLook::What::kDangling;
+    look.linked = true;
+    return look;
+  }
+  if (resolved == nullptr) {
+    return Refused(fmt::format("is a symbolic link that leads nowhere: {}", std::strerror(errno)));
+  }
+  const std::string target = resolved.get();
+  const std::string inside = root == "/" ? root : root + "/";
+  if (target != root && target.compare(0, inside.size(), inside) != 0) {
+    return Refused(fmt::format("is a symbolic link out of the inbox, to {}", target));
+  }
+  struct stat status;
+  if (stat(target.c_str(), &status) != 0) return FileLook();
+  FileLook look = FromStatus(status);
+  look.linked = true;
+  return look;
+}
+
+}  // namespace
+
+FileLook LookAtFile(const std::string& root, const std::string& name) {
+  const std::string path = root + "/" + name;
+  struct stat status;
+  if (lstat(path.c_str(), &status) != 0) {
+    if (errno == ENOENT || errno == ENOTDIR) return FileLook();
+    return Refused(fmt::format("cannot be looked at: {}", std::strerror(errno)));
+  }
+  return S_ISLNK(status.st_mode) ? LookThroughLink(root, path) : FromStatus(status);
+}
+
+bool IsWhole(const std::string& path, std::uint64_t size) {
+  if (size == 0) return false;
+  const std::string ending = std::filesystem::path(path).extension().string();
+  if (ending == ".bin") return size % sizeof(ScanPoint) == 0;
+  if (ending != ".pcd" && ending != ".ply") return true;
+  const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+  if (file < 0) return true;
+  // Headers have some hundred bytes; only one full of comments takes more than the first read.
+  std::optional<std::size_t> declared;
+  std::string head;
+  ssize_t got = 0;
+  for (const std::size_t most : {std::size_t{1} << 12, std::size_t{1} << 18}) {
+    head.resize(most);
+    got = pread(file, head.data(), most, 0);
+    if (got < 0) break;
+    head.resize(static_cast<std::size_t>(got));
+    declared = ending == ".pcd" ? DeclaredPcdBytes(head) : DeclaredPlyBytes(head);
+    if (declared || head.size() < most) break;
+  }
+  close(file);
+  if (got < 0) return true;
+  if (!declared) return head.size() == std::size_t{1} << 18;
+  return size >= *declared;
+}
+
+}  // namespace lamina

@@ -1,0 +1,44 @@
+// Per-point time fields of point files, which come in any unit and on any clock. Private to io.
+#pragma once
+
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "core/geometry/scan.h"
+#include "io/recording/scan_source.h"
+
+namespace lamina {
+
+// Holds every int64, uint64 and double without loss (80 bits on x86, 128 on ARM): nanoseconds since
+// an epoch do not fit a double.
+using RawTime = long double;
+static_assert(std::numeric_limits<RawTime>::digits >= 64, "stamps in ns need 64 bits");
+
+struct PointTimes {
+  // Time of the earliest point if the field has a clock of its own, else 0.
+  StampNs stamp_ns = 0;
+  // Seconds from stamp_ns for each point; empty if the field tells nothing.
+  std::vector<float> time_s;
+  // That the field was taken to have: s, ms, us or ns; empty if it tells nothing.
+  const char* unit = "";
+};
+
+// Unit: as given, or for kAuto the one out of s, ms, us, ns that fits how long a scan lasts: among
+// those under which the span from the earliest to the latest point is 1 ms .. 10 s, a unit under
+// which the field counts from the Unix epoch (2001 to 2065), else the one that brings the span
+// nearest to 0.1 s in ratio. A span of 0.1 s is 0.1, 100, 1e5 or 1e8, so real scans are clear;
+// where no unit fits, InputError asks for the option.
+//
+// Clock: times all within 60 s of zero are offsets from the file's stamp and stay as they are. Any
+// others (Unix epoch, time since boot, GPS time of week) are readings of a clock: stamp_ns is the
+// earliest, and time_s counts from there.
+//
+// The field tells nothing if all its values are the same (drivers write zeros; the stamp of a clock
+// is kept) or if it is float32 too coarse for its span (epoch seconds in a float32 step by 128 s).
+//
+// Values that are not finite get time 0. `field` names file and field in errors.
+PointTimes ConvertPointTimes(const std::vector<RawTime>& raw, bool is_float32,
+                             ScanSourceOptions::TimeUnit unit, const std::string& field);
+
+}  // namespace lamina

@@ -1,0 +1,136 @@
+// Drives along a street in which little faces the way: what is called tracked must be right.
+#include <gtest/gtest.h>
+
+#include <functional>
+
+#include "backend/bundle/adjuster.h"
+#include "backend/mapping/mapper.h"
+#include "tests/support/bay_street.h"
+
+namespace lamina {
+namespace {
+
+using Status = OdometryFrame::Status;
+
+enum class ScanKind { kStreet, kSpray, kMissing };
+
+struct Drive {
+  int points = 20000;
+  int scans = 60;
+  std::function<double(double)> way_m;  // by time
+  std::function<ScanKind(int)> kind = [](int) { return ScanKind::kStreet; };
+};
+
+struct Outcome {
+  int lost = 0, degenerate = 0;
+  double worst_m = 0.0, last_m = 0.0;  // errors of frames called tracked and not degenerate
+};
+
+// Maps a drive with bundle adjustment, as the pipeline does.
+Outcome Map(const Drive& drive, unsigned seed) {
+  constexpr double kPeriodS = 0.1;
+  const BayStreet street(seed);
+  Draws draws(seed + 100);
+  const MapperOptions options;
+  VoxelMap map(options.map);
+  Mapper mapper(options, &map, 0);
+  BundleProblem problem;
+  int frames = 0, due = -1;
+  Outcome outcome;
+  for (int i = 0; i < drive.scans; ++i) {
+    if (drive.kind(i) == ScanKind::kMissing) continue;
+    const SE3 T = BayStreet::PoseAt(drive.way_m(kPeriodS * i));
+    const auto points = drive.kind(i) == ScanKind::kSpray ? BayStreet::Spray(drive.points, &draws)
+                                                          : street.Scan(T, drive.points, &draws);
+    if (due == frames) {
+      mapper.ApplySolve(AdjustBundle(problem, options.backend.solver));
+      due = -1;
+    }
+    std::vector<TimedCluster> clusters = BuildScanClusters(points, options.map.LeafSize());
+    const OdometryFrame frame =
+        mapper.Process({i, i * StampNs{100000000}, false, &clusters}, /*may_restart=*/false)
+            .odometry;
+    ++frames;
+    if (due < 0 && mapper.SolveDue()) {
+      problem = mapper.PrepareSolve();
+      due = frames + options.backend.hand_over_lag_frames;
+    }
+    const SE3 truth = BayStreet::PoseAt(0.0).Inverse() * T;
+    const bool lost = frame.status == Status::kLost;
+    outcome.lost += lost ? 1 : 0;
+    outcome.degenerate += !lost && frame.match.degenerate > 0 ? 1 : 0;
+    if (lost || frame.match.degenerate > 0) continue;
+    outcome.last_m = (frame.T_world_lidar.t - truth.t).norm();
+    outcome.worst_m = std::max(outcome.worst_m, outcome.last_m);
+  }
+  return outcome;
+}
+
+// From rest with 3 m/s^2 to 15 m/s.
+double Accelerating(double t) {
+  constexpr double kTopS = 5.0;
+  return t < kTopS ? 1.5 * t * t : 37.5 + 15.0 * (t - kTopS);
+}
+
+TEST(MapperStreet, ACarThatAcceleratesIsFollowedAtAnyDensity) {
+  for (const int points : {8000, 20000, 40000}) {
+    Drive drive;
+    drive.points = points;
+    drive.way_m = Accelerating;
+    const Outcome outcome = Map(drive, 3);
+    EXPECT_EQ(outcome.lost, 0) << points;
+    EXPECT_LT(outcome.worst_m, 0.1) << points;
+    EXPECT_LE(outcome.degenerate, 3) << points;
+  }
+}
+
+TEST(MapperStreet, AStartAtSpeedIsFollowed) {
+  Drive drive;
+  drive.points = 8000;
+  drive.scans = 40;
+  drive.way_m = [](double t) { return 15.0 * t; };
+  const Outcome outcome = Map(drive, 4);
+  EXPECT_EQ(outcome.lost, 0);
+  EXPECT_LT(outcome.worst_m, 0.1);
+}
+
+TEST(MapperStreet, HardBrakingIsFollowed) {
+  Drive drive;
+  drive.scans = 50;
+  drive.way_m = [](double t) {
+    const double braking = std::clamp(t - 2.0, 0.0, 15.0 / 8.0);
+    return 15.0 * std::min(t, 2.0) + 15.0 * braking - 4.0 * braking * braking;
+  };
+  const Outcome outcome = Map(drive, 5);
+  EXPECT_EQ(outcome.lost, 0);
+  EXPECT_LT(outcome.worst_m, 0.1);
+}
+
+// From scan 60 on, at full speed, so many of another kind.
+Outcome MapInterrupted(ScanKind by, int count, int scans, unsigned seed) {
+  Drive drive;
+  drive.scans = scans;
+  drive.way_m = Accelerating;
+  drive.kind = [by, count](int i) { return i >= 60 && i < 60 + count ? by : ScanKind::kStreet; };
+  return Map(drive, seed);
+}
+
+TEST(MapperStreet, AfterSprayTheWayIsFoundAgain) {
+  for (const int count : {11, 15}) {
+    const Outcome outcome = MapInterrupted(ScanKind::kSpray, count, 85, 6);
+    EXPECT_GE(outcome.lost, count);
+    EXPECT_LE(outcome.lost, count + 1);
+    EXPECT_LT(outcome.worst_m, 0.1);
+  }
+}
+
+TEST(MapperStreet, AfterAGapOfTheRecorderTheWayIsFoundAgain) {
+  for (const int count : {10, 20}) {
+    const Outcome outcome = MapInterrupted(ScanKind::kMissing, count, 95, 7);
+    EXPECT_LE(outcome.lost, 1);
+    EXPECT_LT(outcome.worst_m, 0.1);
+  }
+}
+
+}  // namespace
+}  // namespace lamina

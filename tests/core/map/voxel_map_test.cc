@@ -1,0 +1,479 @@
+#include "core/map/voxel_map.h"
+
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <set>
+#include <sstream>
+#include <stdexcept>
+
+#include "tests/support/memory_voxel_store.h"
+#include "tests/support/random_scenes.h"
+
+namespace lamina {
+namespace {
+
+using Kind = Surface::Kind;
+using NodeId = VoxelMap::NodeId;
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr int kManyPerSide = 60;  // 216 000 voxels: sanitizers multiply memory and time
+#else
+constexpr int kManyPerSide = 127;  // 2 048 383 voxels
+#endif
+
+// Nothing is a plane / everything is.
+VoxelMapOptions NoPlanes() {
+  VoxelMapOptions options;
+  options.max_flatness = 1e-6;
+  options.max_fixed_weight = 1e9;
+  return options;
+}
+VoxelMapOptions OnlyPlanes() {
+  VoxelMapOptions options;
+  options.max_flatness = 1.0;
+  options.max_thickness_m = 10.0;
+  options.min_breadth = 0.0;
+  options.max_fixed_weight = 1e9;
+  options.depth = 2;
+  return options;
+}
+
+// Puts each point into its leaf.
+void AddPoints(const Points& points, std::int64_t frame, VoxelMap* map) {
+  for (const Eigen::Vector3d& p : points) map->AddWindow(map->LeafAt(p), ClusterOf({p}), frame);
+}
+
+void ExpectSame(const PointCluster& a, const PointCluster& b) {
+  EXPECT_NEAR(a.count, b.count, 1e-9);
+  EXPECT_LT(MeanGap(a, b), 1e-9);
+  EXPECT_LT(ScatterGap(a, b), 1e-8);
+}
+
+// A flat patch in the root voxel with these indices, seen by two frames.
+void AddPatch(int x, int y, int z, std::int64_t frame, Draws* draws, VoxelMap* map) {
+  const double size = map->options().root_size_m;
+  const Patch patch(size * Eigen::Vector3d(x + 0.5, y + 0.5, z + 0.5), draws->Direction());
+  for (int f = 0; f < 2; ++f) {
+    Points points;
+    for (int i = 0; i < 10; ++i) points.push_back(patch.Point(0.3 * size, 0.001, draws));
+    map->AddWindow(map->LeafAt(patch.centre), ClusterOf(points), frame + f);
+  }
+}
+
+TEST(VoxelMap, TheCoarsestPlanarNodeIsFound) {
+  Draws draws(1);
+  VoxelMapOptions options;
+  options.depth = 2;
+  VoxelMap map(options);
+  // One floor through a whole root.
+  Points floor;
+  for (int i = 0; i < 600; ++i) {
+    floor.emplace_back(draws.Uniform(0.0, 1.6), draws.Uniform(0.0, 1.6), 0.3);
+  }
+  AddPoints(floor, 0, &map);
+  map.Refresh();
+  std::set<NodeId> found;
+  for (const Eigen::Vector3d& p : floor) {
+    found.insert(map.FindSurface(p));
+    EXPECT_EQ(map.PlaneAbove(map.LeafAt(p)), map.FindSurface(p));
+  }
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(map.surface(*found.begin()).kind, Kind::kPlane);
+  EXPECT_NEAR(std::abs(map.surface(*found.begin()).normal.z()), 1.0, 1e-6);
+  ExpectSame(map.Aggregate(*found.begin()), ClusterOf(floor));
+  // A wall above it breaks the root into smaller planes.
+  Points wall;
+  for (int i = 0; i < 600; ++i) {
+    wall.emplace_back(1.3, draws.Uniform(0.0, 1.6), draws.Uniform(0.8, 1.6));
+  }
+  AddPoints(wall, 1, &map);
+  map.Refresh();
+  const NodeId low = map.FindSurface({0.1, 0.1, 0.3});
+  const NodeId high = map.FindSurface({1.3, 0.1, 1.0});
+  EXPECT_NE(low, high);
+  EXPECT_EQ(map.surface(low).kind, Kind::kPlane);
+  EXPECT_NEAR(std::abs(map.surface(low).normal.z()), 1.0, 1e-6);
+  EXPECT_NEAR(std::abs(map.surface(high).normal.x()), 1.0, 1e-6);
+  // Octants of 0.8 m, not leaves of 0.4 m: the coarsest below the root.
+  EXPECT_EQ(map.FindSurface({1.3, 0.7, 1.5}), high);
+  EXPECT_EQ(map.FindSurface({0.1, 0.1, 1.5}), VoxelMap::kNoNode);
+  EXPECT_EQ(map.FindSurface({5.0, 0.1, 1.5}), VoxelMap::kNoNode);
+  int surfaces = 0;
+  map.ForEachSurface(1, [&](const Surfel&) { ++surfaces; });
+  EXPECT_EQ(surfaces, 6);  // four octants of floor, two of wall
+}
+
+TEST(VoxelMap, APlaneThatTooFewFramesSawHidesWhatLiesBelow) {
+  Draws draws(8);
+  VoxelMap map{VoxelMapOptions()};
+  const auto add_floor = [&](int points, double edge, std::int64_t frame) {
+    Points floor;
+    for (int i = 0; i < points; ++i) {
+      floor.emplace_back(draws.Uniform(0.0, edge), draws.Uniform(0.0, edge), 0.3);
+    }
+    AddPoints(floor, frame, &map);
+    map.Refresh();
+  };
+  const auto surfaces = [&](int min_frames) {
+    int count = 0;
+    map.ForEachSurface(min_frames, [&](const Surfel&) { ++count; });
+    return count;
+  };
+  // Clutter above keeps a little floor from being one plane with the root: an octant is the plane.
+  AddPoints(draws.Cloud(4, {0.4, 0.4, 1.2}, 0.1), 0, &map);
+  add_floor(20, 0.8, 0);
+  const NodeId octant = map.FindSurface({0.4, 0.4, 0.3});
+  EXPECT_EQ(surfaces(1), 1);
+  EXPECT_EQ(map.PlaneAbove(octant), octant);
+  // Much floor makes the root one: what the octant looked like is not kept up to date from here on.
+  add_floor(600, 1.6, 1);
+  EXPECT_NE(map.FindSurface({0.4, 0.4, 0.3}), octant);
+  EXPECT_EQ(map.surface(octant).kind, Kind::kPlane);
+  EXPECT_EQ(surfaces(2), 1);
+  EXPECT_EQ(surfaces(3), 0);
+}
+
+TEST(VoxelMap, AParentIsTheSumOfItsChildren) {
+  Draws draws(2);
+  for (int i = 0; i < 50; ++i) {
+    VoxelMap map(OnlyPlanes());
+    const double half = 0.5 * map.options().root_size_m;
+    const Eigen::Vector3d centre = 2.0 * half * Eigen::Vector3d(-2.5, i + 0.5, 7000.5);
+    const Points points = draws.Cloud(300, centre, half);
+    AddPoints(points, 0, &map);
+    map.Refresh();
+    EXPECT_EQ(map.roots(), 1U);
+    EXPECT_GT(map.nodes(), 50U);
+    const NodeId root = map.FindSurface(points[0]);
+    ExpectSame(map.Aggregate(root), ClusterOf(points));
+    const Eigen3 eigen = ClusterOf(points).Eigen();
+    EXPECT_NEAR(map.surface(root).flatness, eigen.l(2) / eigen.l(1), 1e-5);
+  }
+}
+
+// What a frame put into one leaf.
+struct Entry {
+  Eigen::Vector3d place;
+  PointCluster cluster;
+  std::int64_t frame;
+};
+
+TEST(VoxelMap, BookkeepingEqualsRebuildingFromScratch) {
+  Draws draws(3);
+  for (int run = 0; run < 20; ++run) {
+    VoxelMap map(NoPlanes());
+    VoxelMap rebuilt(NoPlanes());
+    std::vector<Entry> entries;
+    const std::int64_t frames = 8;
+    const std::int64_t fixed = draws.Integer(0, 8);
+    for (std::int64_t f = 0; f < frames; ++f) {
+      for (int k = 0; k < 40; ++k) {
+        const Eigen::Vector3d place = draws.InCube(2.0);
+        entries.push_back({place, ClusterOf(draws.Cloud(5, place, 0.3)), f});
+        map.AddWindow(map.LeafAt(place), entries.back().cluster, f);
+      }
+    }
+    for (Entry& e : entries) {
+      const PointCluster moved = e.cluster.Moved(draws.Offset(0.05, 0.1));
+      map.ReplaceWindow(map.LeafAt(e.place), e.cluster, moved);
+      e.cluster = moved;
+    }
+    for (const Entry& e : entries) {
+      if (e.frame < fixed) map.FixWindow(map.LeafAt(e.place), e.cluster, 1.0, e.frame);
+      rebuilt.AddWindow(rebuilt.LeafAt(e.place), e.cluster, e.frame);
+    }
+    for (const Entry& e : entries) {
+      if (e.frame < fixed) rebuilt.FixWindow(rebuilt.LeafAt(e.place), e.cluster, 1.0, e.frame);
+    }
+    map.Refresh();
+    rebuilt.Refresh();
+    for (const Entry& e : entries) {
+      const NodeId leaf = map.LeafAt(e.place);
+      PointCluster all, gone;
+      std::set<std::int64_t> seen_by;
+      for (const Entry& other : entries) {
+        if (map.LeafAt(other.place) != leaf) continue;
+        all += other.cluster;
+        if (other.frame < fixed) gone += other.cluster;
+        seen_by.insert(other.frame);
+      }
+      ExpectSame(map.Aggregate(leaf), all);
+      ExpectSame(map.FixedAggregate(leaf), gone);
+      ExpectSame(rebuilt.Aggregate(rebuilt.LeafAt(e.place)), all);
+      EXPECT_EQ(map.surface(leaf).frames, seen_by.size());
+      EXPECT_EQ(rebuilt.surface(rebuilt.LeafAt(e.place)).frames, seen_by.size());
+    }
+  }
+}
+
+TEST(VoxelMap, FixedClustersAreCapped) {
+  Draws draws(4);
+  VoxelMapOptions options = NoPlanes();
+  options.max_fixed_weight = 12.0;
+  VoxelMap map(options);
+  const NodeId leaf = map.LeafAt({0.1, 0.1, 0.1});
+  PointCluster last;
+  for (std::int64_t f = 0; f < 50; ++f) {
+    // The place moves: what is new overrules what is old.
+    last = ClusterOf(draws.Cloud(5, {f < 25 ? 0.1 : 0.5, 0.1, 0.1}, 0.05));
+    map.AddWindow(leaf, last, f);
+    map.FixWindow(leaf, last, 1.0, f);
+    EXPECT_LE(map.FixedAggregate(leaf).count, 12.0 + 1e-9);
+  }
+  EXPECT_NEAR(map.FixedAggregate(leaf).count, 12.0, 1e-9);
+  EXPECT_NEAR(map.FixedAggregate(leaf).mean.x(), 0.5, 0.03);
+}
+
+TEST(VoxelMap, EvictionKeepsTheBudgetAndReusesNodes) {
+  Draws draws(5);
+  VoxelMapOptions options;
+  options.budget_mb = 8.0;
+  MemoryVoxelStore store;
+  VoxelMap map(options, &store);
+  std::size_t surfels = 0, dropped = 0, added = 0, most_bytes = 0;
+  for (int frame = 0; frame < 300; ++frame) {
+    for (int i = 0; i < 200; ++i, ++added) AddPatch(i, frame, -frame, 2 * frame, &draws, &map);
+    map.Refresh();
+    dropped += map.EvictToBudget();
+    most_bytes = std::max(most_bytes, map.bytes());
+    ASSERT_LE(map.bytes(), 8U * 1048576U) << "after frame " << frame;
+    // The newest patches are there.
+    EXPECT_EQ(map.surface(map.FindSurface(options.root_size_m *
+                                          Eigen::Vector3d(0.5, frame + 0.5, 0.5 - frame)))
+                  .kind,
+              Kind::kPlane);
+  }
+  EXPECT_EQ(map.roots() + dropped, added);
+  EXPECT_GT(dropped, added / 2);
+  EXPECT_EQ(store.records(), dropped);
+  // Everything is in memory or in the store.
+  map.ForEachSurface(2, [&](const Surfel& s) {
+    ++surfels;
+    EXPECT_EQ(s.count, 20U);
+    EXPECT_LT(s.eigenvalues(2), 1e-5F);
+  });
+  EXPECT_EQ(surfels, added);
+  EXPECT_EQ(map.FindSurface({0.1, 0.1, 0.1}), VoxelMap::kNoNode);
+  // Nodes of what has gone serve again, and are empty.
+  const NodeId fresh = map.LeafAt({-100.0, 0.0, 0.0});
+  EXPECT_TRUE(map.Aggregate(fresh).Empty());
+  EXPECT_EQ(map.surface(fresh).kind, Kind::kEmpty);
+}
+
+TEST(VoxelMap, EvictionSparesWhatIsHeld) {
+  Draws draws(6);
+  VoxelMapOptions options;
+  options.budget_mb = 1.0;
+  VoxelMap map(options);
+  AddPatch(-50, 0, 0, 0, &draws, &map);
+  const Eigen::Vector3d held = options.root_size_m * Eigen::Vector3d(-49.5, 0.5, 0.5);
+  map.Hold(map.LeafAt(held));
+  map.Hold(map.LeafAt(held));
+  std::size_t dropped = 0;
+  for (int frame = 0; frame < 50; ++frame) {
+    if (frame == 25) map.Release(map.LeafAt(held));
+    for (int i = 0; i < 200; ++i) AddPatch(i, frame, 0, 2 * frame, &draws, &map);
+    map.Refresh();
+    dropped += map.EvictToBudget();
+    EXPECT_NE(map.FindSurface(held), VoxelMap::kNoNode);
+  }
+  EXPECT_GT(dropped, 5000U);
+  map.Release(map.LeafAt(held));
+  for (int frame = 50; frame < 80; ++frame) {
+    for (int i = 0; i < 200; ++i) AddPatch(i, frame, 0, 2 * frame, &draws, &map);
+    map.Refresh();
+    map.EvictToBudget();
+  }
+  EXPECT_EQ(map.FindSurface(held), VoxelMap::kNoNode);
+}
+
+TEST(VoxelMap, SaysThatItCannotKeepItsBudget) {
+  Draws draws(9);
+  VoxelMapOptions options;
+  options.budget_mb = 1.0;
+  VoxelMap map(options);
+  const auto fill = [&](int frame, bool hold) {
+    for (int i = 0; i < 200; ++i) {
+      AddPatch(i, frame, 0, 2 * frame, &draws, &map);
+      const Eigen::Vector3d centre =
+          options.root_size_m * Eigen::Vector3d(i + 0.5, frame + 0.5, 0.5);
+      if (hold) map.Hold(map.LeafAt(centre));
+    }
+    map.Refresh();
+    map.EvictToBudget();
+  };
+  for (int frame = 0; frame < 20; ++frame) fill(frame, false);
+  EXPECT_FALSE(map.over_budget());
+  for (int frame = 20; frame < 30; ++frame) fill(frame, true);
+  EXPECT_TRUE(map.over_budget());
+  // What is held is all that is there.
+  EXPECT_EQ(map.roots(), 2000U);
+  EXPECT_LT(map.bytes(), 2U * 1048576U);
+}
+
+TEST(VoxelMap, HoldsMillionsOfVoxels) {
+  VoxelMapOptions options;
+  options.depth = 0;
+  options.root_size_m = 1.0;
+  VoxelMap map(options);
+  const auto each = [](const auto& visit) {
+    for (int x = 0; x < kManyPerSide; ++x) {
+      for (int y = 0; y < kManyPerSide; ++y) {
+        for (int z = 0; z < kManyPerSide; ++z) {
+          visit(Eigen::Vector3d(x - 50.5, y - 50.5, z - 50.5));
+        }
+      }
+    }
+  };
+  PointCluster point;
+  point.count = 1.0;
+  each([&](const Eigen::Vector3d& p) {
+    point.mean = p;
+    map.AddWindow(map.LeafAt(p), point, 0);
+  });
+  const std::size_t count = static_cast<std::size_t>(kManyPerSide) * kManyPerSide * kManyPerSide;
+  EXPECT_EQ(map.roots(), count);
+  EXPECT_EQ(map.nodes(), count);
+  EXPECT_LT(map.bytes() / count, 500U);
+  std::size_t wrong = 0;
+  each([&](const Eigen::Vector3d& p) {
+    const NodeId id = map.FindSurface(p);
+    if (id == VoxelMap::kNoNode || map.Aggregate(id).mean != p) ++wrong;
+  });
+  EXPECT_EQ(wrong, 0U);
+}
+
+// The surfaces of a map refreshed by so many threads.
+std::vector<Surfel> RefreshedWith(std::size_t threads) {
+  const ThreadLimit limit(threads);
+  Draws draws(7);
+  VoxelMap map{VoxelMapOptions()};
+  std::vector<Surfel> surfels;
+  for (std::int64_t frame = 0; frame < 3; ++frame) {
+    for (int i = 0; i < 3000; ++i) {
+      const Patch patch(draws.InCube(20.0), draws.Direction());
+      for (int k = 0; k < 12; ++k) {
+        const Eigen::Vector3d p = patch.Point(0.4, 0.01, &draws);
+        map.AddWindow(map.LeafAt(p), ClusterOf({p}), frame);
+      }
+    }
+    map.Refresh();
+    map.ForEachSurface(1, [&](const Surfel& s) { surfels.push_back(s); });
+  }
+  return surfels;
+}
+
+TEST(VoxelMap, RefreshHasTheSameBitsAtAnyNumberOfThreads) {
+  const std::vector<Surfel> one = RefreshedWith(1);
+  const std::vector<Surfel> two = RefreshedWith(2);
+  ASSERT_GT(one.size(), 1000U);
+  ASSERT_EQ(one.size(), two.size());
+  std::size_t different = 0;
+  for (std::size_t i = 0; i < one.size(); ++i) {
+    if (one[i].centre != two[i].centre || one[i].normal != two[i].normal ||
+        one[i].eigenvalues != two[i].eigenvalues || one[i].count != two[i].count) {
+      ++different;
+    }
+  }
+  EXPECT_EQ(different, 0U);
+}
+
+// What the map shows of each piece, as text.
+std::map<std::int64_t, std::string> Shown(const VoxelMap& map) {
+  std::map<std::int64_t, std::string> shown;
+  map.ForEachSurface(1, [&](const Surfel& s) {
+    std::ostringstream text;
+    text << s.centre.transpose() << " " << s.count << "\n";
+    shown[s.piece] += text.str();
+  });
+  return shown;
+}
+
+TEST(VoxelMap, PiecesInOnePlaceDoNotSeeEachOther) {
+  constexpr std::int64_t kPieces = 5;
+  MemoryVoxelStore store;
+  VoxelMapOptions options = OnlyPlanes();
+  options.budget_mb = 1.0;  // some of it goes to the store and comes back
+  VoxelMap together(options, &store);
+  std::vector<std::unique_ptr<VoxelMap>> alone;
+  std::vector<Draws> draws;
+  for (std::int64_t piece = 0; piece < kPieces; ++piece) {
+    if (piece > 0) together.BeginPiece(piece);
+    alone.push_back(std::make_unique<VoxelMap>(OnlyPlanes()));
+    draws.emplace_back(static_cast<unsigned>(piece));
+  }
+  const auto find = [](const VoxelMap& map, const Eigen::Vector3d& p) {
+    const NodeId id = map.FindSurface(p);
+    return id == VoxelMap::kNoNode ? Eigen::Vector3d::Zero() : map.surface(id).mean;
+  };
+  for (int i = 0; i < 400; ++i) {
+    const std::int64_t piece = i % kPieces;
+    const Patch patch(draws[static_cast<std::size_t>(piece)].InCube(25.0),
+                      Eigen::Vector3d::UnitZ());
+    Points points;
+    for (int k = 0; k < 30; ++k)
+      points.push_back(patch.Point(0.2, 0.005, &draws[static_cast<std::size_t>(piece)]));
+    together.SelectPiece(piece);
+    VoxelMap& own = *alone[static_cast<std::size_t>(piece)];
+    for (VoxelMap* map : {&together, &own}) {
+      AddPoints(points, i, map);
+      map->Refresh();
+      map->EvictToBudget();
+    }
+    together.Recall({points[0]});
+    EXPECT_EQ(find(together, points[0]), find(own, points[0]));
+  }
+  EXPECT_FALSE(store.Empty());
+  const auto shown = Shown(together);
+  ASSERT_EQ(shown.size(), std::size_t{kPieces});
+  for (const auto& [piece, text] : shown) {
+    const auto lines = [](std::string all) {
+      std::multiset<std::string> set;
+      std::istringstream in(all);
+      for (std::string line; std::getline(in, line);) set.insert(line);
+      return set;
+    };
+    EXPECT_EQ(lines(text), lines(Shown(*alone[static_cast<std::size_t>(piece)]).at(0)));
+  }
+}
+
+TEST(VoxelMap, WhatIsDroppedOfAPieceMakesRoomForAnother) {
+  VoxelMap map(OnlyPlanes());
+  Draws draws(4);
+  const auto add = [&](std::vector<VoxelKey>* roots) {
+    VoxelMap::LeafAddress address;
+    const Points points = draws.Cloud(30, {0.4, 0.4, 0.4}, 0.1);
+    map.AddWindow(map.LeafAt(points[0], &address), ClusterOf(points), 0);
+    map.Refresh();
+    roots->push_back(address.root);
+  };
+  std::vector<VoxelKey> kept, dropped;
+  add(&kept);
+  for (std::int64_t piece = 1; piece < 3 * kMostSlots; ++piece) {
+    ASSERT_TRUE(map.RoomForPiece());
+    map.BeginPiece(piece);
+    EXPECT_EQ(map.FindSurface({0.4, 0.4, 0.4}), VoxelMap::kNoNode);
+    dropped.clear();
+    add(&dropped);
+    EXPECT_EQ(map.roots(), 2U);
+    map.DropPiece(piece, dropped);
+  }
+  EXPECT_EQ(map.roots(), 1U);
+  map.SelectPiece(0);
+  EXPECT_NE(map.FindSurface({0.4, 0.4, 0.4}), VoxelMap::kNoNode);
+  EXPECT_THROW(map.SelectPiece(1), std::logic_error);
+  for (std::int64_t piece = 1; piece < kMostSlots; ++piece) map.BeginPiece(piece);
+  EXPECT_FALSE(map.RoomForPiece());
+}
+
+TEST(VoxelMap, SaysWhatItCannotHold) {
+  const VoxelMap map{VoxelMapOptions()};
+  EXPECT_TRUE(map.CanHold({4e5, -4e5, 1e4}));
+  EXPECT_FALSE(map.CanHold({1e9, 0.0, 0.0}));
+  EXPECT_FALSE(map.CanHold({0.0, 0.0, 1e5}));
+  EXPECT_FALSE(map.CanHold({0.0, 0.0, std::nan("")}));
+}
+
+}  // namespace
+}  // namespace lamina

@@ -1,0 +1,273 @@
+// Recordings: layouts, order, stamps.
+#include "io/recording/scan_source.h"
+
+#include <unistd.h>
+
+#include <vector>
+
+#include "io_test_files.h"
+
+namespace lamina {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::AllOf;
+using testing::ElementsAre;
+using testing::EndsWith;
+using testing::FloatNear;
+using testing::HasSubstr;
+using testing::Pointwise;
+
+class ScanSourceTest : public FilesTest {
+ protected:
+  std::unique_ptr<ScanSource> Open(const std::string& name) const {
+    return OpenScans(Path(name), options_);
+  }
+  std::string OpenError(const std::string& name) const {
+    return MessageOf<InputError>([&] { Open(name); });
+  }
+  // One-point scans; x is the position in `names`.
+  void WriteScans(const std::string& folder, const std::vector<std::string>& names) const {
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      Write(folder + "/" + names[i], KittiBin({{static_cast<float>(i), 0, 0, 0}}));
+    }
+  }
+  static std::vector<StampNs> Stamps(const ScanSource& source) {
+    std::vector<StampNs> stamps;
+    for (std::size_t i = 0; i < source.size(); ++i) stamps.push_back(source.Stamp(i));
+    return stamps;
+  }
+  static std::vector<std::string> Names(const ScanSource& source) {
+    std::vector<std::string> names;
+    for (std::size_t i = 0; i < source.size(); ++i) {
+      names.push_back(fs::path(source.Name(i)).filename().string());
+    }
+    return names;
+  }
+
+  ScanSourceOptions options_;
+};
+
+TEST_F(ScanSourceTest, KittiOdometry) {
+  WriteScans("00/velodyne", {"000000.bin", "000001.bin"});
+  Write("00/times.txt", "0.000000e+00\n1.036940001e-01\n99\n");
+  Write("00/calib.txt", "P0: 1 2 3\n\nTr: 0 -1 0 0.5  0 0 -1 0  1 0 0 -0.25\n");
+  for (const char* path : {"00", "00/", "00/velodyne", "00/velodyne/"}) {
+    const auto source = Open(path);
+    EXPECT_THAT(Stamps(*source), ElementsAre(0, 103694000)) << path;
+    const Scan scan = source->Read(1);
+    EXPECT_EQ(scan.stamp_ns, 103694000);
+    EXPECT_EQ(scan.points[0].x, 1.0F);
+    EXPECT_THAT(source->Name(1), EndsWith("velodyne/000001.bin"));
+    EXPECT_LT(
+        (source->T_camera_lidar() * Eigen::Vector3d(1, 2, 3) - Eigen::Vector3d(-1.5, -3, 0.75))
+            .norm(),
+        1e-12);
+  }
+}
+
+TEST_F(ScanSourceTest, KittiOdometryWithoutTimesAndCalibration) {
+  WriteScans("00/velodyne", {"000000.bin", "000001.bin", "000002.bin"});
+  options_.frame_period_s = 0.25;
+  const auto source = Open("00");
+  EXPECT_THAT(Stamps(*source), ElementsAre(0, 250000000, 500000000));
+  EXPECT_EQ(source->T_camera_lidar().R(), Eigen::Matrix3d::Identity());
+}
+
+TEST_F(ScanSourceTest, KittiRawKeepsNanoseconds) {
+  const std::string root = "drive/velodyne_points";
+  WriteScans(root + "/data", {"0000000000.bin", "0000000001.bin"});
+  Write(root + "/timestamps.txt", "2011-09-26 13:02:25.594360375\r\n2011-09-26 13:02:25.697\r\n");
+  for (const std::string& path : {std::string("drive"), root, root + "/data"}) {
+    EXPECT_THAT(Stamps(*Open(path)), ElementsAre(1317042145594360375, 1317042145697000000)) << path;
+  }
+}
+
+TEST_F(ScanSourceTest, KittiRawInTextWithScansLeftOut) {
+  Write("d/velodyne_points/data/0000000000.txt", "1 2 3 0.5\n");
+  Write("d/velodyne_points/data/0000000002.txt", "4 5 6 0.5\n");
+  Write("d/velodyne_points/timestamps.txt",
+        "1970-01-01 00:00:01.0\n1970-01-01 00:00:02.0\n1970-01-01 00:00:03.0\n");
+  const auto source = Open("d");
+  EXPECT_THAT(Stamps(*source), ElementsAre(1000000000, 3000000000));
+  EXPECT_EQ(source->Read(1).points[0].x, 4.0F);
+}
+
+TEST_F(ScanSourceTest, FurtherLinesAreFineWhereNamesAreNoLineNumbers) {
+  WriteScans("s", {"a.bin", "b.bin"});
+  Write("s/times.txt", "0\n1\n2\n");
+  EXPECT_THAT(Stamps(*Open("s")), ElementsAre(0, 1000000000));
+}
+
+TEST_F(ScanSourceTest, PlainFolderInNaturalOrder) {
+  WriteScans("s", {"scan10.bin", "scan2.bin", "scan02.bin", "scan.bin", "scan2b.bin"});
+  WriteScans("s", {".hidden.bin", "notes.md"});
+  fs::create_directory(Path("s/folder.bin"));
+  const auto source = Open("s");
+  EXPECT_THAT(Names(*source),
+              ElementsAre("scan.bin", "scan02.bin", "scan2.bin", "scan2b.bin", "scan10.bin"));
+  EXPECT_EQ(source->Stamp(4), 400000000);
+  EXPECT_TRUE(source->Read(4).stamp_made_up);
+  Write("s/times.txt", "0\n1\n2\n4\n8\n");
+  EXPECT_FALSE(Open("s")->Read(4).stamp_made_up);
+}
+
+TEST_F(ScanSourceTest, StampsFromNames) {
+  WriteScans("ns", {"1700000000123456789.bin", "1700000000223456789.bin"});
+  EXPECT_THAT(Stamps(*Open("ns")), ElementsAre(1700000000123456789, 1700000000223456789));
+  WriteScans("us", {"1700000000123456.bin"});
+  EXPECT_THAT(Stamps(*Open("us")), ElementsAre(1700000000123456000));
+  WriteScans("ms", {"1700000000123.bin"});
+  EXPECT_THAT(Stamps(*Open("ms")), ElementsAre(1700000000123000000));
+  WriteScans("s", {"1.5.bin", "1.25.bin", "1317384506.400123001.bin"});
+  const auto seconds = Open("s");
+  EXPECT_THAT(Stamps(*seconds), ElementsAre(1250000000, 1500000000, 1317384506400123001));
+  EXPECT_THAT(Names(*seconds), ElementsAre("1.25.bin", "1.5.bin", "1317384506.400123001.bin"));
+}
+
+TEST_F(ScanSourceTest, CountersAndMixedNamesAreNoStamps) {
+  WriteScans("counters", {"0000000007.bin", "0000000008.bin"});
+  EXPECT_THAT(Stamps(*Open("counters")), ElementsAre(0, 100000000));
+  WriteScans("mixed", {"1700000000123456789.bin", "2.5.bin"});
+  EXPECT_THAT(Stamps(*Open("mixed")), ElementsAre(0, 100000000));
+}
+
+// An ASCII PLY of two points with absolute times in seconds.
+std::string TimedPly(const std::string& first, const std::string& second) {
+  return "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+         "property float z\nproperty double t\nend_header\n1 2 3 " +
+         first + "\n4 5 6 " + second + "\n";
+}
+
+TEST_F(ScanSourceTest, PointTimesOfTheSameClockAreBroughtToTheStamp) {
+  Write("s/1700000000.50.ply", TimedPly("1700000000.25", "1700000000.75"));
+  const auto source = Open("s");
+  const Scan scan = source->Read(0);
+  EXPECT_EQ(scan.stamp_ns, 1700000000500000000);
+  EXPECT_EQ(scan.stamp_ns, source->Stamp(0));
+  EXPECT_THAT(scan.time_s, Pointwise(FloatNear(1e-6F), {-0.25F, 0.25F}));
+}
+
+TEST_F(ScanSourceTest, PointTimesOfAnotherClockCountFromTheEarliestPoint) {
+  Write("s/a.ply", TimedPly("1700000000.25", "1700000000.75"));
+  Write("names/1600000000.5.ply", TimedPly("1700000000.25", "1700000000.75"));
+  for (const char* folder : {"s", "names"}) {
+    const auto source = Open(folder);
+    const Scan scan = source->Read(0);
+    EXPECT_EQ(scan.stamp_ns, source->Stamp(0));
+    EXPECT_THAT(scan.time_s, Pointwise(FloatNear(1e-6F), {0.0F, 0.5F}));
+  }
+}
+
+TEST_F(ScanSourceTest, ClocksOfPointsAreStampsWhereThereAreNoOthers) {
+  Write("s/1.ply", TimedPly("1700000000.875", "1700000000.95"));
+  Write("s/2.ply", TimedPly("1700000000.05", "1700000000.00"));
+  Write("s/3.ply", "ply\nbroken");
+  Write("s/4.ply", TimedPly("1700000000.25", "1700000000.40"));
+  const auto source = Open("s");
+  EXPECT_THAT(Stamps(*source), ElementsAre(1700000000000000000, 1700000000000000001,
+                                           1700000000250000000, 1700000000875000000));
+  EXPECT_THAT(source->Name(0), HasSubstr("2.ply"));
+  EXPECT_THAT(source->Read(0).time_s, Pointwise(FloatNear(1e-6F), {0.05F, 0.0F}));
+  EXPECT_THAT(source->Describe().doubts, ElementsAre(HasSubstr("2.ply is 0.875 s before 1.ply")));
+  // A stamp file counts more, and so do names that are stamps.
+  Write("s/times.txt", "1\n2\n3\n4\n");
+  EXPECT_THAT(Stamps(*Open("s")), ElementsAre(1000000000, 2000000000, 3000000000, 4000000000));
+  // Clocks in some files alone are no order.
+  Write("some/1.ply", TimedPly("1700000000.875", "1700000000.95"));
+  Write("some/2.ply", TimedPly("0.00", "0.05"));
+  EXPECT_THAT(Stamps(*Open("some")), ElementsAre(0, 100000000));
+  EXPECT_THAT(Open("some")->Describe().doubts, ElementsAre(HasSubstr("those of 1 have none")));
+}
+
+TEST_F(ScanSourceTest, StampsBesideTheFolderAreUsedIfTheyFit) {
+  WriteScans("drive/lidar", {"a1.bin", "a2.bin"});
+  Write("drive/timestamps.txt", "7\n8\n");
+  EXPECT_THAT(Stamps(*Open("drive/lidar")), ElementsAre(7000000000, 8000000000));
+  Write("drive/timestamps.txt", "7\n8\n9\n");
+  EXPECT_THAT(Stamps(*Open("drive/lidar")), ElementsAre(0, 100000000));
+  EXPECT_THAT(Open("drive/lidar")->Describe().doubts,
+              ElementsAre(HasSubstr("timestamps.txt is not used: 3 stamps for 2 scans")));
+  Write("drive/timestamps.txt", "soon\n");
+  EXPECT_THAT(Open("drive/lidar")->Describe().doubts,
+              ElementsAre(AllOf(HasSubstr("not used"), HasSubstr("timestamps.txt:1"))));
+  // As many lines as the names count to: each scan has its own.
+  WriteScans("part/lidar", {"000001.bin", "000003.bin"});
+  Write("part/times.txt", "0\n1\n2\n3\n");
+  EXPECT_THAT(Stamps(*Open("part/lidar")), ElementsAre(1000000000, 3000000000));
+}
+
+TEST_F(ScanSourceTest, FoldersThatHoldTheScansAreNamed) {
+  WriteScans("top/lidar", {"1.bin", "2.bin"});
+  EXPECT_THAT(OpenError("top"), AllOf(HasSubstr("holds no scans"),
+                                      HasSubstr(Path("top/lidar") + " holds 2: give that one")));
+}
+
+TEST_F(ScanSourceTest, MissingFolder) {
+  EXPECT_THAT(OpenError("none"), AllOf(HasSubstr("none"), HasSubstr("No such file")));
+}
+
+TEST_F(ScanSourceTest, EmptyFolder) {
+  fs::create_directories(Path("empty/velodyne"));
+  fs::create_directories(Path("raw/velodyne_points/data"));
+  EXPECT_THAT(OpenError("empty"), HasSubstr("velodyne: holds no scans"));
+  EXPECT_THAT(OpenError("empty/velodyne"), HasSubstr("holds no scans"));
+  EXPECT_THAT(OpenError("raw"), HasSubstr("*.txt"));
+}
+
+TEST_F(ScanSourceTest, FileInsteadOfFolder) {
+  WriteScans("s", {"a.bin"});
+  EXPECT_THAT(OpenError("s/a.bin"), AllOf(HasSubstr("a.bin"), HasSubstr("not a folder")));
+}
+
+TEST_F(ScanSourceTest, UnreadableFolder) {
+  if (geteuid() == 0) GTEST_SKIP() << "root may read anything";
+  WriteScans("s", {"a.bin"});
+  fs::permissions(Path("s"), fs::perms::none);
+  const std::string message = OpenError("s");
+  fs::permissions(Path("s"), fs::perms::owner_all);
+  EXPECT_THAT(message, HasSubstr("Permission denied"));
+}
+
+TEST_F(ScanSourceTest, ScanThatVanishedIsNamedWhenRead) {
+  WriteScans("s", {"a.bin", "b.bin"});
+  const auto source = Open("s");
+  fs::remove(Path("s/b.bin"));
+  EXPECT_NO_THROW(source->Read(0));
+  EXPECT_THAT(MessageOf<InputError>([&] { source->Read(1); }), HasSubstr("b.bin"));
+}
+
+TEST_F(ScanSourceTest, FewerStampsThanScans) {
+  WriteScans("00/velodyne", {"0.bin", "1.bin", "2.bin"});
+  Write("00/times.txt", "0\n0.1\n");
+  EXPECT_THAT(OpenError("00"),
+              AllOf(HasSubstr("times.txt:2:"), HasSubstr("2 stamps"), HasSubstr("3 scans")));
+}
+
+TEST_F(ScanSourceTest, StampsThatAreNoneAreNamed) {
+  WriteScans("00/velodyne", {"0.bin", "1.bin"});
+  for (const char* bad : {"0,1", "zero", "nan", "1 2", "1e-", "1e40", ".", "-",
+                          "2011-13-26 13:02:25.5", "2011-02-30 13:02:25.5", "2011-09-26 24:02:25.5",
+                          "2011-09-26 13:02:", "2011-09-26 13:02:-5", "2011-09-26 13:02:61.5"}) {
+    Write("00/times.txt", std::string("0\n") + bad + "\n");
+    EXPECT_THAT(OpenError("00"), HasSubstr("times.txt:2:")) << bad;
+  }
+}
+
+TEST_F(ScanSourceTest, DamagedCalibrationIsNamed) {
+  WriteScans("00/velodyne", {"0.bin"});
+  for (const char* bad :
+       {"Tr: 1 2 3", "Tr: 1 0 0 0 0 1 0 0 0 0 x 0", "Tr:", "Tr: 2 0 0 0 0 2 0 0 0 0 2 0"}) {
+    Write("00/calib.txt", std::string("P0: 1\n") + bad + "\n");
+    EXPECT_THAT(OpenError("00"), HasSubstr("calib.txt:2:")) << bad;
+  }
+}
+
+TEST_F(ScanSourceTest, OptionsAreChecked) {
+  WriteScans("s", {"a.bin"});
+  options_.frame_period_s = 0.0;
+  EXPECT_THAT(MessageOf<OptionError>([&] { Open("s"); }), HasSubstr("frame_period_s"));
+}
+
+}  // namespace
+}  // namespace lamina

@@ -1,0 +1,193 @@
+// `lamina register` through the program.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <random>
+
+#include "tests/support/run_helpers.h"
+
+namespace lamina {
+namespace {
+
+using testing::HasSubstr;
+
+constexpr std::size_t kScans = 8;
+
+class RegisterTest : public RunTest {
+ protected:
+  // Poses along the street as the generator drives it, shaken a little; the first is exact.
+  Trajectory StartPoses(double off_m) const {
+    SynthOptions options;
+    options.frames = 40;
+    options.sensor = synth::SensorKind::kVlp16;
+    options.scene = synth::SceneKind::kStreet;
+    const SynthSequence sequence(options);
+    std::mt19937 random(1);
+    std::uniform_real_distribution<double> draw(-off_m, off_m);
+    Trajectory poses;
+    const SE3 T_first_world = sequence.TruePose(0).Inverse();
+    for (std::size_t i = 0; i < kScans; ++i) {
+      StampedPose pose{sequence.Stamp(i), T_first_world * sequence.TruePose(i)};
+      if (i > 0) pose.T_world_lidar.t += Eigen::Vector3d(draw(random), draw(random), draw(random));
+      poses.push_back(pose);
+    }
+    return poses;
+  }
+
+  std::string WritePoses(const std::string& name, const Trajectory& poses) const {
+    WriteKittiTrajectory(Path(name), poses);
+    return Path(name);
+  }
+
+  Outcome Register(const std::string& initial, std::vector<std::string> more = {}, int code = 0) {
+    std::vector<std::string> arguments{
+        "register", "--scans",  WriteRecording("street", Street(kScans)), "--initial", initial,
+        "--out",    Path("out")};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    Outcome outcome = Lamina(arguments);
+    EXPECT_EQ(outcome.code, code) << outcome.err;
+    return outcome;
+  }
+};
+
+TEST_F(RegisterTest, BringsAStreetTogetherAndWritesEverything) {
+  const Trajectory truth = StartPoses(0.0);
+  const std::string truth_file = WritePoses("truth.txt", truth);
+  const Outcome outcome =
+      Register(WritePoses("start.txt", StartPoses(0.15)), {"--truth", truth_file});
+  EXPECT_LT(LargestDistance(AllScans(), truth), 0.03);
+  const nlohmann::json summary = Summary();
+  for (const char* key :
+       {"cost_initial", "cost_final", "iterations", "solve_s", "build_s", "planes",
+        "peak_rss_bytes", "status", "formulation", "ape_rmse_m", "faults"}) {
+    EXPECT_TRUE(summary.contains(key)) << key;
+  }
+  EXPECT_LT(summary["first_round_cost_final"], summary["first_round_cost_initial"]);
+  const std::vector<std::string> rounds = Lines(Bytes(Path("out/rounds.csv")));
+  EXPECT_THAT(rounds.at(0), testing::StartsWith("round,iteration,cost,step,planes,ms"));
+  EXPECT_EQ(rounds.size(), 1U + summary["iterations"].get<std::size_t>());
+  EXPECT_EQ(Lines(Bytes(Path("out/covariance.csv"))).size(), 1 + kScans);
+  EXPECT_THAT(Bytes(Path("out/map_surfels.ply")), testing::StartsWith("ply"));
+  EXPECT_THAT(Bytes(Path("out/config.yaml")), HasSubstr("registration:"));
+  EXPECT_THAT(outcome.out, HasSubstr("against the truth"));
+}
+
+TEST_F(RegisterTest, SameBytesAtAnyNumberOfThreads) {
+  const std::string start = WritePoses("start.txt", StartPoses(0.1));
+  Register(start, {"--threads", "1"});
+  const std::string poses = Bytes(Path("out/trajectory_kitti.txt"));
+  const std::string map = Bytes(Path("out/map_surfels.ply"));
+  Register(start, {"--threads", "4"});
+  EXPECT_EQ(Bytes(Path("out/trajectory_kitti.txt")), poses);
+  EXPECT_EQ(Bytes(Path("out/map_surfels.ply")), map);
+}
+
+TEST_F(RegisterTest, FormulationsOfOneCostEndTogether) {
+  const std::string start = WritePoses("start.txt", StartPoses(0.05));
+  std::vector<double> costs;
+  for (const char* name : {"condensed", "evm2", "evm1"}) {
+    Register(start, {"--formulation", name, "--set", "registration.rounds=1", "--set",
+                     "registration.solver.min_cost_change=1e-13"});
+    EXPECT_EQ(Summary()["formulation"], name);
+    costs.push_back(Summary()["cost_final"]);
+  }
+  EXPECT_NEAR(costs[1], costs[0], 1e-8 * costs[0]);
+  // The points stand where float32 left them, the clusters' sums do not round.
+  EXPECT_NEAR(costs[2], costs[0], 1e-5 * costs[0]);
+}
+
+TEST_F(RegisterTest, APoseFileOfAnotherLengthIsRefused) {
+  Trajectory poses = StartPoses(0.0);
+  poses.pop_back();
+  EXPECT_THAT(Register(WritePoses("short.txt", poses), {}, 1).err,
+              HasSubstr("short.txt: holds 7 poses for 8 scans"));
+  poses.push_back(poses.back());
+  poses.push_back(poses.back());
+  EXPECT_THAT(Register(WritePoses("long.txt", poses), {}, 1).err,
+              HasSubstr("long.txt: holds 9 poses for 8 scans"));
+}
+
+TEST_F(RegisterTest, ARangeTakesItsPosesFromEitherFile) {
+  const Trajectory all = StartPoses(0.05);
+  Register(WritePoses("all.txt", all), {"--frames", "2:6"});
+  const std::string poses = Bytes(Path("out/trajectory_kitti.txt"));
+  EXPECT_EQ(Lines(poses).size(), 4U);
+  Register(WritePoses("part.txt", {all.begin() + 2, all.begin() + 6}), {"--frames", "2:6"});
+  EXPECT_EQ(Bytes(Path("out/trajectory_kitti.txt")), poses);
+}
+
+TEST_F(RegisterTest, PosesThatAreNoneAreRefusedWithTheirLine) {
+  std::string text = Bytes(WritePoses("good.txt", StartPoses(0.0)));
+  std::vector<std::string> lines = Lines(text);
+  const auto with = [&](const std::string& third) {
+    lines[2] = third;
+    std::string all;
+    for (const std::string& line : lines) all += line + "\n";
+    Write("bad.txt", all);
+    return Register(Path("bad.txt"), {}, 1).err;
+  };
+  EXPECT_THAT(with("2 0 0 0 0 1 0 0 0 0 1 0"),
+              testing::AllOf(HasSubstr("bad.txt:3"), HasSubstr("must be a rotation")));
+  EXPECT_THAT(with("nan 0 0 0 0 1 0 0 0 0 1 0"),
+              testing::AllOf(HasSubstr("bad.txt:3"), HasSubstr("finite")));
+}
+
+TEST_F(RegisterTest, OneScanAloneIsRefusedWithAReason) {
+  const Outcome outcome =
+      Register(WritePoses("start.txt", StartPoses(0.0)), {"--frames", "3:4"}, 1);
+  EXPECT_THAT(outcome.err, HasSubstr("ill-posed"));
+  EXPECT_EQ(Summary()["status"], "ill_posed");
+  EXPECT_EQ(AllScans().size(), 1U);
+}
+
+TEST_F(RegisterTest, AnEmptyScanKeepsItsPoseAndTheRestIsSolved) {
+  Recording recording = Street(kScans);
+  recording[4].bytes = recording[4].bytes.substr(0, 160);
+  const Trajectory start = StartPoses(0.1);
+  const Outcome outcome =
+      Lamina({"register", "--scans", WriteRecording("holed", recording), "--initial",
+              WritePoses("start.txt", start), "--out", Path("out")});
+  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_THAT(outcome.err, HasSubstr("skipped scan 4"));
+  EXPECT_EQ(Summary()["skipped_scans"], 1);
+  const Trajectory poses = AllScans();
+  ASSERT_EQ(poses.size(), kScans);
+  EXPECT_LT((poses[4].T_world_lidar.t - start[4].T_world_lidar.t).norm(), 1e-9);
+  EXPECT_LT((poses[5].T_world_lidar.t - StartPoses(0.0)[5].T_world_lidar.t).norm(), 0.03);
+}
+
+TEST_F(RegisterTest, AnUnknownFormulationIsWrongUsage) {
+  EXPECT_THAT(Register(WritePoses("start.txt", StartPoses(0.0)), {"--formulation", "best"}, 2).err,
+              HasSubstr("condensed"));
+}
+
+TEST_F(RegisterTest, HandHeldRecordingGetsThinnerPlanesAndStaysClosed) {
+  const char* recordings = std::getenv("LAMINA_RECORDINGS");
+  if (recordings == nullptr) GTEST_SKIP() << "LAMINA_RECORDINGS is not set";
+  const std::string folder = std::string(recordings) + "/hku1_avia";
+  const Outcome outcome =
+      Lamina({"register", "--scans", folder, "--initial", folder + "/poses_odometry.txt",
+              "--config", std::string(LAMINA_SOURCE_DIR) + "/config/livox_avia.yaml", "--out",
+              Path("out"), "--set", "registration.rounds=3"});
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  const Trajectory poses = AllScans();
+  EXPECT_LT((poses.back().T_world_lidar.t - poses.front().T_world_lidar.t).norm(), 0.08);
+  const Outcome judged =
+      Lamina({"eval", "--estimate", Path("out/trajectory_kitti.txt"), "--scans", folder, "--other",
+              "odometry=" + folder + "/poses_odometry.txt", "--other",
+              "reference=" + folder + "/poses_reference.txt", "--json", Path("quality.json")});
+  ASSERT_EQ(judged.code, 0) << judged.err;
+  const auto quality = nlohmann::json::parse(Bytes(Path("quality.json")));
+  SCOPED_TRACE(quality.dump());
+  std::vector<double> thickness;
+  for (const auto& entry : quality["map_quality"]["trajectories"]) {
+    thickness.push_back(entry["common_thickness_mm"]);
+  }
+  ASSERT_EQ(thickness.size(), 3U);
+  EXPECT_LT(thickness[0], thickness[1]);
+  EXPECT_LT(thickness[0], thickness[2]);
+}
+
+}  // namespace
+}  // namespace lamina

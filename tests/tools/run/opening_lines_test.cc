@@ -1,0 +1,176 @@
+// What a run says of its recording before it begins, and what it decides by that.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "backend/mapping/deskew_choice.h"
+#include "tests/support/run_helpers.h"
+#include "tools/run/opening_lines.h"
+
+namespace lamina {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
+
+constexpr double kEpochS = 1.7e9;
+
+// Scans of a drive at 10 m/s, each swept in a tenth of a second.
+class SweptDrive final : public ScanSource {
+ public:
+  // `compensated`: points are brought to where the sensor was at the stamp, and keep their times.
+  SweptDrive(std::size_t count, bool compensated) {
+    SynthOptions options;
+    options.frames = static_cast<int>(count);
+    options.sensor = synth::SensorKind::kVlp16;
+    options.sweep = true;
+    const SynthSequence sequence(options);
+    for (std::size_t i = 0; i < count; ++i) {
+      Scan scan = sequence.Generate(i);
+      const double stamp_s = 1e-9 * static_cast<double>(sequence.Stamp(i) - sequence.Stamp(0));
+      const SE3 T_stamp_world = sequence.TruePoseAt(stamp_s).Inverse();
+      for (std::size_t k = 0; k < scan.points.size() && compensated; ++k) {
+        ScanPoint& p = scan.points[k];
+        const SE3 T = T_stamp_world * sequence.TruePoseAt(stamp_s + scan.time_s[k]);
+        const Eigen::Vector3d at = T * Eigen::Vector3d(p.x, p.y, p.z);
+        p.x = static_cast<float>(at.x());
+        p.y = static_cast<float>(at.y());
+        p.z = static_cast<float>(at.z());
+      }
+      scans_.push_back(std::move(scan));
+    }
+  }
+
+  std::size_t size() const override { return scans_.size(); }
+  std::string Name(std::size_t i) const override { return std::to_string(i); }
+  StampNs Stamp(std::size_t i) const override { return scans_[i].stamp_ns; }
+  Scan Read(std::size_t i) const override { return scans_[i]; }
+
+ private:
+  std::vector<Scan> scans_;
+};
+
+// A PCD file of x, y, z (float) and a double `timestamp` in seconds, `shift_s` later.
+std::string TimedPcd(const Scan& scan, double shift_s) {
+  const std::string count = std::to_string(scan.points.size());
+  std::string bytes =
+      "VERSION 0.7\nFIELDS x y z timestamp\nSIZE 4 4 4 8\nTYPE F F F F\nCOUNT 1 1 1 1\nWIDTH " +
+      count + "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS " + count + "\nDATA binary\n";
+  for (std::size_t i = 0; i < scan.points.size(); ++i) {
+    const ScanPoint& p = scan.points[i];
+    bytes += Pack(p.x, p.y, p.z, shift_s + static_cast<double>(scan.time_s[i]));
+  }
+  return bytes;
+}
+
+const SweptDrive& Drive(bool compensated) {
+  static const SweptDrive swept(20, false), still(20, true);
+  return compensated ? still : swept;
+}
+
+class OpeningTest : public RunTest {
+ protected:
+  // Files 1.pcd, 2.pcd, ... in the order of `order`, with readings of a clock.
+  std::string WriteClocked(const std::string& folder, bool compensated,
+                           const std::function<std::size_t(std::size_t)>& name) const {
+    const SweptDrive& drive = Drive(compensated);
+    for (std::size_t i = 0; i < drive.size(); ++i) {
+      Write(folder + "/" + std::to_string(name(i)) + ".pcd",
+            TimedPcd(drive.Read(i), kEpochS + 0.1 * static_cast<double>(i)));
+    }
+    return Path(folder);
+  }
+};
+
+TEST_F(OpeningTest, ThreeLinesSayWhatWasUnderstood) {
+  const Outcome kitti = Run(WriteRecording("street", Street(3)));
+  EXPECT_THAT(kitti.err,
+              AllOf(HasSubstr("scans   3 files *.bin, in the order of their names; stamps from "
+                              "times.txt, 10 Hz"),
+                    HasSubstr("no times: each scan is taken as instantaneous"),
+                    HasSubstr("sensor  16 rings, -15 to 15 deg up, 360 deg around"),
+                    HasSubstr("default options")));
+  const std::string scans = WriteClocked("clocked", false, [](std::size_t i) { return i + 1; });
+  const Outcome clocked = Run(scans, {"--config", "kitti_raw", "--frames", "0:4"});
+  EXPECT_THAT(clocked.err,
+              AllOf(HasSubstr("20 files *.pcd"), HasSubstr("stamps from the points' times"),
+                    HasSubstr("times by their azimuth"), HasSubstr("configuration kitti_raw")));
+  EXPECT_THAT(Run(scans, {"--frames", "0:4"}).err,
+              HasSubstr("times in field 'timestamp' in s, readings of a clock, over 0.1"));
+}
+
+TEST_F(OpeningTest, ClocksOfThePointsAreStampsAndGiveTheOrder) {
+  const std::string in_order = WriteClocked("a", false, [](std::size_t i) { return i + 1; });
+  EXPECT_THAT(Run(in_order).err, Not(HasSubstr("order of names")));
+  // 5 and 6 have changed places, and so on.
+  const std::string mixed = WriteClocked("b", false, [](std::size_t i) { return 1 + (i ^ 1U); });
+  const Outcome outcome = Run(mixed, {}, 0, "mixed");
+  EXPECT_THAT(outcome.err, AllOf(HasSubstr("in the order of their stamps"),
+                                 HasSubstr("2.pcd is 0.100 s before 1.pcd")));
+  EXPECT_EQ(Bytes(Path("mixed/trajectory_tum.txt")), Bytes(Path("out/trajectory_tum.txt")));
+  EXPECT_NEAR(
+      1e-9 * static_cast<double>(ReadTrajectory(Path("out/trajectory_tum.txt")).front().stamp_ns),
+      kEpochS, 0.11);
+  EXPECT_EQ(Summary("mixed")["lost_frames"], 0);
+}
+
+TEST_F(OpeningTest, CompensatedCloudsAreNotDeskewedAgain) {
+  const std::string swept = WriteClocked("swept", false, [](std::size_t i) { return i; });
+  const std::string still = WriteClocked("still", true, [](std::size_t i) { return i; });
+  EXPECT_THAT(Run(swept).err, AllOf(HasSubstr("used to deskew"), Not(HasSubstr("compensated"))));
+  EXPECT_THAT(Bytes(Path("out/config.yaml")), HasSubstr("deskew: auto"));
+  EXPECT_THAT(Run(still).err, AllOf(HasSubstr("compensated for motion already"),
+                                    HasSubstr("not used (preparation.deskew=off)")));
+  EXPECT_THAT(Bytes(Path("out/config.yaml")), HasSubstr("deskew: off"));
+  // Who says what he wants gets that.
+  EXPECT_THAT(Run(still, {"--set", "preparation.deskew=time"}).err, Not(HasSubstr("compensated")));
+}
+
+TEST(DeskewChoice, IsTheThinnerMapsWhereTheSensorMoved) {
+  const MappingOptions options;
+  const DeskewChoice swept = ChooseDeskew(Drive(false), 0, 20, options, nullptr);
+  EXPECT_FALSE(swept.compensated);
+  EXPECT_LT(swept.deskewed_m, swept.as_they_are_m);
+  const DeskewChoice still = ChooseDeskew(Drive(true), 0, 20, options, nullptr);
+  EXPECT_TRUE(still.compensated);
+  EXPECT_LT(still.as_they_are_m, 0.9 * still.deskewed_m);
+}
+
+TEST_F(OpeningTest, TimesAgainstThePeriodAreNamed) {
+  const SweptDrive& drive = Drive(false);
+  for (std::size_t i = 0; i < 4; ++i) {
+    Write("fast/" + std::to_string(i) + ".pcd", TimedPcd(drive.Read(i), 0.0));
+  }
+  Write("fast/times.txt", "0\n0.02\n0.04\n0.06\n");
+  // Deskewed five times too far, the scans do not fit one another.
+  EXPECT_THAT(Run(Path("fast"), {}, 3).err,
+              AllOf(HasSubstr("but scans are 0.020 s apart"), Not(HasSubstr("compensated"))));
+  Write("fast/times.txt", "0\n0.1\n0.05\n0.3\n");
+  EXPECT_THAT(Run(Path("fast")).err,
+              HasSubstr("1 stamps are not after the one before, first that of 2.pcd"));
+}
+
+TEST(SensorGuess, NarrowViewsAndNoPoints) {
+  std::vector<ScanPoint> points;
+  for (int i = 0; i < 20000; ++i) {
+    const float turn = 0.6F * static_cast<float>(std::sin(0.37 * i));
+    const float rise = 0.5F * static_cast<float>(std::sin(0.913 * i));
+    points.push_back({20.0F * std::cos(turn), 20.0F * std::sin(turn), 20.0F * rise, 0.0F});
+  }
+  const SensorGuess guess = GuessSensor(points);
+  EXPECT_EQ(guess.rings, 0);
+  EXPECT_NEAR(guess.around_deg, 70.0, 6.0);
+  EXPECT_NEAR(guess.highest_deg, 26.5, 1.0);
+  EXPECT_EQ(GuessSensor({}).points, 0U);
+  EXPECT_EQ(GuessSensor({{NAN, 0.0F, 0.0F, 0.0F}}).farthest_m, 0.0);
+}
+
+}  // namespace
+}  // namespace lamina

@@ -1,0 +1,23 @@
+// `lamina calibrate`: the offsets of a sensor's elevation and range that make its map thinnest.
+#pragma once
+
+#include <functional>
+#include <string>
+
+#include "backend/calibration/recording_calibration.h"
+
+namespace CLI {
+class App;
+}
+
+namespace lamina {
+
+// What was found, with standard deviations, the thickness of the map before and after, and the
+// lines that put it into a configuration file.
+std::string DescribeCalibration(const RecordingCalibration& calibration,
+                                const CalibrationOptions& options);
+
+// Adds the command to the program's parser; when it is chosen, *run becomes what executes it.
+void AddCalibrateCommand(CLI::App* app, std::function<int()>* run);
+
+}  // namespace lamina

@@ -1,0 +1,154 @@
+#include "tools/export/command.h"
+
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <string>
+
+#include "config/config.h"
+#include "core/base/error.h"
+#include "io/file/map_io.h"
+#include "io/recording/scan_source.h"
+#include "tools/export/cloud.h"
+#include "tools/results/output_folder.h"
+#include "tools/results/piece_poses.h"
+#include "tools/results/recording_part.h"
+
+namespace lamina {
+namespace {
+
+// Run directories hold the stamps that they were given, to the nanosecond.
+constexpr double kStampToleranceS = 1e-6;
+
+struct ExportArguments {
+  std::string run;
+  std::string scans;
+  std::string format = "ply";
+  std::string out;
+  ExportOptions options;
+};
+
+// Whether the scans are those that the run has posed: as many in all, and where the run tells, the
+// same points in the first, the middle and the last.
+void RequireSameRecording(const ScanSource& scans, const std::vector<PosedScan>& posed,
+                          const ExportArguments& arguments, const Trajectory& trajectory,
+                          const std::vector<FrameRow>& rows,
+                          const ScanPreparationOptions& preparation) {
+  const auto refuse = [&](const std::string& why) {
+    throw InputError(fmt::format("{} and {} do not belong together: {}; is it another recording?",
+                                 arguments.run, arguments.scans, why));
+  };
+  const auto part = ReadRecordingPart(arguments.run);
+  if (part && part->scans != scans.size()) {
+    refuse(fmt::format("the run is of a recording of {} scans, this one has {}", part->scans,
+                       scans.size()));
+  }
+  const std::size_t wanted = part ? trajectory.size() : std::max(trajectory.size(), scans.size());
+  if (2 * posed.size() < (rows.empty() ? wanted : trajectory.size())) {
+    refuse(fmt::format("{} of {} poses have the stamp of one of the {} scans", posed.size(),
+                       trajectory.size(), scans.size()));
+  }
+  std::map<StampNs, std::size_t> points;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    if (rows[i].points) points[trajectory[i].stamp_ns] = *rows[i].points;
+  }
+  for (const std::size_t i : {std::size_t{0}, posed.size() / 2, posed.size() - 1}) {
+    const Scan scan = scans.Read(posed[i].scan);
+    const auto known = points.find(scans.Stamp(posed[i].scan));
+    if (known == points.end()) continue;
+    const std::size_t usable =
+        PrepareScan(scan, preparation, 0.1, scans.T_vehicle_lidar(posed[i].scan)).points.size();
+    if (usable == known->second) continue;
+    refuse(fmt::format("{} has {} usable points, the run found {} in the scan of this stamp",
+                       scans.Name(posed[i].scan), usable, known->second));
+  }
+}
+
+// What is written among the scans would be one of them from then on.
+void CheckOutput(const std::string& out, const std::string& scans) {
+  const std::string folder = std::filesystem::absolute(out).parent_path().string();
+  if (!IsWithin(folder, scans)) return;
+  throw OptionError(fmt::format("--out {}: is in the folder of the recording, {}", out, scans));
+}
+
+int RunExport(const ExportArguments& arguments) {
+  const std::filesystem::path run = arguments.run;
+  const LaminaConfig config = LoadConfig((run / "config.yaml").string(), {});
+  std::vector<FrameRow> rows;
+  const Trajectory trajectory = ReadFirstPiece(arguments.run, &rows);
+  const std::unique_ptr<ScanSource> scans = OpenScans(arguments.scans, config.scans);
+  ExportOptions options = arguments.options;
+  options.preparation = config.preparation;
+  options.frame_period_s = config.scans.frame_period_s;
+
+  const std::vector<PosedScan> posed = PoseScans(*scans, trajectory, kStampToleranceS);
+  if (posed.empty()) {
+    throw InputError(fmt::format(
+        "{}: none of its {} poses has the stamp of one of the {} scans of {}; is it another "
+        "recording?",
+        (run / "trajectory_tum.txt").string(), trajectory.size(), scans->size(), arguments.scans));
+  }
+  RequireSameRecording(*scans, posed, arguments, trajectory, rows, config.preparation);
+  const std::string out =
+      arguments.out.empty() ? (run / ("cloud." + arguments.format)).string() : arguments.out;
+  CheckOutput(out, arguments.scans);
+  CloudWriter writer(out);
+  const ExportResult result = ExportCloud(*scans, posed, options, &writer, &StopOnSignals());
+  if (result.interrupted) throw InterruptedError("nothing is written");
+  writer.Commit();
+  fmt::print("{}: {} points, one per {} m voxel, of {} scans ({} of {} poses, {} of the recording)",
+             out, result.points, options.resolution_m, posed.size(), posed.size(),
+             trajectory.size(), scans->size());
+  fmt::print(", in {} {}\n", result.passes, result.passes == 1 ? "pass" : "passes");
+  if (result.points_beyond_grid > 0) {
+    fmt::print("left out {} points too far from the origin for voxels of {} m\n",
+               result.points_beyond_grid, options.resolution_m);
+  }
+  return 0;
+}
+
+}  // namespace
+
+void AddExportCommand(CLI::App* app, std::function<int()>* run) {
+  CLI::App* command = app->add_subcommand(
+      "export", "Write the full point map of a finished run, thinned to one point per voxel");
+  auto arguments = std::make_shared<ExportArguments>();
+  command
+      ->add_option("--run", arguments->run,
+                   "Directory written by `lamina run`; read are trajectory_tum.txt (the poses) and "
+                   "config.yaml (ranges, deskewing)")
+      ->type_name("DIR")
+      ->required();
+  command
+      ->add_option("--scans", arguments->scans,
+                   "The recording that the run was made from. Scans are found by stamp; those "
+                   "without a pose are left out")
+      ->type_name("PATH")
+      ->required();
+  command
+      ->add_option("--resolution", arguments->options.resolution_m,
+                   "Edge of the voxels of which each keeps its first point")
+      ->type_name("METRES")
+      ->required();
+  command->add_option("--format", arguments->format, "Format of the default output file")
+      ->check(CLI::IsMember({"ply", "pcd"}))
+      ->capture_default_str();
+  command
+      ->add_option("--out", arguments->out,
+                   "Output file, .ply or .pcd. Default: cloud.ply or cloud.pcd in the run "
+                   "directory")
+      ->type_name("FILE");
+  command
+      ->add_option("--budget-mb", arguments->options.budget_mb,
+                   "Memory for the set of voxels taken. A larger map is made in several "
+                   "passes over the scans; its points are the same")
+      ->type_name("MIB")
+      ->capture_default_str();
+  command->callback([arguments, run] { *run = [arguments] { return RunExport(*arguments); }; });
+}
+
+}  // namespace lamina

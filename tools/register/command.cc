@@ -1,0 +1,276 @@
+#include "tools/register/command.h"
+
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "backend/mapping/scan_decoder.h"
+#include "backend/registration/batch_registration.h"
+#include "config/config.h"
+#include "core/base/error.h"
+#include "core/base/parallel.h"
+#include "core/base/stopwatch.h"
+#include "io/file/map_io.h"
+#include "io/recording/trajectory_io.h"
+#include "tools/cli/common.h"
+#include "tools/cli/options.h"
+#include "tools/register/report.h"
+#include "tools/results/match.h"
+#include "tools/results/output_folder.h"
+#include "tools/results/process_report.h"
+#include "tools/results/recording_part.h"
+
+namespace lamina {
+namespace {
+
+struct RegisterArguments {
+  std::string scans, initial, out, frames, truth, formulation;
+  std::string progress = "auto";
+  ConfigArguments config;
+  int threads = 0;
+};
+
+// One pose for each scan of the recording, or for each of the range.
+std::vector<SE3> ReadInitialPoses(const std::string& path, const ScanSource& source,
+                                  const FrameRange& range) {
+  const Trajectory poses = CameraToLidar(ReadTrajectory(path), source.T_camera_lidar());
+  const std::size_t wanted = range.end - range.begin;
+  if (poses.size() != source.size() && poses.size() != wanted) {
+    throw InputError(fmt::format("{}: holds {} poses for {} scans; one for each scan is needed",
+                                 path, poses.size(), wanted));
+  }
+  const std::size_t first = poses.size() == source.size() ? range.begin : 0;
+  std::vector<SE3> initial;
+  for (std::size_t i = 0; i < wanted; ++i) initial.push_back(poses[first + i].T_world_lidar);
+  return initial;
+}
+
+struct Batch {
+  std::vector<BatchFrame> frames;
+  std::vector<std::size_t> scans;  // of each frame, in the recording
+  std::size_t skipped = 0;
+};
+
+// Reads all scans of the range. What cannot be used is reported and left out.
+Batch ReadBatch(const ScanSource& source, const FrameRange& range, const LaminaConfig& config,
+                const std::vector<SE3>& initial, const std::atomic<bool>& stop,
+                RunProgress* progress) {
+  const double leaf_m = config.map.LeafSize();
+  const bool with_points = config.registration.formulation == Formulation::kEvm1;
+  std::vector<DecodedScan> decoded(range.end - range.begin);
+  // In batches, so that the bar moves and Ctrl-C is heard.
+  constexpr std::size_t kAtOnce = 16;
+  for (std::size_t begin = 0; begin < decoded.size() && !stop; begin += kAtOnce) {
+    const std::size_t count = std::min(kAtOnce, decoded.size() - begin);
+    ParallelChunks(count, 1, [&](std::size_t a, std::size_t b) {
+      for (std::size_t i = begin + a; i < begin + b; ++i) {
+        decoded[i] = DecodeScan(source, config.preparation, config.pipeline.min_points, leaf_m,
+                                range.begin, range.begin + i);
+        if (!with_points) decoded[i].points = {};
+      }
+    });
+    for (std::size_t i = 0; i < count; ++i) progress->Step();
+  }
+  if (stop) throw InterruptedError("while reading; nothing is written");
+  Batch batch;
+  for (std::size_t i = 0; i < decoded.size(); ++i) {
+    const ScanDecodeReport& report = decoded[i].report;
+    if (report.skipped) {
+      ++batch.skipped;
+      progress->Warn(fmt::format("skipped scan {}: {}", report.index, report.detail));
+      continue;
+    }
+    BatchFrame frame;
+    frame.stamp_ns = report.stamp_ns;
+    frame.T_world_lidar = initial[i];
+    if (with_points) frame.points = GroupByCluster(decoded[i].points, leaf_m);
+    frame.clusters = std::move(decoded[i].clusters);
+    batch.frames.push_back(std::move(frame));
+    batch.scans.push_back(report.index);
+  }
+  return batch;
+}
+
+Trajectory WithStamps(const Batch& batch, const std::vector<SE3>& poses) {
+  Trajectory trajectory;
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    trajectory.push_back({batch.frames[k].stamp_ns, poses[k]});
+  }
+  return trajectory;
+}
+
+// Every scan of the range gets a line; those that were skipped keep their initial pose.
+Trajectory AllScans(const Batch& batch, const ScanSource& source, const FrameRange& range,
+                    const std::vector<SE3>& initial, const std::vector<SE3>& poses) {
+  Trajectory all;
+  for (std::size_t i = range.begin; i < range.end; ++i) {
+    all.push_back({source.Stamp(i), initial[i - range.begin]});
+  }
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    all[batch.scans[k] - range.begin].T_world_lidar = poses[k];
+  }
+  return all;
+}
+
+void PrintSummary(const std::string& out, const RegistrationResult& result,
+                  const nlohmann::json& json) {
+  if (!result.rounds.empty()) {
+    const RoundReport& last = result.rounds.back();
+    fmt::print("{} frames, {} planes, {} rounds: {}; cost of the last round {:.6g} -> {:.6g}\n",
+               result.poses.size(), last.planes, result.rounds.size(), ToString(result.status),
+               last.initial_cost, last.final_cost);
+    fmt::print("reading {:.2f} s, building maps {:.2f} s, solving {:.2f} s\n",
+               json["read_s"].get<double>(), json["build_s"].get<double>(),
+               json["solve_s"].get<double>());
+  }
+  if (json.contains("ape_rmse_m")) {
+    fmt::print("against the truth: APE {:.4f} m, RPE {:.4f} m (RMSE, SE(3)-aligned)\n",
+               json["ape_rmse_m"].get<double>(), json["rpe_rmse_m"].get<double>());
+  }
+  fmt::print(
+      "trajectory  {0}/trajectory_tum.txt, {0}/trajectory_kitti.txt\n"
+      "map         {0}/map_surfels.ply\n"
+      "figures     {0}/summary.json, {0}/rounds.csv, {0}/covariance.csv\n",
+      out);
+}
+
+// Frames of a fault are those of the batch: brought to the recording's own count.
+void NameScans(const Batch& batch, RegistrationResult* result) {
+  for (BundleFault& fault : result->faults) {
+    fault.frame = static_cast<int>(batch.scans[static_cast<std::size_t>(fault.frame)]);
+    for (int& frame : fault.group) {
+      frame = static_cast<int>(batch.scans[static_cast<std::size_t>(frame)]);
+    }
+  }
+}
+
+// Returns the number of surfels.
+std::size_t WriteMap(const std::string& path, const BatchRegistration& registration,
+                     const Batch& batch, const std::vector<SE3>& poses, int min_frames) {
+  SurfelWriter surfels(path);
+  registration.VisitSurfels(batch.frames, poses, min_frames,
+                            [&](const Surfel& surfel) { surfels.Append(surfel); });
+  surfels.Commit();
+  return surfels.size();
+}
+
+LaminaConfig Configuration(const RegisterArguments& arguments) {
+  LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
+  if (arguments.formulation.empty()) return config;
+  const auto& names = FormulationNames();
+  config.registration.formulation = static_cast<Formulation>(
+      std::find(names.begin(), names.end(), arguments.formulation) - names.begin());
+  return config;
+}
+
+int Register(const RegisterArguments& arguments) {
+  const auto limit = LimitThreads(arguments.threads);
+  const LaminaConfig config = Configuration(arguments);
+  const auto source = OpenScans(arguments.scans, config.scans);
+  const FrameRange range = ParseFrameRange(arguments.frames, source->size());
+  const std::vector<SE3> initial = ReadInitialPoses(arguments.initial, *source, range);
+  const RecordingPart part = PartOf(*source, range);
+  Trajectory truth;
+  if (!arguments.truth.empty()) truth = ReadTruthOfPart(arguments.truth, *source, part);
+  CheckOutputFolder(arguments.out, arguments.scans);
+  MakeDirectory(arguments.out);
+  const auto path = [&](const char* name) {
+    return (std::filesystem::path(arguments.out) / name).string();
+  };
+  RoundTable rounds(path("rounds.csv"));
+  const std::atomic<bool>& stop = StopOnSignals();
+  RunProgress progress(ProgressMode(arguments.progress), range.end - range.begin);
+  Stopwatch watch;
+  const double cpu_start = ProcessCpuSeconds();
+  RegistrationFigures figures;
+  const Batch batch = ReadBatch(*source, range, config, initial, stop, &progress);
+  progress.Finish();
+  figures.skipped = batch.skipped;
+  figures.read_s = 1e-3 * watch.LapMilliseconds();
+
+  const BatchRegistration registration(config.registration, config.map, config.backend.window);
+  RegistrationCallbacks callbacks;
+  callbacks.on_step = [&](const RoundReport& round, const BundleStep& step) {
+    rounds.Append(round, step);
+  };
+  callbacks.on_round = [&](const RoundReport& r) {
+    if (arguments.progress == "off") return;
+    fmt::print(stderr, "round {}: voxels {:.2f} m, {} planes, cost {:.6g} -> {:.6g}, {} steps\n",
+               r.round, r.root_size_m, r.planes, r.initial_cost, r.final_cost, r.iterations);
+  };
+  Trajectory poses;
+  callbacks.on_poses = [&](const RegistrationResult& solved) {
+    poses = WithStamps(batch, solved.poses);
+    RemoveStaleResults(arguments.out, {"trajectory_kitti.txt", "trajectory_tum.txt", "rounds.csv",
+                                       "covariance.csv", "map_surfels.ply"});
+    WriteTextFile(path("config.yaml"), ToYaml(config));
+    WriteKittiTrajectory(path("trajectory_kitti.txt"),
+                         AllScans(batch, *source, range, initial, solved.poses));
+    WriteTumTrajectory(path("trajectory_tum.txt"), poses);
+  };
+  RegistrationResult result = registration.Run(batch.frames, callbacks, &stop);
+  NameScans(batch, &result);
+  for (const BundleFault& fault : result.faults) progress.Warn(fault.Describe());
+  if (!result.covariance_failure.empty()) {
+    progress.Warn("no covariances, all else is written: " + result.covariance_failure);
+  }
+  rounds.Commit();
+  WriteCovariances(path("covariance.csv"), batch.scans, result.covariances);
+  figures.map_surfels = WriteMap(path("map_surfels.ply"), registration, batch, result.poses,
+                                 config.backend.min_surfel_frames);
+  figures.wall_s = 1e-3 * watch.Milliseconds();
+  figures.cpu_s = ProcessCpuSeconds() - cpu_start;
+  std::optional<TrajectoryErrors> errors;
+  if (!arguments.truth.empty()) {
+    errors = ErrorsOf(MatchToTruth({"the registration", poses}, truth, kStampToleranceS),
+                      Alignment::kSe3);
+  }
+  const std::string name =
+      FormulationNames().at(static_cast<std::size_t>(config.registration.formulation));
+  nlohmann::json summary =
+      Summarise(result, batch.scans, name, figures, errors ? &*errors : nullptr);
+  summary["recording"] = ToJson(part);
+  WriteTextFile(path("summary.json"), summary.dump(2) + "\n");
+  if (result.status == RegistrationResult::Status::kIllPosed) {
+    throw InputError("the registration is ill-posed: " + result.reason +
+                     "; the initial poses are written as they were");
+  }
+  if (result.status == RegistrationResult::Status::kFailed) throw InputError(result.reason);
+  PrintSummary(arguments.out, result, summary);
+  if (stop) throw InterruptedError("the results are those of the rounds until then");
+  return 0;
+}
+
+}  // namespace
+
+void AddRegisterCommand(CLI::App* app, std::function<int()>* run) {
+  auto arguments = std::make_shared<RegisterArguments>();
+  RegisterArguments& a = *arguments;
+  CLI::App* command = app->add_subcommand(
+      "register", "Bring all scans of a batch together at once, from initial poses");
+  command->add_option("--scans", a.scans, "Recording, as for `lamina run`")->required();
+  command
+      ->add_option("--initial", a.initial,
+                   "Initial poses, KITTI or TUM form, one for each scan in order")
+      ->required();
+  command->add_option("--out", a.out, "Folder for the results; made if it is not there")
+      ->required();
+  command
+      ->add_option("--formulation", a.formulation,
+                   "How bundle adjustment is formulated; the default is condensed")
+      ->check(CLI::IsMember(FormulationNames()));
+  AddConfigOptions(command, "; registration, map and backend.window are what counts here",
+                   &a.config);
+  AddFramesOption(command, &a.frames);
+  AddThreadsOption(command, "", &a.threads);
+  command->add_option("--truth", a.truth, "True trajectory to report errors against");
+  AddProgressOption(command, &a.progress);
+  command->callback([arguments, run] { *run = [arguments] { return Register(*arguments); }; });
+}
+
+}  // namespace lamina

@@ -1,0 +1,74 @@
+#include "tools/results/posed_scans.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/geometry/central_twist.h"
+#include "tools/metrics/trajectory_metrics.h"
+
+namespace lamina {
+std::vector<StampNs> ScanStamps(const ScanSource& scans) {
+  std::vector<StampNs> stamps(scans.size());
+  for (size_t i = 0; i < stamps.size(); ++i) stamps[i] = scans.Stamp(i);
+  return stamps;
+}
+
+std::vector<PosedScan> PoseScans(const ScanSource& scans, const Trajectory& trajectory,
+                                 double tolerance_s) {
+  std::vector<std::pair<StampNs, size_t>> by_stamp(scans.size());
+  for (size_t i = 0; i < by_stamp.size(); ++i) by_stamp[i] = {scans.Stamp(i), i};
+  std::sort(by_stamp.begin(), by_stamp.end());
+  // Of scans with one stamp only the first was usable to whoever made the trajectory.
+  by_stamp.erase(std::unique(by_stamp.begin(), by_stamp.end(),
+                             [](const auto& a, const auto& b) { return a.first == b.first; }),
+                 by_stamp.end());
+  Trajectory wanted;
+  for (const auto& [stamp, index] : by_stamp) wanted.push_back({stamp, SE3()});
+  Trajectory poses = trajectory;
+  MatchByStamp(tolerance_s, &poses, &wanted);
+  constexpr double kAnyGapS = std::numeric_limits<double>::infinity();
+  std::vector<PosedScan> posed(poses.size());
+  for (size_t i = 0; i < poses.size(); ++i) {
+    const auto scan = std::lower_bound(by_stamp.begin(), by_stamp.end(),
+                                       std::make_pair(wanted[i].stamp_ns, size_t{0}));
+    posed[i] = {scan->second, poses[i].T_world_lidar, Vector6d::Zero()};
+    CentralTwist(poses, i, kAnyGapS, &posed[i].twist);
+  }
+  return posed;
+}
+
+double SweepPeriodOfScan(const ScanSource& scans, size_t i, double fallback_s) {
+  constexpr size_t kBefore = 9;
+  std::vector<StampNs> stamps = scans.StampsUpTo(i, 0, kBefore + 1);
+  for (size_t k = i + 1; k < scans.size() && stamps.size() <= kBefore; ++k) {
+    if (scans.Sensor(k) == scans.Sensor(i)) stamps.push_back(scans.Stamp(k));
+  }
+  return SweepPeriod(stamps, fallback_s);
+}
+
+SweepDeskew::SweepDeskew(const Vector6d& twist)
+    : rate_(twist.head<3>().norm()),
+      axis_(Eigen::Vector3d::Zero()),
+      velocity_(twist.tail<3>()),
+      bent_once_(Eigen::Vector3d::Zero()),
+      bent_twice_(Eigen::Vector3d::Zero()) {
+  if (rate_ < 1e-12) return;
+  axis_ = twist.head<3>() / rate_;
+  bent_once_ = axis_.cross(velocity_) / rate_;
+  bent_twice_ = axis_.cross(axis_.cross(velocity_)) / rate_;
+}
+
+Eigen::Vector3d SweepDeskew::operator()(const TimedPoint& p) const {
+  const Eigen::Vector3d x(p.x, p.y, p.z);
+  const double tau = p.time_s;
+  const double angle = rate_ * tau;
+  const double sine = std::sin(angle);
+  const double half = std::sin(0.5 * angle);
+  const double versine = 2.0 * half * half;  // 1 - cos, without its cancellation
+  const Eigen::Vector3d turned = axis_.cross(x);
+  return x + tau * velocity_ + sine * turned + versine * (axis_.cross(turned) + bent_once_) +
+         (angle - sine) * bent_twice_;
+}
+
+}  // namespace lamina

@@ -1,0 +1,111 @@
+#include "tools/results/recording_part.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <charconv>
+#include <filesystem>
+
+#include "core/base/error.h"
+#include "io/file/text_input.h"
+#include "io/recording/trajectory_io.h"
+#include "tools/results/match.h"
+#include "tools/results/posed_scans.h"
+
+namespace lamina {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::optional<std::size_t> NumberOf(const std::string& file) {
+  const std::string stem = fs::path(file).stem().string();
+  std::size_t number = 0;
+  const auto [rest, error] = std::from_chars(stem.data(), stem.data() + stem.size(), number);
+  const bool whole = !stem.empty() && error == std::errc() && rest == stem.data() + stem.size();
+  return whole ? std::optional(number) : std::nullopt;
+}
+
+// Those of data sets as large as any; stamps as names are far above it.
+constexpr std::size_t kMostLines = 100'000'000;
+
+}  // namespace
+
+RecordingPart PartOf(const ScanSource& scans, const FrameRange& range) {
+  RecordingPart part{scans.size(), range.begin, range.end, std::nullopt};
+  const std::optional<std::size_t> first = NumberOf(scans.Name(0));
+  if (!first || *first > kMostLines) return part;
+  for (std::size_t i = 1; i < scans.size(); ++i) {
+    if (NumberOf(scans.Name(i)) != *first + i) return part;
+  }
+  part.first_number = first;
+  return part;
+}
+
+nlohmann::json ToJson(const RecordingPart& part) {
+  nlohmann::json json = {{"scans", part.scans}, {"begin", part.begin}, {"end", part.end}};
+  if (part.first_number) json["first_number"] = *part.first_number;
+  return json;
+}
+
+std::optional<RecordingPart> ReadRecordingPart(const std::string& folder) {
+  const fs::path path = fs::path(folder) / "summary.json";
+  if (!fs::exists(path)) return std::nullopt;
+  const auto summary = nlohmann::json::parse(ReadFile(path.string()), nullptr, false);
+  if (!summary.is_object() || !summary.contains("recording")) return std::nullopt;
+  const nlohmann::json& json = summary["recording"];
+  const auto number = [&](const char* name) -> std::optional<std::size_t> {
+    if (!json.is_object() || !json.contains(name) || !json[name].is_number_unsigned()) return {};
+    return json[name].get<std::size_t>();
+  };
+  const auto scans = number("scans"), begin = number("begin"), end = number("end");
+  if (!scans || !begin || !end || *begin >= *end || *end > *scans) return std::nullopt;
+  return RecordingPart{*scans, *begin, *end, number("first_number")};
+}
+
+std::size_t FirstLineOf(const RecordingPart& part, std::size_t lines, const std::string& path) {
+  if (lines == part.size()) return 0;
+  if (lines == part.scans) return part.begin;
+  if (lines > part.scans && part.first_number && *part.first_number + part.scans <= lines) {
+    return *part.first_number + part.begin;
+  }
+  const std::string scans = part.size() == part.scans
+                                ? fmt::format("{} scans", part.scans)
+                                : fmt::format("{} of {} scans", part.size(), part.scans);
+  throw InputError(
+      fmt::format("{}: has {} poses without stamps for {}; there must be one for each scan, so "
+                  "they do not belong together",
+                  path, lines, scans));
+}
+
+Trajectory ReadPosesOfPart(const std::string& path, const RecordingPart& part,
+                           const std::vector<StampNs>& stamps, std::size_t* first_line) {
+  Trajectory poses = ReadTrajectory(path);
+  if (first_line != nullptr) *first_line = 0;
+  // The ETHZ data set's poses are those of its scans by their lines, whatever their stamps are.
+  const bool by_line = !stamps.empty() && fs::path(path).extension() == ".csv";
+  if (HasStamps(poses) && !by_line) return poses;
+  const std::size_t first = FirstLineOf(part, poses.size(), path);
+  if (first_line != nullptr) *first_line = first;
+  if (poses.size() > part.size()) {
+    spdlog::info("{}: poses {} to {} of its {} are those of the scans", path, first,
+                 first + part.size() - 1, poses.size());
+  }
+  Trajectory cut;
+  for (std::size_t i = 0; i < part.size(); ++i) {
+    const StampNs stamp = stamps.empty() ? static_cast<StampNs>(i) : stamps.at(part.begin + i);
+    cut.push_back({stamp, poses[first + i].T_world_lidar});
+  }
+  return cut;
+}
+
+Trajectory ReadTruthOfPart(const std::string& path, const ScanSource& source,
+                           const RecordingPart& part) {
+  const std::vector<StampNs> stamps = ScanStamps(source);
+  const Trajectory truth = ReadPosesOfPart(path, part, stamps);
+  NamedTrajectory scans{path, {}};
+  for (std::size_t i = part.begin; i < part.end; ++i) scans.poses.push_back({stamps[i], SE3()});
+  if (scans.poses.size() > 1) MatchToTruth(scans, truth, kStampToleranceS);
+  return CameraToLidar(truth, source.T_camera_lidar());
+}
+
+}  // namespace lamina

@@ -1,0 +1,263 @@
+#include "tools/run/command.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "backend/mapping/deskew_choice.h"
+#include "backend/session/scan_record.h"
+#include "config/config.h"
+#include "core/base/error.h"
+#include "core/base/printable_text.h"
+#include "io/recording/trajectory_io.h"
+#include "io/store/tile_store.h"
+#include "tools/cli/common.h"
+#include "tools/cli/options.h"
+#include "tools/results/output_folder.h"
+#include "tools/results/piece_trajectories.h"
+#include "tools/results/process_report.h"
+#include "tools/results/recording_part.h"
+#include "tools/run/opening_lines.h"
+
+namespace lamina {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct RunArguments {
+  std::string scans, out, frames, truth;
+  std::string progress = "auto";
+  ConfigArguments config;
+  int threads = 0;
+};
+
+void LogScan(const ScanReport& report, RunProgress* progress) {
+  if (report.began_piece && report.piece > 0) progress->Warn(NewPieceMessage(report));
+  if (report.skipped) {
+    progress->WarnRepeated(std::string("skipped: ") + ToString(report.reason),
+                           fmt::format("skipped scan {}: {}", report.index, report.detail));
+  } else if (report.odometry.status == OdometryFrame::Status::kLost) {
+    progress->WarnRepeated(
+        "lost", fmt::format("lost at scan {}: {:.0f} % of its clusters agree with the map; kept "
+                            "out of the map",
+                            report.index, 100.0 * report.odometry.match.inlier_share));
+  }
+}
+
+// Follows the memory of the map, and says once that it takes more than its budget.
+void WatchMap(const VoxelMap& map, RunFigures* figures, RunProgress* progress) {
+  figures->map_peak_bytes = std::max(figures->map_peak_bytes, map.bytes());
+  if (figures->map_over_budget || !map.over_budget()) return;
+  figures->map_over_budget = true;
+  progress->Warn(fmt::format(
+      "the map takes {:.1f} MB, over map.budget_mb={}: the frames of the window need all of it; "
+      "raise the budget (to map_peak_bytes of summary.json) or lower backend.window.frames",
+      static_cast<double>(map.bytes()) / 1048576.0, map.options().budget_mb));
+}
+
+// Exit code of a run that ended in order with poses that are probably wrong.
+constexpr int kProbablyWrong = 3;
+
+void PrintSummary(const std::string& out, const MappingCounts& counts, const PieceErrors& errors,
+                  const RunVerdict& verdict, const nlohmann::json& json) {
+  fmt::print("{} frames in {:.1f} s ({:.1f} frames/s, {:.1f} ms CPU a frame), {} surfels\n",
+             counts.frames, json["wall_s"].get<double>(), json.value("frames_per_s", 0.0),
+             json.value("cpu_ms_per_frame", 0.0), json["map_surfels"].get<std::size_t>());
+  if (json["skipped_scans"] > 0) fmt::print("skipped: {}\n", json["skipped_by_reason"].dump());
+  if (counts.lost > 0) {
+    fmt::print("lost on {} frames (status `lost` in frames.csv)\n", counts.lost);
+  }
+  if (counts.pieces > 1) {
+    fmt::print(
+        "{} pieces that are not connected (`piece` in frames.csv): each has a frame of its own and "
+        "files map_surfels_pieceN.ply and trajectory_tum_pieceN.txt\n",
+        counts.pieces);
+  }
+  if (counts.degenerate > 0) {
+    fmt::print("degenerate on {} frames: motion along unobservable directions is predicted\n",
+               counts.degenerate);
+  }
+  if (!errors.empty()) fmt::print("{}", DescribePieceErrors(errors));
+  fmt::print("verdict: {}\n", ToString(verdict));
+  PrintOutputs(out);
+}
+
+// Everything that a run leaves in its folder.
+class RunOutput {
+ public:
+  RunOutput(const std::string& directory, int max_iterations)
+      : directory_(directory), table_(Path("frames.csv"), max_iterations) {}
+
+  FrameTable& table() { return table_; }
+  void Add(const FinalPose& pose) { poses_.push_back(pose); }
+  // By piece, without the scans that were skipped.
+  std::map<std::int64_t, Trajectory> Pieces() const {
+    std::map<std::int64_t, Trajectory> pieces;
+    for (const FinalPose& pose : poses_) {
+      if (!pose.skipped) pieces[pose.piece].push_back(pose.pose);
+    }
+    return pieces;
+  }
+
+  nlohmann::json Finish(const MappingCounts& counts, const VoxelMap& map,
+                        const LaminaConfig& config, const RecordingPart& part, RunFigures figures,
+                        const PieceErrors& errors) {
+    // Not before now: until here the results of an earlier run are whole.
+    RemoveStaleResults(directory_, {"trajectory_kitti.txt", "trajectory_tum.txt", "frames.csv",
+                                    "map_surfels.ply"});
+    // First what cannot be made again: poses, then the map.
+    Trajectory all_scans, frames;
+    for (const FinalPose& pose : poses_) {
+      all_scans.push_back(pose.pose);
+      if (!pose.skipped) frames.push_back(pose.pose);
+    }
+    WriteKittiTrajectory(Path("trajectory_kitti.txt"), all_scans);
+    WriteTumTrajectory(Path("trajectory_tum.txt"), frames);
+    WritePieceTrajectories(directory_, table_.pieces(), [&](const FinalPoses::Visit& visit) {
+      for (const FinalPose& pose : poses_) visit(pose);
+    });
+    table_.Commit();
+    WriteTextFile(Path("config.yaml"), ToYaml(config));
+    figures.map_surfels = WriteMap(directory_, map, config.backend.min_surfel_frames);
+    nlohmann::json summary = Summarise(counts, map, figures);
+    summary["pieces"] = ToJson(table_.pieces());
+    if (!errors.empty()) AddErrors(errors, &summary);
+    summary["recording"] = ToJson(part);
+    summary["verdict"] = ToJson(table_.Judge());
+    WriteTextFile(Path("summary.json"), SummaryText(summary));
+    return summary;
+  }
+
+  std::string Path(const char* name) const { return (fs::path(directory_) / name).string(); }
+
+ private:
+  std::string directory_;
+  FrameTable table_;
+  std::vector<FinalPose> poses_;
+};
+
+// Says what was understood of the recording, and settles what it decides of the configuration:
+// scans that are compensated already are not deskewed.
+void OpenRun(const ScanSource& source, const FrameRange& range, const std::string& config_name,
+             const std::atomic<bool>& stop, LaminaConfig* config) {
+  const DeskewChoice choice =
+      ChooseDeskew(source, range.begin, range.end, config->Mapping(), &stop);
+  if (choice.compensated) config->preparation.deskew = ScanPreparationOptions::Deskew::kOff;
+  const OpeningLines opening = DescribeOpening(source, range, *config, config_name);
+  for (const std::string& line : opening.lines) fmt::print(stderr, "{}\n", Printable(line));
+  for (const std::string& doubt : opening.doubts) spdlog::warn("{}", doubt);
+  if (!choice.compensated) return;
+  spdlog::warn(
+      "scans are compensated for motion already: planes are {:.1f} mm thick if deskewed by the "
+      "points' times, {:.1f} mm as they are. Not deskewed (preparation.deskew=off)",
+      1e3 * choice.deskewed_m, 1e3 * choice.as_they_are_m);
+}
+
+// Nothing without a truth. Too few scans may have got poses for a comparison, which must not cost
+// the run: then `problem` says so.
+PieceErrors JudgeByTruth(const std::map<std::int64_t, Trajectory>& pieces, const Trajectory& truth,
+                         std::string* problem) {
+  if (truth.empty()) return {};
+  try {
+    return ComparePiecesWithTruth(pieces, truth);
+  } catch (const InputError& error) {
+    *problem = error.what();
+    return {};
+  }
+}
+
+int Run(const RunArguments& arguments) {
+  const auto limit = LimitThreads(arguments.threads);
+  LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
+  const auto source = OpenScans(arguments.scans, config.scans);
+  const FrameRange range = ParseFrameRange(arguments.frames, source->size());
+  RecordingPart part = PartOf(*source, range);
+  Trajectory truth;
+  if (!arguments.truth.empty()) truth = ReadTruthOfPart(arguments.truth, *source, part);
+  CheckOutputFolder(arguments.out, arguments.scans);
+  MakeDirectory(arguments.out);
+  RunOutput output(arguments.out, config.frontend.matcher.max_iterations);
+
+  const std::atomic<bool>& stop = StopOnSignals();
+  OpenRun(*source, range, arguments.config.file, stop, &config);
+  RunProgress progress(ProgressMode(arguments.progress), range.end - range.begin);
+
+  const auto start = std::chrono::steady_clock::now();
+  const double cpu_start = ProcessCpuSeconds();
+  RunFigures figures;
+  TileStore tiles(output.Path("map_tiles.scratch"), TileStore::Lifetime::kScratch);
+  MappingPipeline* running = nullptr;
+  MappingCallbacks callbacks;
+  callbacks.on_scan = [&](const ScanReport& report) {
+    output.table().Append(RecordOf(report));
+    LogScan(report, &progress);
+    WatchMap(running->map(), &figures, &progress);
+    progress.Step();
+  };
+  callbacks.on_final_pose = [&](const FinalPose& pose) { output.Add(pose); };
+  MappingPipeline pipeline(config.Mapping(), callbacks, &tiles);
+  running = &pipeline;
+  const std::size_t processed =
+      pipeline.Process(*source, {range.begin, range.begin, range.end}, &stop);
+  pipeline.Finish();
+  figures.interrupted = processed < range.end - range.begin;
+  progress.Finish();
+  figures.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  figures.cpu_s = ProcessCpuSeconds() - cpu_start;
+
+  std::string truth_problem;
+  const std::map<std::int64_t, Trajectory> pieces = output.Pieces();
+  const PieceErrors errors = JudgeByTruth(pieces, truth, &truth_problem);
+  // Of an interrupted run, the scans until then.
+  if (processed > 0) part.end = part.begin + processed;
+  const nlohmann::json summary =
+      output.Finish(pipeline.counts(), pipeline.map(), config, part, figures, errors);
+  const std::string interruption =
+      fmt::format("{} of {} scans were mapped; the results are those of these", processed,
+                  range.end - range.begin);
+  if (pieces.empty() && figures.interrupted) throw InterruptedError(interruption);
+  if (pieces.empty()) {
+    throw InputError(arguments.scans + ": not one usable scan; summary.json says why");
+  }
+  const RunVerdict verdict = output.table().Judge();
+  PrintSummary(arguments.out, pipeline.counts(), errors, verdict, summary);
+  if (figures.interrupted) throw InterruptedError(interruption);
+  if (!truth_problem.empty()) throw InputError(truth_problem + " (all else is written)");
+  return verdict.grade == RunVerdict::Grade::kWrong ? kProbablyWrong : 0;
+}
+
+}  // namespace
+
+void AddRunCommand(CLI::App* app, std::function<int()>* run) {
+  auto arguments = std::make_shared<RunArguments>();
+  RunArguments& a = *arguments;
+  CLI::App* command = app->add_subcommand(
+      "run", "Estimate the pose of every scan of a recording and build its map");
+  command
+      ->add_option("--scans", a.scans,
+                   "Recording: a KITTI sequence (velodyne/, times.txt, calib.txt), a KITTI raw "
+                   "drive (velodyne_points/), or a folder of .bin, .pcd or .ply files")
+      ->required();
+  command->add_option("--out", a.out, "Folder for the results; made if it is not there")
+      ->required();
+  AddConfigOptions(command, ", e.g. kitti_raw; `lamina config default` explains every option",
+                   &a.config);
+  AddFramesOption(command, &a.frames);
+  AddThreadsOption(command, "", &a.threads);
+  command->add_option("--truth", a.truth,
+                      "True trajectory, KITTI or TUM form, to report errors against. KITTI "
+                      "odometry's poses/NN.txt may be given as it is: calib.txt's Tr is applied");
+  AddProgressOption(command, &a.progress);
+  command->callback([arguments, run] { *run = [arguments] { return Run(*arguments); }; });
+}
+
+}  // namespace lamina

@@ -1,0 +1,182 @@
+#include "tools/run/opening_lines.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <filesystem>
+
+#include "core/base/error.h"
+#include "core/base/printable_text.h"
+#include "tools/results/posed_scans.h"
+
+namespace lamina {
+namespace {
+
+namespace fs = std::filesystem;
+using Deskew = ScanPreparationOptions::Deskew;
+
+constexpr double kDegrees = 180.0 / M_PI;
+
+// A value that a share of them is below. Reorders them.
+double Quantile(std::vector<double>* values, double share) {
+  if (values->empty()) return 0.0;
+  const auto at = values->begin() +
+                  static_cast<std::ptrdiff_t>(share * static_cast<double>(values->size() - 1));
+  std::nth_element(values->begin(), at, values->end());
+  return *at;
+}
+
+// Runs of elevations with nothing between them, if most of what lies between lowest and highest is
+// empty.
+int CountRings(const std::vector<double>& elevations, double lowest, double highest) {
+  constexpr double kBinDeg = 0.05;
+  const auto bins = static_cast<std::size_t>((highest - lowest) / kBinDeg) + 1;
+  if (bins < 8 || bins > 3600) return 0;
+  std::vector<std::size_t> counts(bins, 0);
+  for (const double e : elevations) {
+    if (e < lowest || e > highest) continue;
+    ++counts[std::min(bins - 1, static_cast<std::size_t>((e - lowest) / kBinDeg))];
+  }
+  // Fewer are strays.
+  const std::size_t least = std::max<std::size_t>(3, elevations.size() / 20000);
+  int rings = 0;
+  std::size_t empty = 0;
+  for (std::size_t i = 0; i < bins; ++i) {
+    const bool filled = counts[i] >= least;
+    empty += filled ? 0 : 1;
+    if (filled && (i == 0 || counts[i - 1] < least)) ++rings;
+  }
+  return 2 * empty > bins && rings >= 4 ? rings : 0;
+}
+
+struct FirstScan {
+  Scan scan;
+  PointTimeField times;
+};
+
+FirstScan ReadFirst(const ScanSource& source, const FrameRange& range,
+                    const ScanSourceOptions& options) {
+  constexpr std::size_t kTries = 5;
+  FirstScan first;
+  for (std::size_t i = range.begin; i < std::min(range.end, range.begin + kTries); ++i) {
+    try {
+      first.scan = ReadScanFile(source.Name(i), options, &first.times);
+      return first;
+    } catch (const InputError&) {
+      // The run will say so, and goes on with the next one.
+    }
+  }
+  return first;
+}
+
+std::string DescribeTimes(const FirstScan& first, Deskew deskew, double span_s) {
+  if (deskew == Deskew::kAzimuth) {
+    return "times by their azimuth, used to deskew (preparation.deskew=azimuth)";
+  }
+  if (first.times.name.empty()) return "no times: each scan is taken as instantaneous";
+  std::string text = fmt::format("times in field '{}'", Printable(first.times.name));
+  if (!first.times.usable) return text + ", which tells no points apart: not deskewed";
+  text += fmt::format(" in {}, {}, over {:.3f} s", first.times.unit,
+                      first.times.clock ? "readings of a clock" : "from the stamp on", span_s);
+  return text +
+         (deskew == Deskew::kOff ? ", not used (preparation.deskew=off)" : ", used to deskew");
+}
+
+// The shipped configuration that is for such a recording, and why; empty if there is none.
+struct Fit {
+  std::string name, reason;
+};
+
+Fit FittingConfig(const ScanSource& source, const SensorGuess& sensor) {
+  const fs::path folder = fs::weakly_canonical(fs::absolute(source.Name(0))).parent_path();
+  const fs::path above = folder.parent_path();
+  if (folder.filename() == "velodyne" && above.parent_path().filename() == "sequences") {
+    return {"kitti_odometry", "a sequence of KITTI odometry"};
+  }
+  if (folder.filename() == "data" && above.filename() == "velodyne_points") {
+    return {"kitti_raw", "a KITTI raw drive"};
+  }
+  if (sensor.points > 0 && sensor.around_deg < 150.0 && sensor.rings == 0) {
+    return {"livox_avia", "a narrow view without rings"};
+  }
+  return {};
+}
+
+std::string DescribeConfig(const ScanSource& source, const SensorGuess& sensor,
+                           const std::string& config_name) {
+  const std::string given = fs::path(config_name).stem().string();
+  std::string text =
+      config_name.empty() ? "default options" : "configuration " + Printable(config_name);
+  const Fit fit = FittingConfig(source, sensor);
+  if (fit.name.empty() || fit.name == given) return text;
+  return text + fmt::format("; --config {} may fit better: {}", fit.name, fit.reason);
+}
+
+}  // namespace
+
+SensorGuess GuessSensor(const std::vector<ScanPoint>& points) {
+  // Shares of points that may be strays; nearer ones may be the vehicle's own.
+  constexpr double kOutliers = 0.005, kLeastRangeM = 1.0;
+  SensorGuess guess;
+  guess.points = points.size();
+  std::vector<double> elevations, ranges;
+  std::array<bool, 72> seen{};
+  for (const ScanPoint& p : points) {
+    const double flat = std::hypot(p.x, p.y), range = std::hypot(flat, p.z);
+    if (!std::isfinite(range) || range < kLeastRangeM) continue;
+    ranges.push_back(range);
+    elevations.push_back(kDegrees * std::atan2(p.z, flat));
+    const double turn = 0.5 + std::atan2(p.y, p.x) / (2.0 * M_PI);
+    seen[std::min<std::size_t>(
+        seen.size() - 1, static_cast<std::size_t>(turn * static_cast<double>(seen.size())))] = true;
+  }
+  if (ranges.empty()) return guess;
+  guess.lowest_deg = Quantile(&elevations, kOutliers);
+  guess.highest_deg = Quantile(&elevations, 1.0 - kOutliers);
+  guess.farthest_m = Quantile(&ranges, 1.0 - kOutliers);
+  guess.rings = CountRings(elevations, guess.lowest_deg, guess.highest_deg);
+  guess.around_deg = 360.0 * static_cast<double>(std::count(seen.begin(), seen.end(), true)) /
+                     static_cast<double>(seen.size());
+  return guess;
+}
+
+OpeningLines DescribeOpening(const ScanSource& source, const FrameRange& range,
+                             const LaminaConfig& config, const std::string& config_name) {
+  const RecordingDescription recording = source.Describe();
+  const FirstScan first = ReadFirst(source, range, config.scans);
+  const SensorGuess sensor = GuessSensor(first.scan.points);
+  const double period_s = SweepPeriodOfScan(source, range.begin, config.scans.frame_period_s);
+  double span_s = 0.0;
+  if (!first.scan.time_s.empty()) {
+    const auto [low, high] =
+        std::minmax_element(first.scan.time_s.begin(), first.scan.time_s.end());
+    span_s = static_cast<double>(*high) - static_cast<double>(*low);
+  }
+  const Deskew deskew = config.preparation.deskew;
+  OpeningLines opening;
+  opening.lines = {
+      fmt::format("scans   {}; stamps {}, {:.4g} Hz", recording.scans, recording.stamps,
+                  1.0 / period_s),
+      fmt::format("points  {} in the first scan; {}", sensor.points,
+                  DescribeTimes(first, deskew, span_s)),
+      fmt::format("sensor  {}, {:.0f} to {:.0f} deg up, {:.0f} deg around, up to {:.0f} m; {}",
+                  sensor.rings > 0 ? fmt::format("{} rings", sensor.rings) : "no clear rings",
+                  sensor.lowest_deg, sensor.highest_deg, sensor.around_deg, sensor.farthest_m,
+                  DescribeConfig(source, sensor, config_name))};
+  opening.doubts = recording.doubts;
+  constexpr double kOverlap = 1.5;
+  if (deskew != Deskew::kOff && deskew != Deskew::kAzimuth && span_s > kOverlap * period_s) {
+    opening.doubts.push_back(
+        fmt::format("the times of a scan's points span {:.3f} s, but scans are {:.3f} s apart: is "
+                    "their unit {} (scans.point_time_unit)?",
+                    span_s, period_s, first.times.unit));
+  }
+  if (deskew == Deskew::kTime && first.scan.time_s.empty() && sensor.points > 0) {
+    opening.doubts.push_back("preparation.deskew=time, but the points have no times to use");
+  }
+  return opening;
+}
+
+}  // namespace lamina

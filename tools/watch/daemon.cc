@@ -1,0 +1,394 @@
+#include "tools/watch/daemon.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <filesystem>
+#include <utility>
+
+#include "core/base/error.h"
+#include "tools/cli/common.h"
+#include "tools/results/piece_trajectories.h"
+#include "tools/results/process_report.h"
+#include "tools/watch/log.h"
+#include "tools/watch/service_notify.h"
+
+namespace lamina {
+namespace {
+
+namespace fs = std::filesystem;
+
+using SystemClock = std::chrono::system_clock;
+using SteadyClock = std::chrono::steady_clock;
+
+// Scans handed to the session at once: between two batches the inbox is looked at.
+constexpr std::size_t kBatch = 64;
+
+double Milliseconds(std::chrono::nanoseconds d) { return 1e-6 * static_cast<double>(d.count()); }
+
+// When a file was last written or renamed.
+SystemClock::time_point LastChange(const std::string& path) {
+  struct stat status = {};
+  if (stat(path.c_str(), &status) != 0) return SystemClock::now();
+  return SystemClock::time_point(std::chrono::duration_cast<SystemClock::duration>(
+      std::chrono::seconds(status.st_ctim.tv_sec) +
+      std::chrono::nanoseconds(status.st_ctim.tv_nsec)));
+}
+
+InboxFile FileOf(const SessionScan& row, const WatchFiles& files) {
+  return {row.file,     files.Find(row.file), row.sequence,
+          row.stamp_ns, row.recorded_stamp,   row.next_stamp_ns};
+}
+
+LivePose LivePoseOf(const FinalPose& pose) {
+  return {static_cast<std::int64_t>(pose.scan), pose.pose.stamp_ns, pose.pose.T_world_lidar,
+          pose.piece};
+}
+
+}  // namespace
+
+WatchDaemon::WatchDaemon(WatchSetup setup)
+    : setup_(std::move(setup)),
+      files_(setup_.inbox, setup_.session, setup_.done),
+      room_(setup_.session),
+      queries_([this] { Wake(); }),
+      verdict_(setup_.config.frontend.matcher.max_iterations) {
+  session_ = std::make_unique<Session>(MakeSessionSetup(), Hooks());
+  WriteTextFile((fs::path(setup_.session) / "config.yaml").string(), ToYaml(setup_.config));
+  ContinueInbox();
+  if (!setup_.http) return;
+  session_->TrackTiles();
+  session_->database().ForEach(0, session_->next_scan(), [this](const SessionScan& row) {
+    verdict_.Add(row);
+    if (!row.skipped) view_.AddPast({row.scan, row.stamp_ns, row.T_world_lidar, row.piece});
+  });
+  HttpParts parts;
+  parts.view = &view_;
+  parts.map = [this](const MapQuery& query) { return queries_.Ask(query); };
+  parts.checkpoint = [this] {
+    checkpoint_wanted_ = true;
+    Wake();
+  };
+  parts.stop = [this] {
+    // To the process: the threads of the server let no signal through.
+    kill(getpid(), SIGTERM);
+    Wake();
+  };
+  parts.session = setup_.session;
+  server_ = std::make_unique<HttpServer>(*setup_.http, std::move(parts));
+  spdlog::info("live page at {}", server_->url());
+}
+
+WatchDaemon::~WatchDaemon() {
+  server_.reset();
+  // What it still does on its threads uses the rest.
+  session_.reset();
+}
+
+SessionSetup WatchDaemon::MakeSessionSetup() const {
+  SessionSetup setup;
+  setup.folder = setup_.session;
+  setup.mapping = setup_.config.Mapping();
+  setup.fixed_options = ResultOptionsToYaml(setup_.config);
+  setup.session = setup_.config.session;
+  setup.base_map = setup_.base_map;
+  if (setup_.base_map) {
+    setup.base_map->fixed_options = setup.fixed_options;
+    const SE3& T = setup_.base_map->T_world_start;
+    setup.fixed_options += fmt::format("localise:\n  map: {}\n  start: {} {} {} {} {} {} {}\n",
+                                       setup_.base_map->session, T.t.x(), T.t.y(), T.t.z(), T.q.x(),
+                                       T.q.y(), T.q.z(), T.q.w());
+  }
+  return setup;
+}
+
+SessionHooks WatchDaemon::Hooks() {
+  SessionHooks hooks;
+  hooks.on_mapped = [this](const ScanReport& report, const SessionScan&) { OnMapped(report); };
+  hooks.on_scan = [this](const ScanReport& report, const SessionScan& row) { OnScan(report, row); };
+  hooks.on_final = [this](const FinalPose& pose) {
+    if (setup_.http && !pose.skipped) view_.RevisePoses({LivePoseOf(pose)});
+  };
+  hooks.on_durable = [this](const SessionScan& row) { OnDurable(row); };
+  hooks.on_checkpoint = [this](const SessionCheckpoint& checkpoint, std::int64_t released) {
+    OnCheckpoint(checkpoint, released);
+  };
+  return hooks;
+}
+
+// The inbox goes on where the session stands: behind the scans that are to be repeated.
+void WatchDaemon::ContinueInbox() {
+  const SessionDatabase& database = session_->database();
+  inbox_ = std::make_unique<Inbox>(
+      setup_.inbox, setup_.config.scans, setup_.config.inbox,
+      [&database](const std::string& name) { return database.Knows(name); });
+  if (!inbox_->polls().empty()) spdlog::info("the inbox is polled: {}", inbox_->polls());
+  const std::int64_t recorded = database.scans();
+  for (const SessionDatabase::Sequence& sequence : database.Sequences(recorded)) {
+    inbox_->Continue({sequence.last.sequence, static_cast<std::size_t>(sequence.scans),
+                      sequence.last.file, sequence.last.stamp_ns, sequence.last.recorded_stamp});
+  }
+  const std::int64_t next = session_->next_scan();
+  scans_ = std::make_unique<StreamedScans>(static_cast<std::size_t>(next), setup_.config.scans);
+  for (const SessionDatabase::Sequence& sequence : database.Sequences(next)) {
+    for (const SessionScan& row :
+         database.LastOf(sequence.last.sequence, next, static_cast<int>(StreamedScans::kHistory))) {
+      scans_->AppendPast(row.sequence, static_cast<std::size_t>(row.scan), row.stamp_ns);
+    }
+  }
+  late_ = static_cast<std::size_t>(database.set_aside());
+}
+
+void WatchDaemon::Run(const std::atomic<bool>& stop) {
+  NotifyService("READY=1");
+  ShowStatus(LiveState::kStarting);
+  Repeat(stop);
+  if (setup_.once) inbox_->Drain();
+  while (!stop) {
+    if (reload_.exchange(false)) Reload();
+    if (checkpoint_wanted_.exchange(false)) session_->RequestCheckpoint();
+    if (!room_.Enough()) {
+      Rest(LiveState::kIdle);
+      continue;
+    }
+    TakeNotices();
+    if (MapWaiting(stop)) continue;
+    if (setup_.once) break;
+    Rest(LiveState::kIdle);
+  }
+  NotifyService("STOPPING=1");
+  ShowStatus(LiveState::kStopping);
+  session_->Finish();
+  WriteOutputs();
+}
+
+// Scans that were recorded after the checkpoint that was loaded, from their files as they are now.
+void WatchDaemon::Repeat(const std::atomic<bool>& stop) {
+  const std::vector<SessionScan>& rows = session_->to_repeat();
+  for (std::size_t i = 0; i < rows.size() && !stop;) {
+    if (!room_.Enough()) {
+      Rest(LiveState::kStarting);
+      continue;
+    }
+    for (const std::size_t end = std::min(rows.size(), i + kBatch); i < end; ++i) {
+      scans_->Append(FileOf(rows[i], files_));
+    }
+    session_->Process(scans_.get(), &stop);
+  }
+}
+
+// What there is to do while nothing is mapped, and a wait for what may come.
+void WatchDaemon::Rest(LiveState state) {
+  const bool asked =
+      queries_.AnswerSlice(session_->pipeline().map(), setup_.config.backend.min_surfel_frames);
+  ShowOpenPoses();
+  ShowStatus(state);
+  NotifyWatchdog();
+  // Pieces of a checkpoint follow one another as fast as they are written.
+  const bool busy = session_->Idle() || asked;
+  // Files that wait for room would end any wait of the inbox's.
+  if (!room_.wanted().empty()) return SleepFor(std::chrono::milliseconds(busy ? 5 : 200));
+  inbox_->Wait(std::chrono::milliseconds(asked ? 0 : busy ? 5 : 1000));
+}
+
+void WatchDaemon::TakeNotices() {
+  for (const InboxNotice& notice : inbox_->TakeLate()) {
+    ++late_;
+    spdlog::warn("{}: set aside: {}", notice.name, notice.reason);
+    session_->SetAside(notice.name, notice.reason);
+    session_->DoLater([this, notice] { files_.Reject(notice.name, notice.reason); });
+  }
+  for (const InboxNotice& notice : inbox_->TakeRefused()) {
+    ++rejected_;
+    spdlog::warn("{}: refused: {}", notice.name, notice.reason);
+    session_->DoLater([this, notice] { files_.NoteReason(notice.name, notice.reason); });
+  }
+}
+
+// Maps what is ready. The inbox holds the rest back: it is the queue.
+bool WatchDaemon::MapWaiting(const std::atomic<bool>& stop) {
+  std::size_t taken = 0;
+  while (taken < kBatch) {
+    std::optional<InboxFile> file = inbox_->Next();
+    if (!file) break;
+    scans_->Append(std::move(*file));
+    ++taken;
+  }
+  if (taken > 0) session_->Process(scans_.get(), &stop);
+  return taken > 0;
+}
+
+void WatchDaemon::OnMapped(const ScanReport& report) {
+  // What lay there before is late for reasons of its own.
+  const auto complete = std::max(start_on_clock_, LastChange(scans_->Name(report.index)));
+  const std::lock_guard<std::mutex> lock(mutex_);
+  under_way_.push_back({SteadyClock::now(), complete});
+}
+
+void WatchDaemon::WarnRepeated(const std::string& kind, const std::string& line) {
+  if (const auto shown = repeated_.Next(kind, line)) spdlog::warn("{}", *shown);
+}
+
+void WatchDaemon::OnScan(const ScanReport& report, const SessionScan& row) {
+  if (report.began_piece && report.piece > 0) spdlog::warn(NewPieceMessage(report));
+  if (report.skipped) {
+    ++rejected_;
+    WarnRepeated("skipped: " + row.status,
+                 fmt::format("skipped scan {}: {}", row.scan, row.detail));
+    session_->DoLater([this, row] { files_.Reject(row.file, row.detail); });
+  } else if (report.odometry.status == OdometryFrame::Status::kLost) {
+    WarnRepeated("lost", fmt::format("lost at scan {}: {:.0f} % of its clusters agree with the map",
+                                     row.scan, 100.0 * row.inlier_share));
+  }
+  verdict_.Add(row);
+  degenerate_directions_ = report.skipped ? 0 : report.odometry.match.degenerate;
+  map_peak_bytes_ = std::max(map_peak_bytes_, session_->pipeline().map().bytes());
+  queries_.AnswerSlice(session_->pipeline().map(), setup_.config.backend.min_surfel_frames);
+  ShowScan(report);
+  ShowStatus(setup_.base_map ? LiveState::kLocalising : LiveState::kMapping);
+  NotifyWatchdog();
+}
+
+void WatchDaemon::ShowOpenPoses() {
+  if (!view_.PosesWanted()) return;
+  std::vector<LivePose> poses;
+  session_->pipeline().ShowOpenPoses([&](const FinalPose& pose) {
+    if (!pose.skipped) poses.push_back(LivePoseOf(pose));
+  });
+  view_.RevisePoses(poses);
+}
+
+void WatchDaemon::ShowScan(const ScanReport& report) {
+  ShowOpenPoses();
+  if (!view_.ScanWanted() || report.skipped) return;
+  LiveScan scan;
+  scan.index = static_cast<std::int64_t>(report.index);
+  scan.piece = report.piece;
+  scan.origin = report.odometry.T_world_lidar.t;
+  for (const Eigen::Vector3d& p : session_->pipeline().NewestKeyframe()) {
+    scan.points.push_back((p - scan.origin).cast<float>());
+  }
+  view_.SetScan(std::move(scan));
+}
+
+// On the log's thread.
+void WatchDaemon::OnDurable(const SessionScan& row) {
+  UnderWay under_way;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    under_way = under_way_.front();
+    under_way_.pop_front();
+  }
+  if (row.skipped) return;
+  StageTimes times;
+  times.lag_ms =
+      static_cast<float>(std::max(0.0, Milliseconds(SystemClock::now() - under_way.complete)));
+  times.read_ms = static_cast<float>(row.read_ms);
+  times.prepare_ms = static_cast<float>(row.prepare_ms);
+  times.cluster_ms = static_cast<float>(row.cluster_ms);
+  times.odometry_ms = static_cast<float>(row.odometry_ms);
+  times.map_ms = static_cast<float>(row.map_ms);
+  times.solve_ms = static_cast<float>(row.solve_ms);
+  times.durable_ms = static_cast<float>(Milliseconds(SteadyClock::now() - under_way.mapped));
+  view_.AddFrame({{row.scan, row.stamp_ns, row.T_world_lidar, row.piece}, times});
+}
+
+// On the housekeeping thread.
+void WatchDaemon::OnCheckpoint(const SessionCheckpoint& done, std::int64_t released) {
+  spdlog::info(
+      "checkpoint after scan {}: {:.1f} MB in {:.0f} ms, the mapping paused for {:.1f} ms "
+      "at most",
+      done.scans - 1, static_cast<double>(done.bytes) / 1048576.0, done.total_ms,
+      done.longest_pause_ms);
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    checkpoint_ = LiveStatus::Checkpoint{done.scans - 1, static_cast<std::size_t>(done.bytes),
+                                         done.total_ms, SteadyClock::now()};
+  }
+  constexpr const char* kDoneUpTo = "files_done_up_to";
+  SessionDatabase database((fs::path(setup_.session) / "session.db").string(), false);
+  const std::int64_t from = std::stoll(database.Meta(kDoneUpTo).value_or("0"));
+  if (released <= from) return;
+  database.SetMeta(kDoneUpTo, std::to_string(files_.Release(database, from, released)));
+}
+
+void WatchDaemon::ShowStatus(LiveState state) {
+  const MappingCounts& counts = session_->pipeline().counts();
+  const VoxelMap& map = session_->pipeline().map();
+  LiveStatus status;
+  status.state = state;
+  status.frames = counts.frames;
+  status.keyframes = counts.keyframes;
+  status.lost = counts.lost;
+  status.degenerate = counts.degenerate;
+  status.pieces = counts.pieces;
+  status.skipped = counts.scans - counts.frames;
+  status.rejected = rejected_;
+  status.late = late_;
+  status.solves = counts.solves;
+  status.failed_solves = counts.failed_solves;
+  status.queue = inbox_->waiting();
+  status.map_bytes = map.bytes();
+  status.map_budget_bytes = static_cast<std::size_t>(map.options().BudgetBytes());
+  status.tiles_on_disk = session_->stored_roots();
+  status.degenerate_directions = degenerate_directions_;
+  status.verdict = verdict_.Judge();
+  status.failure = room_.wanted();
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    status.checkpoint = checkpoint_;
+  }
+  view_.SetStatus(std::move(status));
+}
+
+void WatchDaemon::Reload() {
+  NotifyService("RELOADING=1");
+  try {
+    const LaminaConfig config = setup_.reload();
+    if (ResultOptionsToYaml(config) != ResultOptionsToYaml(setup_.config)) {
+      spdlog::warn(
+          "options that decide results have changed: a session keeps those that it was "
+          "begun with");
+    }
+    setup_.config.session = config.session;
+    setup_.config.log.level = config.log.level;
+    session_->SetOptions(config.session);
+    spdlog::set_level(LogLevel(config.log));
+    spdlog::info("configuration read again: session.* and log.level hold from now on");
+  } catch (const std::exception& error) {
+    spdlog::error("the configuration stays as it was: {}", error.what());
+  }
+  NotifyService("READY=1");
+}
+
+void WatchDaemon::WriteOutputs() {
+  const fs::path folder = setup_.session;
+  FrameTable table((folder / "frames.csv").string(), setup_.config.frontend.matcher.max_iterations);
+  session_->database().ForEach(0, session_->next_scan(),
+                               [&](const SessionScan& row) { table.Append(row); });
+  table.Commit();
+  WritePieceTrajectories(setup_.session, table.pieces(),
+                         [&](const FinalPoses::Visit& visit) { session_->ForEachPose(visit); });
+  RunFigures figures;
+  const VoxelMap& map = session_->pipeline().map();
+  figures.map_surfels = WriteMap(setup_.session, map, setup_.config.backend.min_surfel_frames);
+  figures.wall_s = 1e-3 * Milliseconds(SteadyClock::now() - start_);
+  figures.cpu_s = ProcessCpuSeconds();
+  figures.map_peak_bytes = map_peak_bytes_;
+  figures.map_over_budget = map.over_budget();
+  nlohmann::json summary = Summarise(session_->pipeline().counts(), map, figures);
+  summary["pieces"] = ToJson(table.pieces());
+  const RunVerdict verdict = table.Judge();
+  summary["verdict"] = ToJson(verdict);
+  summary["late_files"] = late_;
+  summary["stored_voxels"] = session_->stored_roots();
+  WriteTextFile((folder / "summary.json").string(), SummaryText(summary));
+  spdlog::info("verdict: {}", ToString(verdict));
+  spdlog::info("{} frames mapped in all; trajectory, map and figures are in {}",
+               session_->pipeline().counts().frames, setup_.session);
+}
+
+}  // namespace lamina

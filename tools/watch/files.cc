@@ -1,0 +1,128 @@
+#include "tools/watch/files.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "core/base/error.h"
+#include "core/base/printable_text.h"
+#include "io/file/disk_room.h"
+#include "io/file/file_writer.h"
+
+namespace lamina {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Moves over file systems, too: the original goes when the copy is on disk. A rename within one
+// needs no flushing: a power cut leaves the file under either name.
+void Move(const fs::path& from, const fs::path& to) {
+  std::error_code error;
+  fs::rename(from, to, error);
+  if (!error) return;
+  CopyFile(from.string(), to.string());
+  fs::remove(from);
+}
+
+// Whether a file of that name and size is there: a copy that was cut short is none.
+bool HasCopy(const fs::path& from, const fs::path& to) {
+  std::error_code error;
+  if (!fs::is_regular_file(to, error)) return false;
+  const auto size = fs::file_size(from, error);
+  return !error && fs::file_size(to, error) == size && !error;
+}
+
+}  // namespace
+
+DonePolicy ParseDonePolicy(const std::string& name) {
+  if (name == "move") return DonePolicy::kMove;
+  return name == "delete" ? DonePolicy::kDelete : DonePolicy::kKeep;
+}
+
+WatchFiles::WatchFiles(std::string inbox, std::string session, DonePolicy policy)
+    : inbox_(std::move(inbox)), session_(std::move(session)), policy_(policy) {}
+
+std::string WatchFiles::Find(const std::string& name) const {
+  const fs::path here = fs::path(inbox_) / name;
+  std::error_code ignored;
+  if (fs::exists(here, ignored)) return here.string();
+  for (const char* folder : {"done", "rejected"}) {
+    const fs::path other = fs::path(session_) / folder / name;
+    if (fs::exists(other, ignored)) return other.string();
+  }
+  return here.string();
+}
+
+void WatchFiles::NoteReason(const std::string& name, const std::string& reason) const {
+  try {
+    const fs::path to = fs::path(session_) / "rejected" / name;
+    MakeDirectory(to.parent_path().string());
+    // Not waited for to reach the disk: thousands may come at once, and the database knows it, too.
+    std::ofstream file(to.string() + ".reason.txt", std::ios::binary);
+    file << Printable(reason) << "\n";
+    if (!file.flush()) throw OutputError("the reason cannot be written");
+  } catch (const std::exception& error) {
+    spdlog::warn("{}: cannot be noted as rejected: {}", name, error.what());
+  }
+}
+
+void WatchFiles::Reject(const std::string& name, const std::string& reason) const {
+  NoteReason(name, reason);
+  try {
+    CopyToRejected(name);
+  } catch (const std::exception& error) {
+    spdlog::warn("{}: cannot be copied to rejected/: {}", name, error.what());
+  }
+}
+
+void WatchFiles::CopyToRejected(const std::string& name) const {
+  const fs::path from = fs::path(inbox_) / name;
+  const fs::path to = fs::path(session_) / "rejected" / name;
+  std::error_code error;
+  if (!fs::exists(from, error) || HasCopy(from, to)) return;
+  MakeDirectory(to.parent_path().string());
+  fs::remove(to, error);
+  fs::create_hard_link(from, to, error);
+  if (error) CopyFile(from.string(), to.string());
+}
+
+std::int64_t WatchFiles::Release(const SessionDatabase& database, std::int64_t from,
+                                 std::int64_t to) const {
+  if (policy_ == DonePolicy::kKeep) return to;
+  std::int64_t next = from;
+  try {
+    database.ForEach(from, to, [&](const SessionScan& scan) {
+      ReleaseOne(scan);
+      next = scan.scan + 1;
+    });
+  } catch (const DiskFullError& error) {
+    spdlog::warn("mapped files stay in the inbox until there is room: {}", error.what());
+    return next;
+  }
+  return to;
+}
+
+void WatchFiles::ReleaseOne(const SessionScan& scan) const {
+  const fs::path from = fs::path(inbox_) / scan.file;
+  try {
+    if (!fs::exists(fs::symlink_status(from))) return;
+    // There may have been no room for the copy when it was rejected.
+    if (scan.skipped) CopyToRejected(scan.file);
+    if (policy_ == DonePolicy::kDelete || scan.skipped) {
+      fs::remove(from);
+      return;
+    }
+    const fs::path to = fs::path(session_) / "done" / scan.file;
+    MakeDirectory(to.parent_path().string());
+    Move(from, to);
+  } catch (const DiskFullError&) {
+    throw;
+  } catch (const std::exception& error) {
+    spdlog::warn("{}: is mapped, but cannot be {}: {}", from.string(),
+                 policy_ == DonePolicy::kMove ? "moved" : "deleted", error.what());
+  }
+}
+
+}  // namespace lamina

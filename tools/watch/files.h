@@ -1,0 +1,49 @@
+// What becomes of the files of an inbox: those that were mapped, and those that could not be.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "io/store/session_database.h"
+
+namespace lamina {
+
+enum class DonePolicy { kKeep, kMove, kDelete };
+// "keep", "move" or "delete".
+DonePolicy ParseDonePolicy(const std::string& name);
+
+// The folders of a session into which files go:
+//
+//     done/NAME               mapped, under --done move
+//     rejected/NAME           could not be mapped, with rejected/NAME.reason.txt beside it
+//
+// NAME is the path in the inbox. A file is left in the inbox (keep), moved or deleted only when
+// nothing can make the session read it again, and a rejected one when rejected/ has all of it;
+// until then that is there twice (a link, or a copy where it is on another file system). One thread
+// at a time.
+class WatchFiles {
+ public:
+  WatchFiles(std::string inbox, std::string session, DonePolicy policy);
+
+  // Where a file is now: in the inbox, done/ or rejected/. The inbox if it is nowhere.
+  std::string Find(const std::string& name) const;
+
+  // Puts a file into rejected/. Only says so in the log if that fails: the stream goes on.
+  void Reject(const std::string& name, const std::string& reason) const;
+  // A file whose content is none of the session's: only the reason is written down.
+  void NoteReason(const std::string& name, const std::string& reason) const;
+
+  // Does with the files of scans [from, to) what the policy says. The same again does no harm.
+  // Returns the scan from which on it is to be done again, since the disk was full; `to` otherwise.
+  std::int64_t Release(const SessionDatabase& database, std::int64_t from, std::int64_t to) const;
+
+ private:
+  // Throws InputError, OutputError.
+  void CopyToRejected(const std::string& name) const;
+  void ReleaseOne(const SessionScan& scan) const;
+
+  std::string inbox_, session_;
+  DonePolicy policy_;
+};
+
+}  // namespace lamina
