@@ -5,7 +5,7 @@
 // With a writing archive each call appends the values, with a reading one it sets them, so what is
 // read back can never differ from what was written. Numbers are little-endian, as they lie in
 // memory (doubles keep every bit); a vector is its length (u64) and its elements. Nothing in the
-// bytes tells types: who reads must know the version (backend/checkpoint.h).
+// bytes tells types: who reads must know the version (backend/session/checkpoint.h).
 //
 // A class of its own takes part by a member `void Archive(StateArchive&)`; the structs of core by
 // the functions at the end of this file.

@@ -58,7 +58,7 @@ class Comparison {
   CompareColumn Run(const CompareSequence& sequence);
 
   // Figure 4: BALM and ours, with 20 iterations and to convergence, on scans that are downsampled
-  // first (compare_resolution.cc). After Run of the same sequence. Throws as Run does.
+  // first (tools/compare/resolution.cc). After Run of the same sequence. Throws as Run does.
   std::vector<ResolutionPoint> StudyResolution(const CompareSequence& sequence,
                                                const std::vector<double>& resolutions_m);
 

@@ -1,5 +1,5 @@
 // The inbox by what is in it: order, stamps, waits, late files. inotify; see also
-// io_inbox_arrival_test.cc.
+// inbox_arrival_test.cc.
 #include "io/inbox/inbox.h"
 
 #include <cmath>

@@ -1,0 +1,101 @@
+// Files that comments and READMEs name are there.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <regex>
+#include <set>
+#include <string>
+#include <vector>
+
+namespace lamina {
+namespace {
+
+namespace fs = std::filesystem;
+
+const std::vector<std::string> kFolders = {"core",   "io",    "frontend", "backend",
+                                           "config", "tools", "tests"};
+
+struct SourceTree {
+  std::set<std::string> paths, names;
+  std::vector<std::string> texts;  // those that are looked through
+};
+
+SourceTree ReadTree(const fs::path& root) {
+  SourceTree tree;
+  tree.texts.push_back("README.md");
+  for (const std::string& folder : kFolders) {
+    for (const auto& entry : fs::recursive_directory_iterator(root / folder)) {
+      if (!entry.is_regular_file()) continue;
+      const std::string path = entry.path().lexically_relative(root).string();
+      tree.paths.insert(path);
+      tree.names.insert(entry.path().filename().string());
+      const std::string extension = entry.path().extension().string();
+      if (extension == ".h" || extension == ".cc" || extension == ".md" || extension == ".yaml")
+        tree.texts.push_back(path);
+    }
+  }
+  return tree;
+}
+
+// What of a line is text: all of a page, and of code what follows //.
+std::string TextOf(const std::string& line, bool page) {
+  if (page) return line;
+  const std::size_t comment = line.find("//");
+  return comment == std::string::npos ? "" : line.substr(comment);
+}
+
+// Names of files in `text` that are not in the tree.
+std::vector<std::string> Missing(const SourceTree& tree, const std::string& text) {
+  static const std::regex kName(R"((^|[^\w/.<*])((?:\w+/)*\w+\.(?:h|cc|md|yaml))\b)");
+  // Of other libraries, and of the examples of pages.
+  static const std::set<std::string> kOthers = {"resolv.h", "config.yaml"};
+  std::vector<std::string> missing;
+  for (std::sregex_iterator i(text.begin(), text.end(), kName), end; i != end; ++i) {
+    const std::string name = (*i)[2];
+    const bool path = name.find('/') != std::string::npos;
+    const bool known = path ? tree.paths.count(name) > 0 : tree.names.count(name) > 0;
+    const bool code = name.back() == 'h' || name.back() == 'c';
+    const bool ours = path ? std::find(kFolders.begin(), kFolders.end(),
+                                       name.substr(0, name.find('/'))) != kFolders.end()
+                           : code;
+    if (ours && !known && kOthers.count(name) == 0) missing.push_back(name);
+  }
+  return missing;
+}
+
+TEST(Names, FilesThatTextsNameAreThere) {
+  const fs::path root = LAMINA_SOURCE_DIR;
+  const SourceTree tree = ReadTree(root);
+  for (const std::string& path : tree.texts) {
+    const bool page = path.find(".md") != std::string::npos;
+    // Names made up to be refused.
+    if (path == "tests/core/names_test.cc") continue;
+    std::ifstream file(root / path);
+    int number = 0;
+    for (std::string line; std::getline(file, line);) {
+      ++number;
+      // A page of a folder names its files from there.
+      for (const std::string& name : Missing(tree, TextOf(line, page))) {
+        const fs::path beside = fs::path(path).parent_path() / name;
+        if (tree.paths.count(beside.string()) == 0)
+          ADD_FAILURE() << path << ":" << number << " names " << name;
+      }
+    }
+  }
+}
+
+TEST(Names, TheCheckCatchesWrongNames) {
+  SourceTree tree;
+  tree.paths = {"core/geometry/se3.h"};
+  tree.names = {"se3.h"};
+  using Names = std::vector<std::string>;
+  EXPECT_EQ(Missing(tree, "// see core/geometry/se3.h, and se3.h"), Names());
+  EXPECT_EQ(Missing(tree, "// see core/se3.h"), Names{"core/se3.h"});
+  EXPECT_EQ(Missing(tree, "// (pose.h)"), Names{"pose.h"});
+  EXPECT_EQ(Missing(tree, "// of <cmath> and <resolv.h>, out/config.yaml"), Names());
+}
+
+}  // namespace
+}  // namespace lamina
