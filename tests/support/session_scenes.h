@@ -11,7 +11,7 @@
 
 #include "backend/session/checkpoint.h"
 #include "backend/session/session.h"
-#include "io_test_files.h"
+#include "tests/support/io_test_files.h"
 #include "tests/support/random_rooms.h"
 
 namespace lamina {

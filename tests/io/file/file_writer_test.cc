@@ -5,8 +5,8 @@
 #include <stdexcept>
 
 #include "io/file/disk_room.h"
-#include "io_test_files.h"
 #include "tests/support/file_size_limit.h"
+#include "tests/support/io_test_files.h"
 #include "tests/support/small_disk.h"
 
 namespace lamina {

@@ -6,8 +6,8 @@
 #include <csignal>
 #include <cstdlib>
 
-#include "io_test_files.h"
 #include "tests/support/file_size_limit.h"
+#include "tests/support/io_test_files.h"
 #include "tests/support/random_scenes.h"
 
 namespace lamina {

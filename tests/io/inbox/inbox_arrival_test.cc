@@ -7,8 +7,8 @@
 #include <cmath>
 #include <thread>
 
-#include "inbox_scenes.h"
 #include "io/inbox/name_set.h"
+#include "tests/support/inbox_scenes.h"
 
 namespace lamina {
 namespace {

@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "inbox_scenes.h"
+#include "tests/support/inbox_scenes.h"
 
 namespace lamina {
 namespace {

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "io_test_files.h"
+#include "tests/support/io_test_files.h"
 
 namespace lamina {
 namespace {

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "io/recording/scan_source.h"
-#include "io_test_files.h"
+#include "tests/support/io_test_files.h"
 
 namespace lamina {
 namespace {

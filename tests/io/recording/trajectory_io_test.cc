@@ -1,7 +1,7 @@
 #include <random>
 
 #include "io/recording/trajectory_io.h"
-#include "io_test_files.h"
+#include "tests/support/io_test_files.h"
 
 namespace lamina {
 namespace {

@@ -3,7 +3,7 @@
 #include <cstring>
 #include <utility>
 
-#include "io_test_files.h"
+#include "tests/support/io_test_files.h"
 
 namespace lamina {
 namespace {

@@ -7,7 +7,7 @@
 #include <csignal>
 
 #include "io/store/session_database.h"
-#include "io_test_files.h"
+#include "tests/support/io_test_files.h"
 #include "tests/support/random_scenes.h"
 
 namespace lamina {

@@ -11,7 +11,7 @@
 
 #include "core/geometry/state_archive.h"
 #include "io/file/disk_room.h"
-#include "io_test_files.h"
+#include "tests/support/io_test_files.h"
 #include "tests/support/random_scenes.h"
 #include "tests/support/small_disk.h"
 

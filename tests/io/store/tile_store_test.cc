@@ -7,7 +7,7 @@
 #include <set>
 
 #include "io/file/checksum.h"
-#include "io_test_files.h"
+#include "tests/support/io_test_files.h"
 #include "tests/support/memory_voxel_store.h"
 #include "tests/support/random_scenes.h"
 
