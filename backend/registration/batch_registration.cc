@@ -163,7 +163,8 @@ void PutBack(const std::vector<BatchFrame>& frames, const std::vector<BundleFaul
 void AddCovariances(const BundleProblem& problem, RegistrationResult* result) {
   constexpr double kOpenVariance = 1e6;
   try {
-    result->covariances = PoseCovariances(problem, result->poses, kOpenVariance);
+    result->covariances =
+        PoseCovariances(problem, result->poses, kOpenVariance, &result->covariance_failure);
     for (const BundleFault& fault : result->faults) {
       for (std::size_t i = 0; i < fault.motion.size() && !result->covariances.empty(); ++i) {
         if (fault.group[i] == fault.frame) continue;  // held: it has its share
@@ -171,8 +172,6 @@ void AddCovariances(const BundleProblem& problem, RegistrationResult* result) {
         covariance += kOpenVariance * fault.motion[i] * fault.motion[i].transpose();
       }
     }
-    if (!result->covariances.empty()) return;
-    result->covariance_failure = "the normal equations at the solution cannot be factorised";
   } catch (const std::bad_alloc&) {
     result->covariance_failure = "there is not enough memory for those of " +
                                  std::to_string(result->poses.size()) + " poses";

@@ -4,6 +4,8 @@
 #include <Eigen/OrderingMethods>
 #include <Eigen/SparseCore>
 #include <algorithm>
+#include <limits>
+#include <utility>
 
 namespace lamina {
 namespace {
@@ -32,6 +34,10 @@ struct Column {
   std::vector<std::int32_t> rows;  // ascending
   std::vector<Matrix6d> blocks;
   Matrix6d diagonal = Matrix6d::Zero();
+
+  std::size_t Find(std::int32_t row) const {
+    return static_cast<std::size_t>(std::lower_bound(rows.begin(), rows.end(), row) - rows.begin());
+  }
 };
 
 class SparseFactor {
@@ -69,21 +75,52 @@ class SparseFactor {
       for (std::size_t i = 0; i < Y.size(); ++i) {
         column->diagonal.noalias() -= column->blocks[i].transpose() * Y[i];
       }
+      // Rounding leaves an antisymmetric part, which would grow from column to column: see the
+      // header.
+      column->diagonal = (0.5 * (column->diagonal + column->diagonal.transpose())).eval();
     }
+  }
+
+  // Largest entry of A Z - I over its blocks on the diagonal, after Invert. Z has every block that
+  // they take.
+  double ResidualOf(const SymmetricBlocks& A) const {
+    std::vector<Matrix6d> residuals(place_.size(), -Matrix6d::Identity());
+    for (std::size_t row = 0; row < A.columns.size(); ++row) {
+      for (std::size_t i = 0; i < A.columns[row].size(); ++i) {
+        const auto other = static_cast<std::size_t>(A.columns[row][i]);
+        const Matrix6d& block = A.blocks[row][i];
+        const Matrix6d Z = Block(place_[row], place_[other]);
+        residuals[row].noalias() += block * Z.transpose();
+        if (other != row) residuals[other].noalias() += block.transpose() * Z;
+      }
+    }
+    double largest = 0.0;
+    for (const Matrix6d& residual : residuals) {
+      if (!residual.allFinite()) return std::numeric_limits<double>::infinity();
+      largest = std::max(largest, residual.cwiseAbs().maxCoeff());
+    }
+    return largest;
   }
 
   std::vector<Matrix6d> Diagonal() const {
     std::vector<Matrix6d> blocks;
     blocks.reserve(place_.size());
     for (const std::int32_t place : place_) {
-      const Matrix6d& Z = columns_[static_cast<std::size_t>(place)].diagonal;
-      blocks.push_back(0.5 * (Z + Z.transpose()));
+      blocks.push_back(columns_[static_cast<std::size_t>(place)].diagonal);
     }
     return blocks;
   }
 
  private:
   Column& At(std::int32_t place) { return columns_[static_cast<std::size_t>(place)]; }
+
+  // The block (row, column), which is not zero, by place.
+  Matrix6d Block(std::int32_t row, std::int32_t column) const {
+    const Column& low = columns_[static_cast<std::size_t>(std::min(row, column))];
+    if (row == column) return low.diagonal;
+    const Matrix6d& block = low.blocks[low.Find(std::max(row, column))];
+    return row > column ? block : Matrix6d(block.transpose());
+  }
 
   // Rows of column j: those of A, and those of each column whose first row is j.
   void MakeStructure(const SymmetricBlocks& A) {
@@ -112,10 +149,7 @@ class SparseFactor {
           At(r).diagonal = block;
         } else {
           Column& column = At(std::min(r, c));
-          const auto found =
-              std::lower_bound(column.rows.begin(), column.rows.end(), std::max(r, c));
-          column.blocks[static_cast<std::size_t>(found - column.rows.begin())] =
-              r > c ? block : Matrix6d(block.transpose());
+          column.blocks[column.Find(std::max(r, c))] = r > c ? block : Matrix6d(block.transpose());
         }
       }
     }
@@ -162,13 +196,19 @@ class SparseFactor {
 
 }  // namespace
 
-bool InvertOnDiagonal(const SymmetricBlocks& A, std::vector<Matrix6d>* inverse) {
+SelectedInverse InvertOnDiagonal(const SymmetricBlocks& A, std::vector<Matrix6d>* inverse) {
+  constexpr double kMostResidual = 1e-3;
   inverse->clear();
   SparseFactor factor(A);
-  if (!factor.Factorise()) return false;
+  if (!factor.Factorise()) return SelectedInverse::kNotPositiveDefinite;
   factor.Invert();
-  *inverse = factor.Diagonal();
-  return true;
+  if (!(factor.ResidualOf(A) < kMostResidual)) return SelectedInverse::kInaccurate;
+  std::vector<Matrix6d> blocks = factor.Diagonal();
+  for (const Matrix6d& block : blocks) {
+    if (Eigen::LLT<Matrix6d>(block).info() != Eigen::Success) return SelectedInverse::kInaccurate;
+  }
+  *inverse = std::move(blocks);
+  return SelectedInverse::kDone;
 }
 
 }  // namespace lamina
