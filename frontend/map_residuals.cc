@@ -74,6 +74,32 @@ Matrix6d MapResiduals::GradientScatter(const SE3& T, double kernel_sigma) {
   return scatter;
 }
 
+MapResiduals::SharedInformation& MapResiduals::SharedInformation::operator+=(
+    const SharedInformation& o) {
+  H += o.H;
+  shared += o.shared;
+  return *this;
+}
+
+MapResiduals::SharedInformation MapResiduals::InformationShares(const SE3& T, double kernel_sigma,
+                                                                const std::vector<double>& shares) {
+  const Eigen::Matrix3d R = T.R();
+  Associate(T, R);
+  watching_ = false;
+  return ParallelSum(clusters_.size(), 1024, SharedInformation(),
+                     [&](std::size_t begin, std::size_t end) {
+                       SharedInformation sum;
+                       NormalEquations one;
+                       for (std::size_t i = begin; i < end; ++i) {
+                         one.H.setZero();
+                         AddCluster(i, R, T.t, kernel_sigma, &one);
+                         sum.H += one.H;
+                         sum.shared += shares[i] * one.H;
+                       }
+                       return sum;
+                     });
+}
+
 void MapResiduals::Associate(const SE3& T, const Eigen::Matrix3d& R) {
   constexpr double kFarM = 30.0;
   const double near_m = 0.05 * map_.options().LeafSize();

@@ -49,6 +49,14 @@ class MapResiduals {
   // surface have in common counting once.
   Matrix6d GradientScatter(const SE3& T, double kernel_sigma);
 
+  // sum w J'J and sum w share J'J, with one share for each cluster.
+  struct SharedInformation {
+    Matrix6d H = Matrix6d::Zero(), shared = Matrix6d::Zero();
+    SharedInformation& operator+=(const SharedInformation& o);
+  };
+  SharedInformation InformationShares(const SE3& T, double kernel_sigma,
+                                      const std::vector<double>& shares);
+
  private:
   struct Sums;
   // Looks up the surface around each cluster, unless the pose is still so near the one of the last

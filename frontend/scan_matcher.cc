@@ -260,6 +260,31 @@ MatchResult ScanMatcher::Run(const std::vector<PointCluster>& clusters,
   return result;
 }
 
+Matrix6d ScanMatcher::SweepCovariance(const std::vector<PointCluster>& deskewed,
+                                      const std::vector<TimedCluster>& timed,
+                                      const MatchResult& match, const VoxelMap& map, double gap_s,
+                                      const Matrix6d& acceleration_moment) const {
+  if (match.status == MatchResult::Status::kTooFewMatches) return Matrix6d::Zero();
+  std::vector<double> g(timed.size());
+  for (std::size_t i = 0; i < timed.size(); ++i) {
+    const double tau = timed[i].mean_time_s;
+    g[i] = 0.5 * (tau * (tau + gap_s) + timed[i].time_scatter / timed[i].points.count);
+  }
+  MapResiduals residuals(options_, map, deskewed);
+  residuals.use_rough = match.degenerate > 0;
+  const auto sums = residuals.InformationShares(match.T_world_lidar, options_.kernel_end_sigma, g);
+  // From the body's directions to the tangent's, and scaled.
+  Matrix6d to_tangent = kRotationArmM * Matrix6d::Identity();
+  to_tangent.bottomRightCorner<3, 3>() = match.T_world_lidar.R();
+  const Matrix6d& V = match.degenerate_directions;
+  const Matrix6d keep = Matrix6d::Identity() - V * V.transpose();
+  const Matrix6d information = keep * DividedByArm(sums.H) * keep +
+                               V * match.degenerate_information.asDiagonal() * V.transpose() +
+                               1e-9 * sums.H.trace() * Matrix6d::Identity();
+  const Matrix6d moved = information.ldlt().solve(keep * DividedByArm(sums.shared) * to_tangent);
+  return DividedByArm(Matrix6d(moved * acceleration_moment * moved.transpose()));
+}
+
 double ScanMatcher::Score(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
                           const VoxelMap& map, double scale_m, std::size_t stride,
                           double chance) const {

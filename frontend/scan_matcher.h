@@ -155,6 +155,13 @@ class ScanMatcher {
     return Run(clusters, prediction, prediction.T_world_lidar, map, false);
   }
 
+  // What unsteady motion within the scan adds to the covariance of a match (sweep_error.h).
+  // deskewed[i] is timed[i] at its stamp, by the twist over the `gap_s` since the last pose.
+  Matrix6d SweepCovariance(const std::vector<PointCluster>& deskewed,
+                           const std::vector<TimedCluster>& timed, const MatchResult& match,
+                           const VoxelMap& map, double gap_s,
+                           const Matrix6d& acceleration_moment) const;
+
   // How well the clusters lie on the map's planes at a pose: the mean over the clusters of
   // GemanMcClureWeight((distance / scale_m)^2) - chance, a cluster without a plane around it
   // counting 0.
