@@ -1,5 +1,7 @@
 #include "frontend/map_residuals.h"
 
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
@@ -51,26 +53,54 @@ NormalEquations MapResiduals::At(const SE3& T, double kernel_sigma, const Matrix
   return total;
 }
 
-Matrix6d MapResiduals::GradientScatter(const SE3& T, double kernel_sigma) {
+std::vector<MapResiduals::Block> MapResiduals::Blocks(const SE3& T, double kernel_sigma) {
+  constexpr double kTogetherM = 4.0;
   const Eigen::Matrix3d R = T.R();
   Associate(T, R);
   watching_ = false;
-  VoxelIndex groups(clusters_.size() / 2 + 64);
-  std::vector<Vector6d> gradients;
+  VoxelIndex index(256);
+  std::vector<Block> blocks;
   NormalEquations one;
   for (std::size_t i = 0; i < clusters_.size(); ++i) {
     if (surfaces_[i] == VoxelMap::kNoNode) continue;
+    one.H.setZero();
     one.g.setZero();
     one.weight = 0.0;
     AddCluster(i, R, T.t, kernel_sigma, &one);
     if (one.weight == 0.0) continue;
-    const auto group = static_cast<std::size_t>(groups.FindOrInsert(
-        static_cast<VoxelKey>(surfaces_[i]), static_cast<std::int32_t>(gradients.size())));
-    if (group == gradients.size()) gradients.push_back(Vector6d::Zero());
-    gradients[group] += one.g;
+    const VoxelKey key = VoxelKeyOf(R * clusters_[i].mean + T.t, 1.0 / kTogetherM);
+    const auto at =
+        static_cast<std::size_t>(index.FindOrInsert(key, static_cast<std::int32_t>(blocks.size())));
+    if (at == blocks.size()) blocks.emplace_back();
+    blocks[at].H += one.H;
+    blocks[at].g += one.g;
   }
+  return blocks;
+}
+
+Matrix6d MapResiduals::GradientScatter(const SE3& T, double kernel_sigma) {
+  // A block that determines a direction nearly alone says nothing of how well.
+  constexpr double kMostShare = 0.9, kSmallShare = 0.02;
+  const std::vector<Block> blocks = Blocks(T, kernel_sigma);
+  Matrix6d H = Matrix6d::Zero();
+  for (const Block& block : blocks) H += block.H;
+  H.diagonal().array() += 1e-9 * H.trace();
+  const Eigen::LLT<Matrix6d> factor(H);  // L L'
+  const auto L = factor.matrixL();
   Matrix6d scatter = Matrix6d::Zero();
-  for (const Vector6d& g : gradients) scatter += g * g.transpose();
+  for (const Block& block : blocks) {
+    Vector6d g = block.g;
+    // L^-1 H_s L^-T, whose eigenvalues are the block's shares.
+    Matrix6d shares = L.solve(block.H);
+    shares = L.solve(shares.transpose().eval());
+    if (shares.trace() > kSmallShare) {
+      const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(shares);
+      const Vector6d left = 1.0 - eigen.eigenvalues().array().min(kMostShare).max(0.0);
+      const Vector6d along = eigen.eigenvectors().transpose() * L.solve(g);
+      g = L * Vector6d(eigen.eigenvectors() * along.cwiseQuotient(left.cwiseSqrt()));
+    }
+    scatter += g * g.transpose();
+  }
   return scatter;
 }
 

@@ -44,9 +44,8 @@ class MapResiduals {
   // Evidence along the columns of *watched (scaled tangent) is gathered if it is not null.
   NormalEquations At(const SE3& T, double kernel_sigma, const Matrix6d* watched);
 
-  // sum over the map's surfaces of G G', G = sum w e J' over the clusters on that surface, at the
-  // pose and kernel of the last At: how the gradient scatters, the error that clusters on one
-  // surface have in common counting once.
+  // How the gradient scatters, at the pose and kernel of the last At: the sum of scan_matcher.h
+  // over blocks of space, without H^-1 on both sides.
   Matrix6d GradientScatter(const SE3& T, double kernel_sigma);
 
   // sum w J'J and sum w share J'J, with one share for each cluster.
@@ -58,7 +57,12 @@ class MapResiduals {
                                       const std::vector<double>& shares);
 
  private:
-  struct Sums;
+  // H and gradient of the clusters in a block of space, where errors are alike.
+  struct Block {
+    Matrix6d H = Matrix6d::Zero();
+    Vector6d g = Vector6d::Zero();
+  };
+  std::vector<Block> Blocks(const SE3& T, double kernel_sigma);
   // Looks up the surface around each cluster, unless the pose is still so near the one of the last
   // look-up that a cluster at 30 m has moved by less than a small part of a leaf.
   void Associate(const SE3& T, const Eigen::Matrix3d& R);

@@ -24,10 +24,18 @@
 // the prediction. The decision is made anew as the descent goes on, and what is reported is what
 // its last steps did.
 //
-// Covariance. With H = sum w J'J and G_s the gradient sum w e J' of the clusters on surface s of
-// the map, it is H^-1 (sum_s G_s G_s') H^-1: what the residuals scatter, not what the noise options
-// promise, and an error that all clusters on one surface share counts once. It is the error of the
-// pose relative to the map around it; what the map has drifted by before is not in it.
+// Covariance. What the residuals scatter, not what the noise options promise: with H = sum w J'J,
+// and H_s, G_s the shares of H and of the gradient sum w e J' that clusters in block s have,
+//
+//     H^-1 (sum_s C_s G_s (C_s G_s)') H^-1,    C_s = (I - H_s H^-1)^-1/2.
+//
+// Blocks are cubes of 4 m: clusters in one of them have errors in common (the ring that passes over
+// several planes, the pose of the scan that made most of the planes there), which count once, and
+// those of different blocks are taken for independent (cluster-robust covariance). C_s makes up for
+// what fitting the pose has taken from the residuals of a block, the more the larger its share
+// (CR2; Bell and McCaffrey 2002): in a room a few blocks determine it. Motion within the scan that
+// is not steady comes on top (sweep_error.h). It is the error of the pose relative to the map
+// around it; what the map has drifted by before is not in it.
 #pragma once
 
 #include <vector>

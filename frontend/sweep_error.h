@@ -18,8 +18,8 @@
 // much as it seems to change.
 #pragma once
 
-#include "core/se3.h"
-#include "core/state_archive.h"
+#include "core/geometry/se3.h"
+#include "core/geometry/state_archive.h"
 
 namespace lamina {
 

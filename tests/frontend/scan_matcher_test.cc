@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <map>
+
+#include "core/map/voxel_key.h"
 #include "tests/support/bay_street.h"
 #include "tests/support/random_rooms.h"
 
@@ -57,6 +60,54 @@ TEST(ScanMatcher, RecoversThePoseInACornerOfThreePlanes) {
     EXPECT_GT(result.inlier_share, 0.6);
     EXPECT_LT(result.residual_rms_m, 0.03);
   }
+}
+
+// Mean squared error of matched poses over their covariance, as a share of 6, in a world with noise
+// and with errors along every axis that all points of a 4 m cube have in common.
+double NeesPerDof(const World& world, double cube_sigma_m) {
+  constexpr int kTrials = 60;
+  Stage stage(world, 11);
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  double sum = 0.0;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    const SE3 truth = stage.draws.Offset(0.2, 0.6);
+    std::map<VoxelKey, Eigen::Vector3d> offsets;
+    Points points = world.Sample(2000, 0.005, &stage.draws);
+    for (Eigen::Vector3d& p : points) {
+      const auto [offset, is_new] =
+          offsets.try_emplace(VoxelKeyOf(p, 0.25), Eigen::Vector3d::Zero());
+      for (int i = 0; i < 3 && is_new; ++i) {
+        offset->second(i) = stage.draws.Normal(cube_sigma_m);
+      }
+      p += offset->second;
+    }
+    const MatchResult match =
+        matcher.Match(Untimed(ScanFrom(truth, points, stage.map.options().LeafSize())),
+                      Predicted(truth), stage.map);
+    const Vector6d error = LocalDelta(truth, match.T_world_lidar);
+    sum += error.dot(match.covariance.ldlt().solve(error)) / (6.0 * kTrials);
+  }
+  return sum;
+}
+
+TEST(ScanMatcher, ErrorsThatNeighboursHaveInCommonCountOnce) {
+  World hall = World::Room();
+  for (Facet& facet : hall.facets) {
+    for (Eigen::Vector3d* v : {&facet.centre, &facet.edge1, &facet.edge2}) {
+      v->head<2>() *= 2.5;
+    }
+  }
+  for (const double cube_sigma_m : {0.0, 0.01}) {
+    const double nees = NeesPerDof(hall, cube_sigma_m);
+    EXPECT_GT(nees, 0.5) << cube_sigma_m;
+    EXPECT_LT(nees, 2.0) << cube_sigma_m;
+  }
+}
+
+TEST(ScanMatcher, TheCovarianceHoldsWhereFewBlocksDetermineThePose) {
+  const double nees = NeesPerDof(World::Room(), 0.0);
+  EXPECT_GT(nees, 0.5);
+  EXPECT_LT(nees, 2.0);
 }
 
 TEST(ScanMatcher, ACorridorLeavesItsAxisToThePrediction) {

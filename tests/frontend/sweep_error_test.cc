@@ -5,7 +5,7 @@
 #include <Eigen/Eigenvalues>
 
 #include "frontend/scan_matcher.h"
-#include "tests/random_rooms.h"
+#include "tests/support/random_rooms.h"
 
 namespace lamina {
 namespace {
