@@ -123,6 +123,11 @@ void Odometry::MatchDeskewed(const std::vector<TimedCluster>& clusters,
     *deskewed = DeskewClusters(clusters, frame->twist);
     frame->match = matcher_.Match(*deskewed, prediction, frame->match.T_world_lidar, map);
   }
+  if (passes > 0 && motion_.moving_known()) {
+    frame->match.covariance +=
+        matcher_.SweepCovariance(*deskewed, clusters, frame->match, map, dt,
+                                 acceleration_.MomentWith(frame->twist - motion_.velocity(), dt));
+  }
 }
 
 void Odometry::Rematch(const std::vector<TimedCluster>& clusters, const VoxelMap& map,
@@ -297,7 +302,13 @@ double Odometry::Median(const std::deque<double>& values) {
 void Odometry::Accept(const OdometryFrame& frame) {
   constexpr std::size_t kRecent = 15;
   const bool tracked = frame.status == OdometryFrame::Status::kTracked;
+  const bool moving_known = motion_.moving_known();
+  const Vector6d velocity = motion_.velocity();
+  const double gap_s = motion_.Gap(frame.stamp_ns);
   motion_.Accept(frame.stamp_ns, frame.T_world_lidar, tracked);
+  if (!tracked) acceleration_.Clear();
+  if (moving_known && motion_.moving_known())
+    acceleration_.Add(motion_.velocity() - velocity, gap_s);
   lost_ = false;
   if (tracked) {
     recent_inliers_.push_back(frame.match.inlier_share);
@@ -312,10 +323,13 @@ void Odometry::Accept(const OdometryFrame& frame) {
 
 void Odometry::StartAt(const SE3& T_world_lidar) {
   motion_.StartAt(T_world_lidar);
+  acceleration_.Clear();
   recent_inliers_.clear();
   recent_fits_.clear();
 }
 
-void Odometry::Archive(StateArchive& a) { a(&motion_, &recent_inliers_, &recent_fits_, &lost_); }
+void Odometry::Archive(StateArchive& a) {
+  a(&motion_, &acceleration_, &recent_inliers_, &recent_fits_, &lost_);
+}
 
 }  // namespace lamina

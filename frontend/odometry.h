@@ -23,6 +23,7 @@
 #include "frontend/pose_search.h"
 #include "frontend/scan_clusters.h"
 #include "frontend/scan_matcher.h"
+#include "frontend/sweep_error.h"
 
 namespace lamina {
 
@@ -135,7 +136,8 @@ class Odometry {
   // Whether a match is to be believed. `unique` tells whether a search finds no rival to it.
   bool Believed(const OdometryFrame& frame, const PosePrediction& prediction,
                 const std::function<bool()>& unique) const;
-  // Deskews and matches `passes` times with the motion that each match finds.
+  // Deskews and matches `passes` times with the motion that each match finds; what is left of an
+  // unsteady motion is in the covariance.
   void MatchDeskewed(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
                      const VoxelMap& map, int passes, std::vector<PointCluster>* deskewed,
                      OdometryFrame* frame) const;
@@ -149,6 +151,7 @@ class Odometry {
   ScanMatcher matcher_, narrow_matcher_;
   PoseSearch search_;
   MotionModel motion_;
+  RecentAcceleration acceleration_;
   std::deque<double> recent_inliers_, recent_fits_;
   bool lost_ = false;  // since the last accepted frame
 };

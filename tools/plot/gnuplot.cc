@@ -138,7 +138,8 @@ void DrawPicture(const std::function<std::string(const std::string&)>& script,
   RequireWritable(partial, path);
   try {
     RunGnuplot(script(partial), path);
-    if (std::filesystem::file_size(partial) == 0) {
+    std::error_code gone;
+    if (std::filesystem::file_size(partial, gone) == 0 || gone) {
       throw OutputError("cannot draw " + path + ": gnuplot drew nothing, see its message above");
     }
   } catch (...) {

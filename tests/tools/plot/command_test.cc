@@ -17,7 +17,9 @@ namespace fs = std::filesystem;
 
 class PlotCommand : public testing::Test {
  protected:
-  PlotCommand() : folder_(testing::TempDir() + "lamina_plot_command") {
+  PlotCommand()
+      : folder_(testing::TempDir() + "lamina_plot_" +
+                testing::UnitTest::GetInstance()->current_test_info()->name()) {
     fs::remove_all(folder_);
     fs::create_directories(folder_);
   }
