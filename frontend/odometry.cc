@@ -90,18 +90,17 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
     hypotheses = Hypotheses(prediction, map_is_older);
     frame.searched = !hypotheses.empty();
   }
+  // Two scans know less of a place than a map, and minima beside the right one are nearly as good.
+  constexpr double kStartSigmas = 2.0;
+  SearchedScan scan{deskewed, prediction, map, starting};
+  if (starting) scan.clear_sigmas = kStartSigmas;
   if (frame.searched) {
-    const SearchedScan scan{deskewed, prediction, map, starting};
     search_.Descend(scan, &hypotheses);
     frame.match = search_.Best(scan, hypotheses, frame.match);
     if (passes == 0)
       frame.match = matcher_.Match(deskewed, prediction, frame.match.T_world_lidar, map);
   }
   MatchDeskewed(clusters, prediction, map, passes, &deskewed, &frame);
-  // Two scans know less of a place than a map, and minima beside the right one are nearly as good.
-  constexpr double kStartSigmas = 2.0;
-  SearchedScan scan{deskewed, prediction, map, starting};
-  if (starting) scan.clear_sigmas = kStartSigmas;
   Judge(scan, hypotheses, &frame);
   return frame;
 }
@@ -132,8 +131,7 @@ void Odometry::MatchDeskewed(const std::vector<TimedCluster>& clusters,
 
 void Odometry::Rematch(const std::vector<TimedCluster>& clusters, const VoxelMap& map,
                        OdometryFrame* frame) const {
-  const PosePrediction prediction{frame->T_world_predicted,
-                                  motion_.Predict(frame->stamp_ns).covariance};
+  const PosePrediction prediction = motion_.Predict(frame->stamp_ns);
   std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame->twist);
   frame->match = matcher_.Match(deskewed, prediction, frame->match.T_world_lidar, map);
   MatchDeskewed(clusters, prediction, map, DeskewPasses(frame->stamp_ns, clusters), &deskewed,

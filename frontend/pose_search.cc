@@ -281,8 +281,10 @@ MatchResult PoseSearch::BestBeside(const SearchedScan& scan, const Eigen::Vector
   constexpr double kShortStepM = 0.25;
   constexpr int kSteps = 3;
   std::vector<SE3> beside;
-  for (int i = -kSteps; i <= kSteps; ++i)
-    beside.emplace_back(match.T_world_lidar.q, match.T_world_lidar.t + kShortStepM * i * way);
+  for (int i = -kSteps; i <= kSteps; ++i) {
+    if (i != 0)
+      beside.emplace_back(match.T_world_lidar.q, match.T_world_lidar.t + kShortStepM * i * way);
+  }
   MatchResult best = match;
   for (const MatchResult& r : MatchFrom(scan, scan.clusters, LeadElsewhere(scan, beside, match))) {
     if (r.status != MatchResult::Status::kTooFewMatches && r.evidence() > best.evidence()) best = r;
