@@ -1,14 +1,11 @@
 #include "backend/bundle/adjuster.h"
 
+#include <memory>
 #include <stdexcept>
+#include <string>
 
 #include "backend/bundle/condensed_cost.h"
-#include "backend/bundle/formulations/alternating_cost.h"
-#include "backend/bundle/formulations/eigen_factors.h"
-#include "backend/bundle/formulations/gradient_descent.h"
-#include "backend/bundle/formulations/plane_landmarks.h"
-#include "backend/bundle/formulations/pointwise_cost.h"
-#include "backend/bundle/formulations/second_order_cost.h"
+#include "backend/bundle/formulation.h"
 #include "backend/bundle/levenberg_marquardt.h"
 
 namespace lamina {
@@ -21,18 +18,13 @@ bool StartsFinite(const std::vector<SE3>& poses) {
   return true;
 }
 
-bool TakesPriors(Formulation formulation) {
-  return formulation == Formulation::kCondensed || formulation == Formulation::kEvm2 ||
-         formulation == Formulation::kEvm1;
-}
+constexpr Formulation kCondensed = {
+    "condensed",           "Lamina",         "this project",         /*needs_points=*/false,
+    /*takes_priors=*/true, /*creeps=*/false, MakeCost<CondensedCost>};
 
 }  // namespace
 
-const std::vector<std::string>& FormulationNames() {
-  static const std::vector<std::string> names = {"condensed", "huang", "evm2", "evm1",
-                                                 "ef",        "ef_lm", "pl"};
-  return names;
-}
+const Formulation& CondensedFormulation() { return kCondensed; }
 
 void BundleAdjusterOptions::Visit(OptionVisitor& v) {
   v.Integer("max_iterations", &max_iterations, 1, 100000);
@@ -40,31 +32,16 @@ void BundleAdjusterOptions::Visit(OptionVisitor& v) {
   v.Integer("min_planes", &min_planes, 3, 1000000);
 }
 
-std::unique_ptr<BundleCost> MakeBundleCost(const BundleProblem& problem, Formulation formulation) {
-  switch (formulation) {
-    case Formulation::kCondensed:
-      return std::make_unique<CondensedCost>(problem);
-    case Formulation::kHuang:
-      return std::make_unique<AlternatingCost>(problem);
-    case Formulation::kEvm2:
-      return std::make_unique<SecondOrderCost>(problem);
-    case Formulation::kEvm1:
-      return std::make_unique<PointwiseCost>(problem);
-    case Formulation::kEfLm:
-      return std::make_unique<EigenFactorsCost>(problem);
-    case Formulation::kEf:
-    case Formulation::kPl:
-      break;
-  }
-  throw std::logic_error(FormulationNames().at(static_cast<std::size_t>(formulation)) +
-                         " has no normal equations of the poses alone");
+BundleResult AdjustBundle(const BundleProblem& problem, const BundleAdjusterOptions& options,
+                          const BundleObserver& observer) {
+  return AdjustBundle(problem, options, kCondensed, observer);
 }
 
 BundleResult AdjustBundle(const BundleProblem& problem, const BundleAdjusterOptions& options,
-                          Formulation formulation, const BundleObserver& observer) {
+                          const Formulation& formulation, const BundleObserver& observer) {
   CheckOptions(options, "backend.solver");
-  if (!problem.priors.empty() && !TakesPriors(formulation)) {
-    throw std::logic_error("priors are for condensed, evm2 and evm1 alone");
+  if (!problem.priors.empty() && !formulation.takes_priors) {
+    throw std::logic_error(std::string(formulation.name) + " takes no priors");
   }
   BundleResult result;
   result.poses = problem.poses;
@@ -76,9 +53,8 @@ BundleResult AdjustBundle(const BundleProblem& problem, const BundleAdjusterOpti
     result.status = BundleResult::Status::kFailed;
     return result;
   }
-  if (formulation == Formulation::kEf) return DescendEigenFactors(problem, options, observer);
-  if (formulation == Formulation::kPl) return SolvePlaneLandmarks(problem, options, observer);
-  const std::unique_ptr<BundleCost> cost = MakeBundleCost(problem, formulation);
+  if (formulation.solve != nullptr) return formulation.solve(problem, options, observer);
+  const std::unique_ptr<BundleCost> cost = formulation.make_cost(problem);
   return MinimiseByLevenbergMarquardt(problem, cost.get(), options, observer);
 }
 

@@ -1,31 +1,16 @@
-// Bundle adjustment: poses from a bundle problem, by any of the formulations.
-//
-//   condensed  planes condensed out, Gauss-Newton                        condensed_cost.h
-//   huang      the paper's objective, planes held during a step          alternating_cost.h
-//   evm2       the same cost as condensed, exact Hessian (BALM 2)        second_order_cost.h
-//   evm1       point by point, second order (BALM)                       pointwise_cost.h
-//   ef         Eigen-Factors, first-order descent                        eigen_factors.h
-//   ef_lm      Eigen-Factors as least squares                            eigen_factors.h
-//   pl         planes as parameters beside the poses (LIPS)              plane_landmarks.h
-//
-// All but ef and pl are minimised by the same trust region (levenberg_marquardt.h), so that what
-// differs is the formulation.
+// Bundle adjustment: poses from a bundle problem, by the condensed cost (condensed_cost.h) or by
+// any other formulation (formulation.h).
 #pragma once
 
 #include <functional>
-#include <memory>
-#include <string>
 #include <vector>
 
-#include "backend/bundle/cost.h"
 #include "backend/bundle/problem.h"
 #include "core/options/options.h"
 
 namespace lamina {
 
-enum class Formulation { kCondensed, kHuang, kEvm2, kEvm1, kEf, kEfLm, kPl };
-// Their names, in the order of the enumeration.
-const std::vector<std::string>& FormulationNames();
+struct Formulation;
 
 struct BundleAdjusterOptions {
   int max_iterations = 6;
@@ -65,15 +50,12 @@ struct BundleStep {
 // Told of each step, and of the poses after it.
 using BundleObserver = std::function<void(const BundleStep&, const std::vector<SE3>& poses)>;
 
-// Pure function; thread-safe. Deterministic at any number of threads, but for solve_ms. Throws
-// std::logic_error for what a formulation cannot express: points missing for evm1, priors with ef,
-// ef_lm, huang, or pl.
+// Pure functions; thread-safe. Deterministic at any number of threads, but for solve_ms. Throw
+// std::logic_error for what a formulation cannot express: priors that it does not take, points that
+// it needs and that are missing.
 BundleResult AdjustBundle(const BundleProblem& problem, const BundleAdjusterOptions& options,
-                          Formulation formulation = Formulation::kCondensed,
                           const BundleObserver& observer = nullptr);
-
-// The cost of a formulation that has normal equations: all but ef and pl, for which it throws
-// std::logic_error. Keeps a reference to the problem.
-std::unique_ptr<BundleCost> MakeBundleCost(const BundleProblem& problem, Formulation formulation);
+BundleResult AdjustBundle(const BundleProblem& problem, const BundleAdjusterOptions& options,
+                          const Formulation& formulation, const BundleObserver& observer = nullptr);
 
 }  // namespace lamina

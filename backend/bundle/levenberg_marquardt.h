@@ -15,6 +15,7 @@
 #pragma once
 
 #include "backend/bundle/adjuster.h"
+#include "backend/bundle/cost.h"
 
 namespace lamina {
 

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "backend/mapping/map_thickness.h"
+#include "backend/mapping/pipeline.h"
 #include "core/base/error.h"
 #include "core/base/median.h"
 #include "core/base/parallel.h"
@@ -35,12 +36,12 @@ struct Drive {
 
 // The longest piece.
 Drive MapDrive(const ScanSource& source, std::size_t begin, std::size_t end,
-               const MappingOptions& mapping, const std::function<void(const ScanReport&)>& on_scan,
+               const MappingOptions& mapping, const std::function<void(const MappedScan&)>& on_scan,
                const std::atomic<bool>* stop, CalibrationPass* pass) {
   std::map<std::int64_t, Drive> pieces;
   std::vector<bool> tracked(end - begin, false);
   MappingCallbacks callbacks;
-  callbacks.on_scan = [&](const ScanReport& report) {
+  callbacks.on_scan = [&](const MappedScan& report) {
     tracked[report.index - begin] =
         !report.skipped && report.odometry.status == OdometryFrame::Status::kTracked;
     if (on_scan) on_scan(report);
@@ -52,12 +53,12 @@ Drive MapDrive(const ScanSource& source, std::size_t begin, std::size_t end,
     drive.poses.push_back(pose.pose);
     drive.usable.push_back(tracked[pose.scan - begin]);
   };
-  MappingPipeline pipeline(mapping, callbacks);
-  pipeline.Process(source, {begin, begin, end}, stop);
-  pipeline.Finish();
-  pass->frames = pipeline.counts().frames;
-  pass->lost = pipeline.counts().lost;
-  pass->map = MeasureThickness(pipeline.map(), mapping.mapper.backend.min_surfel_frames);
+  Mapping run(mapping, callbacks);
+  MapScans(source, {begin, begin, end}, &run, stop);
+  run.Finish();
+  pass->frames = run.counts().frames;
+  pass->lost = run.counts().lost;
+  pass->map = MeasureThickness(run.map(), mapping.mapper.backend.min_surfel_frames);
   Drive longest;
   for (auto& [piece, drive] : pieces) {
     if (drive.poses.size() > longest.poses.size()) longest = std::move(drive);
@@ -113,7 +114,7 @@ std::vector<CalibrationSegment> ReadSegments(const ScanSource& source,
 RecordingCalibration CalibrateRecording(const ScanSource& source, std::size_t begin,
                                         std::size_t end, const MappingOptions& mapping,
                                         const CalibrationOptions& options,
-                                        const std::function<void(const ScanReport&)>& on_scan,
+                                        const std::function<void(const MappedScan&)>& on_scan,
                                         const std::function<void(const CalibrationPass&)>& on_pass,
                                         const std::atomic<bool>* stop) {
   const SensorCalibration calibration(options, mapping.mapper.map, mapping.mapper.backend.window);

@@ -12,8 +12,9 @@
 
 #include "backend/calibration/sensor_calibration.h"
 #include "backend/mapping/map_thickness.h"
-#include "backend/mapping/pipeline.h"
-#include "io/recording/scan_source.h"
+#include "backend/mapping/mapped_scan.h"
+#include "backend/mapping/options.h"
+#include "core/geometry/scan_source.h"
 
 namespace lamina {
 
@@ -41,7 +42,7 @@ struct RecordingCalibration {
 RecordingCalibration CalibrateRecording(const ScanSource& source, std::size_t begin,
                                         std::size_t end, const MappingOptions& mapping,
                                         const CalibrationOptions& options,
-                                        const std::function<void(const ScanReport&)>& on_scan,
+                                        const std::function<void(const MappedScan&)>& on_scan,
                                         const std::function<void(const CalibrationPass&)>& on_pass,
                                         const std::atomic<bool>* stop = nullptr);
 

@@ -29,16 +29,16 @@ Look MapScans(const ScanSource& source, std::size_t begin, std::size_t end, Mapp
   callbacks.on_final_pose = [&](const FinalPose& pose) {
     if (!pose.skipped) poses.push_back(pose.pose);
   };
-  MappingPipeline pipeline(options, callbacks);
-  pipeline.Process(source, {begin, begin, end}, stop);
-  pipeline.Finish();
-  look.tracked = pipeline.counts().lost == 0 && poses.size() * 2 > end - begin;
+  Mapping run(options, callbacks);
+  MapScans(source, {begin, begin, end}, &run, stop);
+  run.Finish();
+  look.tracked = run.counts().lost == 0 && poses.size() * 2 > end - begin;
   for (std::size_t i = 1; i < poses.size(); ++i) {
     const SE3 step = poses[i - 1].T_world_lidar.Inverse() * poses[i].T_world_lidar;
     look.way_m += step.t.norm();
     look.turn_rad += LogSO3(step.q).norm();
   }
-  look.map = MeasureThickness(pipeline.map(), options.mapper.backend.min_surfel_frames);
+  look.map = MeasureThickness(run.map(), options.mapper.backend.min_surfel_frames);
   return look;
 }
 

@@ -9,7 +9,7 @@
 #include <cstddef>
 
 #include "backend/mapping/options.h"
-#include "io/recording/scan_source.h"
+#include "core/geometry/scan_source.h"
 
 namespace lamina {
 

@@ -52,10 +52,10 @@ Mapper::Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
   options.backend.CheckTogether();
 }
 
-MappedFrame Mapper::Process(const MapperScan& scan, bool may_restart) {
+RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   const StampNs stamp_ns = scan.stamp_ns;
   std::vector<TimedCluster>* const clusters = scan.clusters;
-  MappedFrame result;
+  RegisteredScan result;
   map_->SelectPiece(piece_);
   odometry_.TrustClock(!scan.stamp_made_up);
   if (odometry_.started()) RecallAround(odometry_.Predict(stamp_ns), *clusters);

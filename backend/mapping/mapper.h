@@ -2,7 +2,7 @@
 // odometry, keyframes, sliding window, hand-over of bundle adjustment.
 //
 // All poses are in the frame of the piece, the *world* of its mapper. Several mappers may work on
-// pieces of one map in turn (SerialMapping); each selects its own before it touches the map.
+// pieces of one map in turn (Mapping); each selects its own before it touches the map.
 //
 //   Process(scan)      pose from odometry; a keyframe enters window and map
 //   TakeFinal(...)     poses that nothing will change any more
@@ -12,7 +12,7 @@
 //                      Frames that left the window meanwhile stay where the map has them
 //
 // When ApplySolve is called is for the caller to decide, as long as it is decided by counting
-// frames: then the result is the same whatever the threads do (MappingPipeline).
+// frames: then the result is the same whatever the threads do (PieceMapper).
 #pragma once
 
 #include <cstdint>
@@ -74,7 +74,7 @@ struct MapperScan {
   std::vector<TimedCluster>* clusters = nullptr;  // taken if the scan becomes a keyframe
 };
 
-struct MappedFrame {
+struct RegisteredScan {
   OdometryFrame odometry;
   bool keyframe = false;
   // Lost for so long that this scan is to begin a piece of its own, and was left out of this one.
@@ -103,7 +103,7 @@ class Mapper {
 
   // A lost frame leaves the map as it is. Without `may_restart` a frame is lost however many were
   // before.
-  MappedFrame Process(const MapperScan& scan, bool may_restart = true);
+  RegisteredScan Process(const MapperScan& scan, bool may_restart = true);
 
   bool SolveDue() const;
   // Whether there is anything to solve at all, due or not.

@@ -29,8 +29,8 @@ void PieceMapper::TakeIn() {
   taken_in_.push_back(std::move(report));
 }
 
-MappedFrame PieceMapper::Process(const MapperScan& scan, bool may_restart) {
-  MappedFrame frame = mapper_.Process(scan, may_restart);
+RegisteredScan PieceMapper::Process(const MapperScan& scan, bool may_restart) {
+  RegisteredScan frame = mapper_.Process(scan, may_restart);
   if (!frame.to_restart) ++frames_;
   return frame;
 }

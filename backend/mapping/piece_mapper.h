@@ -23,7 +23,7 @@ class PieceMapper {
 
   // Before Mapper::Process: takes in the solve whose time has come.
   void TakeInDueSolve();
-  MappedFrame Process(const MapperScan& scan, bool may_restart);
+  RegisteredScan Process(const MapperScan& scan, bool may_restart);
   // After it, when nobody waits for the pose any more: starts the next solve, and takes one in that
   // is due before the next scan if it is there already.
   void StartDueSolve();

@@ -1,4 +1,4 @@
-// What is told of each scan and of each solve while a recording is mapped, and what is counted.
+// What is told of scans and solves while a recording is mapped, and what is counted.
 #pragma once
 
 #include <cstddef>
@@ -8,21 +8,10 @@
 
 #include "backend/bundle/adjuster.h"
 #include "backend/mapping/final_poses.h"
-#include "backend/mapping/scan_decoder.h"
+#include "backend/mapping/mapped_scan.h"
 #include "core/geometry/state_archive.h"
-#include "frontend/odometry.h"
 
 namespace lamina {
-
-struct ScanReport : ScanDecodeReport {
-  OdometryFrame odometry;
-  bool keyframe = false;
-  std::int64_t piece = 0;    // of the map, in whose frame the pose is
-  bool began_piece = false;  // with this scan
-  // Milliseconds of wall time. Of the solve: the one that was taken in before this scan. Of the
-  // map: to take that in and to build the next problem, since the scan before.
-  double odometry_ms = 0, map_ms = 0, solve_ms = 0;
-};
 
 // A window that was solved.
 struct SolveReport {
@@ -44,10 +33,10 @@ struct MappingCounts {
   void Archive(StateArchive& a);
 };
 
-// All are called from one thread at a time, between two scans, when the pipeline may be looked at.
+// All are called from one thread at a time, between two scans, when the mapping may be looked at.
 // May be empty.
 struct MappingCallbacks {
-  std::function<void(const ScanReport&)> on_scan;  // each scan, in order
+  std::function<void(const MappedScan&)> on_scan;  // each scan, in order
   // All that could be done before the next scan has been done, and the state may be saved.
   std::function<void()> on_settled;
   std::function<void(const FinalPose&)> on_final_pose;  // each scan, in order, somewhat later

@@ -11,75 +11,67 @@ namespace lamina {
 namespace {
 
 double PeriodAt(const ScanSource& source, std::size_t begin, std::size_t i) {
-  constexpr std::size_t kStamps = 10;
-  constexpr double kFallbackS = 0.1;
-  std::vector<StampNs> stamps = source.StampsUpTo(i, begin, kStamps + 1);
+  std::vector<StampNs> stamps = source.StampsUpTo(i, begin, kPeriodStamps);
   // The first scan knows no period yet, but the next stamp is there to see.
   if (stamps.size() == 1) {
     if (const auto after = source.StampAfter(i)) stamps.push_back(*after);
   }
-  return SweepPeriod(stamps, kFallbackS);
+  return PeriodByStamps(stamps);
+}
+
+void Skip(SkipReason reason, const std::string& why, MappedScan* report) {
+  report->skipped = true;
+  report->reason = reason;
+  report->detail = Printable(why);
 }
 
 }  // namespace
 
-void PipelineOptions::Visit(OptionVisitor& v) {
-  v.Integer("lookahead_scans", &lookahead_scans, 1, 1000);
-  v.Integer("min_points", &min_points, 1, 10000000);
-  v.Integer("max_recordings", &max_recordings, 1, 1000);
+double PeriodByStamps(const std::vector<StampNs>& stamps) {
+  constexpr double kFallbackS = 0.1;
+  return SweepPeriod(stamps, kFallbackS);
 }
 
-const char* ToString(SkipReason reason) {
-  switch (reason) {
-    case SkipReason::kUnreadable:
-      return "unreadable";
-    case SkipReason::kTooFewPoints:
-      return "too_few_points";
-    case SkipReason::kStampNotAfterLast:
-      return "stamp_not_after_last";
-    case SkipReason::kNoRoomForPiece:
-      return "no_room_for_piece";
-    case SkipReason::kTooSoonAfterOtherSensor:
-      return "too_soon_after_other_sensor";
+void ClusterScan(const Scan& scan, const std::string& name,
+                 const ScanPreparationOptions& preparation, int min_points, double leaf_size_m,
+                 double sweep_period_s, const SE3& T_vehicle_lidar, DecodedScan* decoded) {
+  MappedScan& report = decoded->report;
+  Stopwatch watch;
+  PreparedScan prepared = PrepareScan(scan, preparation, sweep_period_s, T_vehicle_lidar);
+  report.points = prepared.points.size();
+  report.prepare_ms = watch.LapMilliseconds();
+  if (report.points < static_cast<std::size_t>(min_points)) {
+    Skip(SkipReason::kTooFewPoints,
+         name + ": " + std::to_string(report.points) + " usable points, at least " +
+             std::to_string(min_points) + " wanted (" + std::to_string(prepared.non_finite) +
+             " not finite, " + std::to_string(prepared.out_of_range) + " out of range)",
+         &report);
+    return;
   }
-  return "unknown";
+  decoded->clusters = BuildScanClusters(prepared.points, leaf_size_m);
+  report.clusters = decoded->clusters.size();
+  report.cluster_ms = watch.LapMilliseconds();
+  decoded->points = std::move(prepared.points);
 }
 
 DecodedScan DecodeScan(const ScanSource& source, const ScanPreparationOptions& preparation,
                        int min_points, double leaf_size_m, std::size_t begin, std::size_t i) {
   DecodedScan decoded;
-  ScanDecodeReport& report = decoded.report;
+  MappedScan& report = decoded.report;
   report.index = i;
   report.recording = source.Recording(i);
   report.sensor = source.Sensor(i);
   report.stamp_ns = source.Stamp(i);
-  Stopwatch watch;
   try {
+    Stopwatch watch;
     const Scan scan = source.Read(i);
     report.stamp_ns = scan.stamp_ns;
     report.stamp_made_up = scan.stamp_made_up;
     report.read_ms = watch.LapMilliseconds();
-    PreparedScan prepared =
-        PrepareScan(scan, preparation, PeriodAt(source, begin, i), source.T_vehicle_lidar(i));
-    report.points = prepared.points.size();
-    report.prepare_ms = watch.LapMilliseconds();
-    if (report.points < static_cast<std::size_t>(min_points)) {
-      report.skipped = true;
-      report.reason = SkipReason::kTooFewPoints;
-      report.detail = Printable(source.Name(i)) + ": " + std::to_string(report.points) +
-                      " usable points, at least " + std::to_string(min_points) + " wanted (" +
-                      std::to_string(prepared.non_finite) + " not finite, " +
-                      std::to_string(prepared.out_of_range) + " out of range)";
-      return decoded;
-    }
-    decoded.clusters = BuildScanClusters(prepared.points, leaf_size_m);
-    report.clusters = decoded.clusters.size();
-    report.cluster_ms = watch.LapMilliseconds();
-    decoded.points = std::move(prepared.points);
+    ClusterScan(scan, source.Name(i), preparation, min_points, leaf_size_m,
+                PeriodAt(source, begin, i), source.T_vehicle_lidar(i), &decoded);
   } catch (const InputError& error) {
-    report.skipped = true;
-    report.reason = SkipReason::kUnreadable;
-    report.detail = Printable(error.what());
+    Skip(SkipReason::kUnreadable, error.what(), &report);
   }
   return decoded;
 }

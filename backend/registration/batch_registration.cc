@@ -199,7 +199,6 @@ const char* ToString(RegistrationResult::Status status) {
 }
 
 void RegistrationOptions::Visit(OptionVisitor& v) {
-  v.EnumChoice("formulation", &formulation, FormulationNames());
   v.Integer("rounds", &rounds, 1, 1000);
   v.Number("coarse_root_size_m", &coarse_root_size_m, 0.0, 100.0);
   v.Number("min_rotation_change_deg", &min_rotation_change_deg, 0.0, 180.0);
@@ -209,8 +208,9 @@ void RegistrationOptions::Visit(OptionVisitor& v) {
 }
 
 BatchRegistration::BatchRegistration(const RegistrationOptions& options, const VoxelMapOptions& map,
-                                     const SlidingWindowOptions& weights)
-    : options_(options), map_(map), weights_(weights) {
+                                     const SlidingWindowOptions& weights,
+                                     const Formulation& formulation)
+    : options_(options), map_(map), weights_(weights), formulation_(formulation) {
   CheckOptions(options, "registration");
   CheckOptions(map, "map");
   CheckOptions(weights, "backend.window");
@@ -237,8 +237,7 @@ BundleProblem BatchRegistration::CastRound(const std::vector<BatchFrame>& frames
   map.root_size_m = root_size_m;
   // Poor poses make planes thick: what passes for one grows with the voxel.
   map.max_thickness_m *= map.root_size_m / map_.root_size_m;
-  return CastFrames(frames, poses, map, weights_)
-      .Problem(options_.formulation == Formulation::kEvm1);
+  return CastFrames(frames, poses, map, weights_).Problem(formulation_.needs_points);
 }
 
 BundleResult BatchRegistration::SolveRound(const RegistrationCallbacks& callbacks,
@@ -249,7 +248,7 @@ BundleResult BatchRegistration::SolveRound(const RegistrationCallbacks& callback
   };
   report->planes = problem->planes.size();
   report->observations = problem->observations.size();
-  BundleResult solved = AdjustBundle(*problem, options_.solver, options_.formulation, observer);
+  BundleResult solved = AdjustBundle(*problem, options_.solver, formulation_, observer);
   for (const int frame : FramesThatLeapt(problem->poses, solved.poses, report->root_size_m)) {
     for (int i = 0; i < 6; ++i) problem->holds.push_back({frame, Vector6d::Unit(i)});
     BundleFault fault;
@@ -259,7 +258,7 @@ BundleResult BatchRegistration::SolveRound(const RegistrationCallbacks& callback
     report->leapt = true;
   }
   if (report->leapt) {
-    solved = AdjustBundle(*problem, options_.solver, options_.formulation, observer);
+    solved = AdjustBundle(*problem, options_.solver, formulation_, observer);
   }
   report->initial_cost = solved.initial_cost;
   report->final_cost = solved.final_cost;

@@ -26,6 +26,7 @@
 #include <vector>
 
 #include "backend/bundle/adjuster.h"
+#include "backend/bundle/formulation.h"
 #include "backend/bundle/uncertainty/observability.h"
 #include "backend/mapping/sliding_window.h"
 #include "core/geometry/scan.h"
@@ -35,7 +36,6 @@
 namespace lamina {
 
 struct RegistrationOptions {
-  Formulation formulation = Formulation::kCondensed;
   // Association rounds at most.
   int rounds = 8;
   // Root size of the first round; 0: as map.root_size_m.
@@ -53,7 +53,7 @@ struct BatchFrame {
   StampNs stamp_ns = 0;
   SE3 T_world_lidar;                   // initial
   std::vector<TimedCluster> clusters;  // at the leaf size of the final round; may be empty
-  // The points of each cluster; for evm1 alone, empty otherwise.
+  // The points of each cluster; empty unless the formulation needs them.
   std::vector<std::vector<TimedPoint>> points;
 };
 
@@ -99,9 +99,10 @@ struct RegistrationCallbacks {
 
 class BatchRegistration {
  public:
-  // Throws OptionError.
+  // Throws OptionError. `formulation` must outlive it.
   BatchRegistration(const RegistrationOptions& options, const VoxelMapOptions& map,
-                    const SlidingWindowOptions& weights);
+                    const SlidingWindowOptions& weights,
+                    const Formulation& formulation = CondensedFormulation());
 
   // Ends after the solver's present round once `stop` is true. Deterministic at any number of
   // threads.
@@ -132,6 +133,7 @@ class BatchRegistration {
   RegistrationOptions options_;
   VoxelMapOptions map_;
   SlidingWindowOptions weights_;
+  const Formulation& formulation_;
 };
 
 }  // namespace lamina

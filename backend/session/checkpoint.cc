@@ -64,9 +64,9 @@ std::vector<std::int64_t> CheckpointsIn(const std::string& folder) {
 }
 
 void ReadCheckpoint(const std::string& path, const std::string& fixed_options, CheckpointPart part,
-                    MappingPipeline* pipeline) {
+                    Mapping* mapping) {
   CheckpointReader reader(path);
-  VoxelMap& map = pipeline->map();
+  VoxelMap& map = mapping->map();
   std::string tag, bytes, options, pipe;
   std::int64_t scans = -1;
   while (reader.Next(&tag, &bytes)) {
@@ -88,7 +88,7 @@ void ReadCheckpoint(const std::string& path, const std::string& fixed_options, C
   }
   map.FinishLoading();
   if (part == CheckpointPart::kMap) return;
-  ReadState(path, pipe, [&](StateArchive& a) { pipeline->Archive(a); });
+  ReadState(path, pipe, [&](StateArchive& a) { mapping->Archive(a); });
 }
 
 // A checkpoint on its way. The mapping thread fills it, the housekeeping thread writes it.
@@ -103,7 +103,7 @@ struct Session::SnapshotJob {
 
 void Session::BeginCheckpoint() {
   Stopwatch pause;
-  pipeline_->Settle();
+  mapping_->Settle();
   checkpoint_requested_ = false;
   job_ = std::make_shared<SnapshotJob>();
   job_->scans = last_checkpoint_ = next_;
@@ -111,10 +111,10 @@ void Session::BeginCheckpoint() {
   tiles_->Commit();
   StateArchive head, counters;
   head(&job_->scans, &setup_.fixed_options);
-  pipeline_->map().ArchiveCounters(counters);
+  mapping_->map().ArchiveCounters(counters);
   state_->written().clear();
-  pipeline_->Archive(*state_);
-  pipeline_->map().BeginSnapshot();
+  mapping_->Archive(*state_);
+  mapping_->map().BeginSnapshot();
   Write("HEAD", std::make_shared<std::string>(std::move(head.written())));
   Write("MAPC", std::make_shared<std::string>(std::move(counters.written())));
   Write("PIPE", {state_, &state_->written()});
@@ -143,7 +143,7 @@ void Session::Write(const std::string& tag, std::shared_ptr<const std::string> b
 void Session::ContinueCheckpoint() {
   if (job_->unwritten > 0) return;
   Stopwatch pause;
-  const bool more = pipeline_->map().ContinueSnapshot(kPieceBytes, piece_.get());
+  const bool more = mapping_->map().ContinueSnapshot(kPieceBytes, piece_.get());
   Write("ROOT", piece_);
   job_->longest_pause_ms = std::max(job_->longest_pause_ms, pause.Milliseconds());
   if (more) return;
@@ -233,7 +233,7 @@ void Session::PublishTrajectory() {
   publishing_ = true;
   trajectory_due_s_ = now_s + setup_.session.trajectory_period_s;
   const auto open = std::make_shared<std::vector<FinalPose>>();
-  pipeline_->ShowOpenPoses([&](const FinalPose& pose) { open->push_back(pose); });
+  mapping_->ShowOpenPoses([&](const FinalPose& pose) { open->push_back(pose); });
   publisher_->Do([this, open, scans = next_] {
     const auto end = [](std::atomic<bool>* publishing) { *publishing = false; };
     const std::unique_ptr<std::atomic<bool>, decltype(end)> at_the_end(&publishing_, end);

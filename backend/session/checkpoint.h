@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "backend/mapping/pipeline.h"
+#include "backend/mapping/mapping.h"
 
 namespace lamina {
 
@@ -22,6 +22,6 @@ enum class CheckpointPart { kAll, kMap };
 // with. Throws InputError, naming the file, if it is damaged or was made with others; the pipeline
 // is of no use then.
 void ReadCheckpoint(const std::string& path, const std::string& fixed_options, CheckpointPart part,
-                    MappingPipeline* pipeline);
+                    Mapping* mapping);
 
 }  // namespace lamina

@@ -1,24 +1,7 @@
 #include "backend/session/scan_record.h"
 
 namespace lamina {
-namespace {
-
-const char* StatusName(const ScanReport& report) {
-  if (report.skipped) return ToString(report.reason);
-  switch (report.odometry.status) {
-    case OdometryFrame::Status::kFirst:
-      return "first";
-    case OdometryFrame::Status::kLost:
-      return "lost";
-    case OdometryFrame::Status::kTracked:
-      break;
-  }
-  return report.odometry.match.degenerate > 0 ? "degenerate" : "tracked";
-}
-
-}  // namespace
-
-SessionScan RecordOf(const ScanReport& report) {
+SessionScan RecordOf(const MappedScan& report) {
   const MatchResult& match = report.odometry.match;
   SessionScan s;
   s.scan = static_cast<std::int64_t>(report.index);

@@ -12,6 +12,7 @@
 #include <sstream>
 #include <utility>
 
+#include "backend/mapping/pipeline.h"
 #include "backend/session/checkpoint.h"
 #include "backend/session/room.h"
 #include "backend/session/scan_record.h"
@@ -133,7 +134,7 @@ Session::~Session() {
   publisher_.reset();
   housekeeping_.reset();
   log_.reset();
-  pipeline_.reset();
+  mapping_.reset();
   tiles_.reset();
   if (lock_ >= 0) close(lock_);
 }
@@ -219,15 +220,15 @@ void Session::BeginLocalising() {
   const ReadingLock lock(base.session);
   for (const std::int64_t scans : CheckpointsIn(base.session)) {
     try {
-      pipeline_ = std::make_unique<MappingPipeline>(setup_.mapping, Callbacks(), tiles_.get());
+      mapping_ = std::make_unique<Mapping>(setup_.mapping, Callbacks(), tiles_.get());
       ReadCheckpoint((fs::path(base.session) / CheckpointName(scans)).string(), base.fixed_options,
-                     CheckpointPart::kMap, pipeline_.get());
-      if (!pipeline_->map().HasPiece(0)) {
+                     CheckpointPart::kMap, mapping_.get());
+      if (!mapping_->map().HasPiece(0)) {
         throw InputError(fmt::format("{}: no scan of the first piece of the map was ever matched",
                                      CheckpointName(scans)));
       }
       tiles_->CopyFrom((fs::path(base.session) / "map_tiles.db").string(), scans - 1);
-      pipeline_->StartLocalising(base.T_world_start);
+      mapping_->StartLocalising(base.T_world_start);
       return;
     } catch (const InputError& error) {
       spdlog::error("{}; trying the checkpoint before it", error.what());
@@ -254,9 +255,9 @@ void Session::LoadNewestCheckpoint() {
       continue;
     }
     try {
-      pipeline_ = std::make_unique<MappingPipeline>(setup_.mapping, Callbacks(), tiles_.get());
+      mapping_ = std::make_unique<Mapping>(setup_.mapping, Callbacks(), tiles_.get());
       ReadCheckpoint(Path(CheckpointName(scans)), setup_.fixed_options, CheckpointPart::kAll,
-                     pipeline_.get());
+                     mapping_.get());
       tiles_->RollBackTo(scans - 1);
       last_checkpoint_ = newest_checkpoint_ = scans;
       return;
@@ -269,13 +270,13 @@ void Session::LoadNewestCheckpoint() {
   if (setup_.base_map) {
     BeginLocalising();
   } else {
-    pipeline_ = std::make_unique<MappingPipeline>(setup_.mapping, Callbacks(), tiles_.get());
+    mapping_ = std::make_unique<Mapping>(setup_.mapping, Callbacks(), tiles_.get());
   }
 }
 
 MappingCallbacks Session::Callbacks() {
   MappingCallbacks callbacks;
-  callbacks.on_scan = [this](const ScanReport& report) { OnScan(report); };
+  callbacks.on_scan = [this](const MappedScan& report) { OnScan(report); };
   callbacks.on_settled = [this] { OnSettled(); };
   callbacks.on_final_pose = [this](const FinalPose& pose) {
     if (finished_) {
@@ -294,13 +295,13 @@ MappingCallbacks Session::Callbacks() {
 void Session::Process(StreamedScans* scans, const std::atomic<bool>* stop) {
   scans_ = scans;
   while (next_ < static_cast<std::int64_t>(scans->size()) && !(stop != nullptr && stop->load())) {
-    pipeline_->Process(*scans, {0, static_cast<std::size_t>(next_), scans->size()}, stop);
+    MapScans(*scans, {0, static_cast<std::size_t>(next_), scans->size()}, mapping_.get(), stop);
   }
   scans->Forget(static_cast<std::size_t>(next_));
   scans_ = nullptr;
 }
 
-void Session::OnScan(const ScanReport& report) {
+void Session::OnScan(const MappedScan& report) {
   const InboxFile& file = scans_->File(report.index);
   SessionScan row = RecordOf(report);
   row.file = file.name;
@@ -343,12 +344,12 @@ void Session::OnSettled() {
 // with one for each sixth of the map that comes back, that is half of what is alive at most.
 bool Session::TilesTurnedOver() const {
   constexpr std::size_t kLeast = 200;
-  const std::size_t alive = std::max(tiles_->records(), pipeline_->map().roots());
+  const std::size_t alive = std::max(tiles_->records(), mapping_->map().roots());
   return tiles_->taken() - taken_at_checkpoint_ > std::max(kLeast, alive / 6);
 }
 
 // Whether a scan that is repeated could be read the first time, and cannot now.
-bool Session::FileIsGone(const ScanReport& report) const {
+bool Session::FileIsGone(const MappedScan& report) const {
   const auto i = static_cast<std::size_t>(next_ - repeat_from_);
   return i < to_repeat_.size() && !to_repeat_[i].skipped && report.skipped &&
          report.reason == SkipReason::kUnreadable;
@@ -398,7 +399,7 @@ void Session::Finish() {
   }
   finished_ = true;
   tail_.clear();
-  pipeline_->Finish();
+  mapping_->Finish();
   trajectory_.Publish(*database_, next_, tail_);
 }
 

@@ -24,7 +24,7 @@
 //     HEAD   u64 number of scans in it, string: the options that decide results
 //     MAPC   counters of the map          (VoxelMap::ArchiveCounters)
 //     PIPE   of each recording under way its window, odometry, solve ...
-//            (MappingPipeline::Archive)
+//            (Mapping::Archive)
 //     ROOT   roots of the map, any number of sections  (core/map/voxel_map_records.cc)
 #pragma once
 
@@ -37,7 +37,7 @@
 #include <utility>
 #include <vector>
 
-#include "backend/mapping/pipeline.h"
+#include "backend/mapping/mapping.h"
 #include "backend/session/log.h"
 #include "backend/session/trajectory_files.h"
 #include "core/base/worker_thread.h"
@@ -87,8 +87,8 @@ struct SessionCheckpoint {
 // thread, the others on the mapping thread.
 struct SessionHooks {
   // Before on_durable can be called for that scan; exactly for those for which it will be.
-  std::function<void(const ScanReport&, const SessionScan&)> on_mapped;
-  std::function<void(const ScanReport&, const SessionScan&)> on_scan;
+  std::function<void(const MappedScan&, const SessionScan&)> on_mapped;
+  std::function<void(const MappedScan&, const SessionScan&)> on_scan;
   // A pose that nothing will change any more; the scan may not be durable yet.
   std::function<void(const FinalPose&)> on_final;
   std::function<void(const SessionScan&)> on_durable;
@@ -114,11 +114,11 @@ class Session {
   const std::vector<SessionScan>& to_repeat() const { return to_repeat_; }
   // For questions to it (not for changes).
   const SessionDatabase& database() const { return *database_; }
-  const MappingPipeline& pipeline() const { return *pipeline_; }
+  const Mapping& mapping() const { return *mapping_; }
   // Root voxels that are on disk and not in memory.
   std::size_t stored_roots() const { return tiles_->records(); }
   // For questions about tiles (VoxelMap::TrackTiles).
-  void TrackTiles() { pipeline_->map().TrackTiles(); }
+  void TrackTiles() { mapping_->map().TrackTiles(); }
   void SetOptions(const SessionOptions& options) { setup_.session = options; }
   const std::string& folder() const { return setup_.folder; }
 
@@ -153,10 +153,10 @@ class Session {
   void SetCheckpointAside(std::int64_t scans, const std::string& why) const;
   void BeginLocalising();
   MappingCallbacks Callbacks();
-  void OnScan(const ScanReport& report);
+  void OnScan(const MappedScan& report);
   void OnSettled();
   bool TilesTurnedOver() const;
-  bool FileIsGone(const ScanReport& report) const;
+  bool FileIsGone(const MappedScan& report) const;
   void BeginCheckpoint();
   void ContinueCheckpoint();
   void CompleteCheckpoint();
@@ -173,7 +173,7 @@ class Session {
   int lock_ = -1;
   std::unique_ptr<SessionDatabase> database_;
   std::unique_ptr<TileStore> tiles_;
-  std::unique_ptr<MappingPipeline> pipeline_;
+  std::unique_ptr<Mapping> mapping_;
   std::int64_t next_ = 0;
   std::int64_t last_checkpoint_ = 0;     // scans in the last one that was begun
   std::size_t taken_at_checkpoint_ = 0;  // tiles' records until then

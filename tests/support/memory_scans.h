@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "io/recording/scan_source.h"
+#include "core/geometry/scan_source.h"
 
 namespace lamina {
 

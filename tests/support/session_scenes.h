@@ -168,7 +168,7 @@ class SessionTest : public FilesTest {
       Map(&session, recording, end);
       session.Finish();
       session.ForEachPose([&](const FinalPose& pose) { result.poses += BytesOf(pose); });
-      result.map = BytesOf(session.pipeline().map());
+      result.map = BytesOf(session.mapping().map());
     }
     TileStore tiles(setup.folder + "/map_tiles.db", TileStore::Lifetime::kKept);
     tiles.ShowAll([&](std::string_view record) { result.tiles += record; });

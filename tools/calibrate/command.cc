@@ -72,7 +72,7 @@ int Calibrate(const CalibrateArguments& arguments) {
     return std::make_unique<RunProgress>(ProgressMode(arguments.progress), range.end - range.begin);
   };
   std::unique_ptr<RunProgress> progress = new_progress();
-  const auto on_scan = [&](const ScanReport& report) {
+  const auto on_scan = [&](const MappedScan& report) {
     if (report.skipped) {
       progress->Warn(fmt::format("skipped scan {}: {}", report.index, report.detail));
     }

@@ -9,6 +9,7 @@
 
 #include "config/config.h"
 #include "config/shipped_configs.h"
+#include "config/yaml_options.h"
 #include "core/base/error.h"
 #include "tools/cli/common.h"
 

@@ -14,6 +14,7 @@
 #include "io/recording/trajectory_io.h"
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"
+#include "tools/commands.h"
 #include "tools/compare/jobs.h"
 #include "tools/compare/suite.h"
 #include "tools/compare/task.h"
@@ -46,11 +47,11 @@ const std::vector<std::string>& DefaultSettings() {
   return settings;
 }
 
-LaminaConfig Configuration(const CompareArguments& arguments) {
+CompareConfig Configuration(const CompareArguments& arguments) {
   std::vector<std::string> pairs;
   if (arguments.config.file.empty()) pairs = DefaultSettings();
   pairs.insert(pairs.end(), arguments.config.set.begin(), arguments.config.set.end());
-  return LoadConfig(arguments.config.file, pairs);
+  return LoadCompareConfig(arguments.config.file, pairs);
 }
 
 CompareSettings Settings(const CompareArguments& arguments) {
@@ -222,8 +223,7 @@ void AddOptions(CLI::App* command, CompareArguments* a) {
 
 void AddCompareCommand(CLI::App* app, std::function<int()>* run) {
   auto arguments = std::make_shared<CompareArguments>();
-  CLI::App* command = app->add_subcommand(
-      "compare", "Pairwise, global and bundle adjustment methods side by side, against the truth");
+  CLI::App* command = app->add_subcommand("compare", PurposeOfLabCommand("compare"));
   AddOptions(command, arguments.get());
   command->callback([arguments, run] { *run = [arguments] { return Compare(*arguments); }; });
 }

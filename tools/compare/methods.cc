@@ -7,13 +7,15 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "backend/bundle/formulations/registry.h"
 #include "backend/mapping/scan_decoder.h"
 #include "backend/registration/batch_registration.h"
-#include "backend/registration/global_synchronisation.h"
 #include "core/base/error.h"
 #include "core/base/stopwatch.h"
 #include "frontend/pairwise/pairwise_odometry.h"
 #include "frontend/scan_clusters.h"
+#include "tools/compare/config.h"
+#include "tools/compare/global_synchronisation.h"
 #include "tools/results/process_report.h"
 
 namespace lamina {
@@ -89,7 +91,7 @@ void RunPairwiseJob(const CompareJob& job, const CompareInput& input,
       static_cast<PairwiseKind>(std::find(names.begin(), names.end(), base) - names.begin());
   std::vector<Points> scans;
   for (std::size_t i = 0; i < input.scans->size(); ++i) {
-    scans.push_back(UsablePoints(*input.scans, input.config.preparation, i));
+    scans.push_back(UsablePoints(*input.scans, input.config.lamina.preparation, i));
   }
   const Charge charge;
   std::string fault;
@@ -119,27 +121,26 @@ void RunPairwiseJob(const CompareJob& job, const CompareInput& input,
 
 // Clusters of each scan; throws InputError for one that cannot be used: a table over some of the
 // scans would not be the table of the sequence.
-std::vector<BatchFrame> ReadFrames(const CompareInput& input, const std::function<void()>& progress,
-                                   Charge* charge) {
-  const double leaf_m = input.config.map.LeafSize();
-  const bool with_points = input.config.registration.formulation == Formulation::kEvm1;
+std::vector<BatchFrame> ReadFrames(const CompareInput& input, const Formulation& formulation,
+                                   const std::function<void()>& progress, Charge* charge) {
+  const double leaf_m = input.config.lamina.map.LeafSize();
   std::vector<BatchFrame> frames;
   for (std::size_t i = 0; i < input.scans->size(); ++i) {
     std::vector<TimedPoint> points;
     charge->Outside([&] {
-      Points usable = UsablePoints(*input.scans, input.config.preparation, i);
+      Points usable = UsablePoints(*input.scans, input.config.lamina.preparation, i);
       if (input.resolution_m > 0.0) usable = Downsample(usable, input.resolution_m);
       for (const Eigen::Vector3f& p : usable) points.push_back({p.x(), p.y(), p.z(), 0.0F});
     });
-    if (points.size() < static_cast<std::size_t>(input.config.pipeline.min_points)) {
+    if (points.size() < static_cast<std::size_t>(input.config.lamina.pipeline.min_points)) {
       throw InputError(fmt::format("scan {}: {} usable points, at least {} are wanted", i,
-                                   points.size(), input.config.pipeline.min_points));
+                                   points.size(), input.config.lamina.pipeline.min_points));
     }
     BatchFrame frame;
     frame.stamp_ns = input.scans->Stamp(i);
     frame.T_world_lidar = input.initial.at(i);
     frame.clusters = BuildScanClusters(points, leaf_m);
-    if (with_points) frame.points = GroupByCluster(points, leaf_m);
+    if (formulation.needs_points) frame.points = GroupByCluster(points, leaf_m);
     frames.push_back(std::move(frame));
     progress();
   }
@@ -149,17 +150,14 @@ std::vector<BatchFrame> ReadFrames(const CompareInput& input, const std::functio
 void RunBundleJob(const std::string& name, CompareInput input,
                   const std::function<void()>& progress,
                   const std::function<void(CompareRow)>& on_row) {
-  const auto& names = FormulationNames();
-  RegistrationOptions& options = input.config.registration;
-  options.formulation =
-      static_cast<Formulation>(std::find(names.begin(), names.end(), name) - names.begin());
-  // These creep: see the README's table of formulations.
-  const bool creeps = name == "huang" || name == "ef" || name == "ef_lm";
-  if (creeps) options.solver.max_iterations *= 4;
+  const Formulation& formulation = FindFormulation(name);
+  RegistrationOptions& options = input.config.lamina.registration;
+  if (formulation.creeps) options.solver.max_iterations *= 4;
   if (input.max_iterations > 0) options.solver.max_iterations = input.max_iterations;
   Charge charge;
-  const std::vector<BatchFrame> frames = ReadFrames(input, progress, &charge);
-  const BatchRegistration registration(options, input.config.map, input.config.backend.window);
+  const std::vector<BatchFrame> frames = ReadFrames(input, formulation, progress, &charge);
+  const BatchRegistration registration(options, input.config.lamina.map,
+                                       input.config.lamina.backend.window, formulation);
   const RegistrationResult result = registration.Run(frames, {});
   CompareRow row = charge.Row(name);
   using Status = RegistrationResult::Status;
@@ -209,13 +207,11 @@ std::vector<CompareMethod> MakeMethods() {
   add("fgr", CompareGroup::kGlobal, "FGR", "Zhou et al. 2016");
   add("sync_teaser", CompareGroup::kSynchronised, "TEASER++, pose graph", "Yang et al. 2020");
   add("sync_fgr", CompareGroup::kSynchronised, "FGR, pose graph", "Zhou et al. 2016");
-  add("evm1", CompareGroup::kBundle, "BALM (evm1)", "Liu and Zhang 2021");
-  add("evm2", CompareGroup::kBundle, "BALM 2 (evm2)", "Liu et al. 2022");
-  add("ef", CompareGroup::kBundle, "Eigen-Factors (ef)", "Ferrer 2019");
-  add("ef_lm", CompareGroup::kBundle, "Eigen-Factors, least squares (ef_lm)", "Ferrer 2019");
-  add("pl", CompareGroup::kBundle, "Plane landmarks (pl)", "Geneva et al. 2018");
-  add("huang", CompareGroup::kBundle, "Huang (huang)", "Huang et al. 2021");
-  add("condensed", CompareGroup::kBundle, "Lamina (condensed)", "this project");
+  // Lamina's own last.
+  for (auto f = Formulations().rbegin(); f != Formulations().rend(); ++f) {
+    methods.push_back({(*f)->name, CompareGroup::kBundle,
+                       fmt::format("{} ({})", (*f)->title, (*f)->name), (*f)->source});
+  }
   return methods;
 }
 

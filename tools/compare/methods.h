@@ -1,10 +1,13 @@
 // The methods that `lamina compare` knows, and how one of them is run on a sequence.
 //
-//   f2f_X       frame to frame, X of icp_point, icp_plane, gicp, ndt, vgicp
-//   f2m_X       frame to map, after f2f_X frontend/pairwise/pairwise_odometry.h teaser, fgr
-//   neighbours by a global method, chained sync_teaser, sync_fgr the same with more pairs, in a
-//   pose graph backend/registration/global_synchronisation.h condensed, huang, evm2, evm1, ef,
-//   ef_lm, pl    bundle adjustment  backend/registration/batch_registration.h
+//   f2f_X        frame to frame, X of icp_point, icp_plane, gicp, ndt, vgicp
+//   f2m_X        frame to map, after f2f_X            frontend/pairwise/pairwise_odometry.h
+//   teaser, fgr  neighbours by a global method, chained
+//   sync_teaser, sync_fgr
+//                the same with more pairs, in a pose graph
+//                                                     tools/compare/global_synchronisation.h
+//   condensed, huang, evm2, evm1, ef, ef_lm, pl
+//                bundle adjustment                    backend/registration/batch_registration.h
 //
 // Methods that build on one another's work make one job: f2m_X begins with f2f_X, sync_X with X.
 // Each is charged with the time of what it builds on.
@@ -14,8 +17,8 @@
 #include <string>
 #include <vector>
 
-#include "config/config.h"
 #include "io/recording/scan_source.h"
+#include "tools/compare/config.h"
 #include "tools/compare/rows.h"
 
 namespace lamina {
@@ -45,7 +48,7 @@ std::vector<CompareJob> GroupIntoJobs(const std::vector<std::string>& methods);
 struct CompareInput {
   const ScanSource* scans = nullptr;
   std::vector<SE3> initial;  // may be empty for global methods
-  LaminaConfig config;
+  CompareConfig config;
   // Bundle adjustment: scans are downsampled to this first; 0: not at all.
   double resolution_m = 0.0;
   // Of its solver; 0: those of the configuration, four times as many where steps creep (huang, ef,

@@ -32,8 +32,9 @@ constexpr Curve kCurves[] = {{"BALM (evm1)", "evm1", kToConvergence},
                              {"condensed, 20 iterations", "condensed", 20},
                              {"condensed, to convergence", "condensed", kToConvergence}};
 
-LaminaConfig WithLeavesAbove(double distance_m, LaminaConfig config) {
-  while (config.map.depth > 0 && config.map.LeafSize() < distance_m) --config.map.depth;
+CompareConfig WithLeavesAbove(double distance_m, CompareConfig config) {
+  while (config.lamina.map.depth > 0 && config.lamina.map.LeafSize() < distance_m)
+    --config.lamina.map.depth;
   return config;
 }
 

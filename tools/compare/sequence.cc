@@ -61,13 +61,14 @@ std::vector<SE3> NoisyPoses(const std::vector<SE3>& truth, const CompareSettings
 
 // Points of each scan, thinned for maps.
 std::vector<std::vector<Eigen::Vector3f>> ReadThinned(const std::string& path,
-                                                      const LaminaConfig& config) {
-  const auto source = OpenScans(path, config.scans);
+                                                      const CompareConfig& config) {
+  const auto source = OpenScans(path, config.lamina.scans);
   std::vector<std::vector<Eigen::Vector3f>> scans;
   for (std::size_t i = 0; i < source->size(); ++i) {
     std::vector<Eigen::Vector3f> points;
     for (const TimedPoint& p :
-         PrepareScan(source->Read(i), config.preparation, 0.1, source->T_vehicle_lidar(i)).points) {
+         PrepareScan(source->Read(i), config.lamina.preparation, 0.1, source->T_vehicle_lidar(i))
+             .points) {
       points.emplace_back(p.x, p.y, p.z);
     }
     // Returns themselves and not means of voxels, which lie beside edges.

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "config/config.h"
 #include "tools/cli/progress.h"
+#include "tools/compare/config.h"
 #include "tools/compare/jobs.h"
 #include "tools/compare/methods.h"
 #include "tools/compare/plots.h"
@@ -33,7 +33,7 @@ struct CompareSequence {
 
 struct CompareSettings {
   std::vector<std::string> methods;
-  LaminaConfig config;
+  CompareConfig config;
   std::string out;
   // Initial poses of local methods: a file's, the synchronised ones of teaser, or the truth with
   // noise on every pose but the first.

@@ -76,8 +76,8 @@ fs::path FindPoses(const fs::path& scans, const fs::path& root) {
 
 CompareSequence OpenSequence(const std::string& name, const std::string& scans,
                              const std::string& truth, const std::string& reference,
-                             const LaminaConfig& config) {
-  const auto source = OpenScans(scans, config.scans);
+                             const CompareConfig& config) {
+  const auto source = OpenScans(scans, config.lamina.scans);
   CompareSequence sequence;
   sequence.name = name;
   sequence.truth = PosesOf(CameraToLidar(ReadTrajectory(truth), source->T_camera_lidar()));
@@ -126,7 +126,7 @@ std::vector<CompareSequence> EthzLikeSequences(const std::string& folder, int se
   return sequences;
 }
 
-std::vector<CompareSequence> EthzSequences(const std::string& folder, const LaminaConfig& config) {
+std::vector<CompareSequence> EthzSequences(const std::string& folder, const CompareConfig& config) {
   std::error_code error;
   const fs::path root = fs::weakly_canonical(folder, error);
   if (!fs::is_directory(root, error)) throw InputError(folder + ": is not a folder");

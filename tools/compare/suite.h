@@ -11,7 +11,7 @@ namespace lamina {
 // A recording and its truth, a pose for each scan. Throws InputError.
 CompareSequence OpenSequence(const std::string& name, const std::string& scans,
                              const std::string& truth, const std::string& reference,
-                             const LaminaConfig& config);
+                             const CompareConfig& config);
 
 // The eight scenes of tools/synth/stations.h, written below `folder` while they are needed.
 // `quick`: two of them, few and coarse scans.
@@ -20,6 +20,6 @@ std::vector<CompareSequence> EthzLikeSequences(const std::string& folder, int se
 
 // What of the eight sequences is found anywhere below the folder, by the names of the folders that
 // hold Hokuyo_*.csv. Throws InputError if there is none.
-std::vector<CompareSequence> EthzSequences(const std::string& folder, const LaminaConfig& config);
+std::vector<CompareSequence> EthzSequences(const std::string& folder, const CompareConfig& config);
 
 }  // namespace lamina

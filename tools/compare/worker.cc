@@ -17,8 +17,8 @@ namespace {
 
 void RunTask(const CompareTask& task, const std::function<void(CompareRow)>& on_row) {
   CompareInput input;
-  input.config = LoadConfig(task.config, {});
-  const auto scans = OpenScans(task.scans, input.config.scans);
+  input.config = LoadCompareConfig(task.config, {});
+  const auto scans = OpenScans(task.scans, input.config.lamina.scans);
   input.scans = scans.get();
   input.resolution_m = task.resolution_m;
   input.max_iterations = task.max_iterations;

@@ -16,6 +16,7 @@
 #include "core/base/error.h"
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"
+#include "tools/commands.h"
 #include "tools/promises/promises.h"
 #include "tools/promises/report.h"
 #include "tools/promises/trial.h"
@@ -140,8 +141,7 @@ int RunAdverse(const AdverseArguments& arguments) {
 void AddAdverseCommand(CLI::App* app, std::function<int()>* run) {
   const auto arguments = std::make_shared<AdverseArguments>();
   AdverseArguments& a = *arguments;
-  CLI::App* command = app->add_subcommand(
-      "adverse", "Map adverse generated scenes over many seeds, each against what is promised");
+  CLI::App* command = app->add_subcommand("adverse", PurposeOfLabCommand("adverse"));
   command->add_option("--out", a.out, "folder for tables; made if it is not there")->required();
   command->add_option("--promises", a.promises, "table of promises; says what its columns mean")
       ->capture_default_str();

@@ -79,7 +79,7 @@ Trial MapTrial(const Promise& promise, int seed, const std::vector<std::string>&
     trial.frames[i].T_world_lidar_true = sequence->TruePose(i);
   }
   MappingCallbacks callbacks;
-  callbacks.on_scan = [&](const ScanReport& report) {
+  callbacks.on_scan = [&](const MappedScan& report) {
     const SessionScan record = RecordOf(report);
     TrialFrame& frame = trial.frames[report.index];
     frame.status = record.status;
@@ -92,9 +92,9 @@ Trial MapTrial(const Promise& promise, int seed, const std::vector<std::string>&
     trial.frames[pose.scan].T_world_lidar = pose.pose.T_world_lidar;
   };
   const double start = ThreadCpuSeconds();
-  MappingPipeline pipeline(OptionsOf(promise, set), callbacks);
-  pipeline.Process(source, {0, 0, source.size()});
-  pipeline.Finish();
+  Mapping run(OptionsOf(promise, set), callbacks);
+  MapScans(source, {0, 0, source.size()}, &run);
+  run.Finish();
   trial.cpu_s = ThreadCpuSeconds() - start - source.seconds();
   return trial;
 }

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "backend/bundle/formulations/registry.h"
 #include "backend/mapping/scan_decoder.h"
 #include "backend/registration/batch_registration.h"
 #include "config/config.h"
@@ -29,7 +30,8 @@ namespace lamina {
 namespace {
 
 struct RegisterArguments {
-  std::string scans, initial, out, frames, truth, formulation;
+  std::string scans, initial, out, frames, truth;
+  std::string formulation = CondensedFormulation().name;
   std::string progress = "auto";
   ConfigArguments config;
   int threads = 0;
@@ -58,10 +60,9 @@ struct Batch {
 
 // Reads all scans of the range. What cannot be used is reported and left out.
 Batch ReadBatch(const ScanSource& source, const FrameRange& range, const LaminaConfig& config,
-                const std::vector<SE3>& initial, const std::atomic<bool>& stop,
-                RunProgress* progress) {
+                const Formulation& formulation, const std::vector<SE3>& initial,
+                const std::atomic<bool>& stop, RunProgress* progress) {
   const double leaf_m = config.map.LeafSize();
-  const bool with_points = config.registration.formulation == Formulation::kEvm1;
   std::vector<DecodedScan> decoded(range.end - range.begin);
   // In batches, so that the bar moves and Ctrl-C is heard.
   constexpr std::size_t kAtOnce = 16;
@@ -71,7 +72,7 @@ Batch ReadBatch(const ScanSource& source, const FrameRange& range, const LaminaC
       for (std::size_t i = begin + a; i < begin + b; ++i) {
         decoded[i] = DecodeScan(source, config.preparation, config.pipeline.min_points, leaf_m,
                                 range.begin, range.begin + i);
-        if (!with_points) decoded[i].points = {};
+        if (!formulation.needs_points) decoded[i].points = {};
       }
     });
     for (std::size_t i = 0; i < count; ++i) progress->Step();
@@ -79,7 +80,7 @@ Batch ReadBatch(const ScanSource& source, const FrameRange& range, const LaminaC
   if (stop) throw InterruptedError("while reading; nothing is written");
   Batch batch;
   for (std::size_t i = 0; i < decoded.size(); ++i) {
-    const ScanDecodeReport& report = decoded[i].report;
+    const MappedScan& report = decoded[i].report;
     if (report.skipped) {
       ++batch.skipped;
       progress->Warn(fmt::format("skipped scan {}: {}", report.index, report.detail));
@@ -88,7 +89,7 @@ Batch ReadBatch(const ScanSource& source, const FrameRange& range, const LaminaC
     BatchFrame frame;
     frame.stamp_ns = report.stamp_ns;
     frame.T_world_lidar = initial[i];
-    if (with_points) frame.points = GroupByCluster(decoded[i].points, leaf_m);
+    if (formulation.needs_points) frame.points = GroupByCluster(decoded[i].points, leaf_m);
     frame.clusters = std::move(decoded[i].clusters);
     batch.frames.push_back(std::move(frame));
     batch.scans.push_back(report.index);
@@ -159,18 +160,10 @@ std::size_t WriteMap(const std::string& path, const BatchRegistration& registrat
   return surfels.size();
 }
 
-LaminaConfig Configuration(const RegisterArguments& arguments) {
-  LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
-  if (arguments.formulation.empty()) return config;
-  const auto& names = FormulationNames();
-  config.registration.formulation = static_cast<Formulation>(
-      std::find(names.begin(), names.end(), arguments.formulation) - names.begin());
-  return config;
-}
-
 int Register(const RegisterArguments& arguments) {
   const auto limit = LimitThreads(arguments.threads);
-  const LaminaConfig config = Configuration(arguments);
+  const LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
+  const Formulation& formulation = FindFormulation(arguments.formulation);
   const auto source = OpenScans(arguments.scans, config.scans);
   const FrameRange range = ParseFrameRange(arguments.frames, source->size());
   const std::vector<SE3> initial = ReadInitialPoses(arguments.initial, *source, range);
@@ -188,12 +181,13 @@ int Register(const RegisterArguments& arguments) {
   Stopwatch watch;
   const double cpu_start = ProcessCpuSeconds();
   RegistrationFigures figures;
-  const Batch batch = ReadBatch(*source, range, config, initial, stop, &progress);
+  const Batch batch = ReadBatch(*source, range, config, formulation, initial, stop, &progress);
   progress.Finish();
   figures.skipped = batch.skipped;
   figures.read_s = 1e-3 * watch.LapMilliseconds();
 
-  const BatchRegistration registration(config.registration, config.map, config.backend.window);
+  const BatchRegistration registration(config.registration, config.map, config.backend.window,
+                                       formulation);
   RegistrationCallbacks callbacks;
   callbacks.on_step = [&](const RoundReport& round, const BundleStep& step) {
     rounds.Append(round, step);
@@ -230,10 +224,8 @@ int Register(const RegisterArguments& arguments) {
     errors = ErrorsOf(MatchToTruth({"the registration", poses}, truth, kStampToleranceS),
                       Alignment::kSe3);
   }
-  const std::string name =
-      FormulationNames().at(static_cast<std::size_t>(config.registration.formulation));
   nlohmann::json summary =
-      Summarise(result, batch.scans, name, figures, errors ? &*errors : nullptr);
+      Summarise(result, batch.scans, formulation.name, figures, errors ? &*errors : nullptr);
   summary["recording"] = ToJson(part);
   WriteTextFile(path("summary.json"), summary.dump(2) + "\n");
   if (result.status == RegistrationResult::Status::kIllPosed) {
@@ -261,8 +253,10 @@ void AddRegisterCommand(CLI::App* app, std::function<int()>* run) {
   command->add_option("--out", a.out, "Folder for the results; made if it is not there")
       ->required();
   command
-      ->add_option("--formulation", a.formulation,
-                   "How bundle adjustment is formulated; the default is condensed")
+      ->add_option(
+          "--formulation", a.formulation,
+          "How bundle adjustment is formulated; others than the default are there to compare")
+      ->capture_default_str()
       ->check(CLI::IsMember(FormulationNames()));
   AddConfigOptions(command, "; registration, map and backend.window are what counts here",
                    &a.config);

@@ -1,4 +1,4 @@
-// Which piece of the map the poses of a run or a session are of (backend/mapping/serial_mapping.h).
+// Which piece of the map the poses of a run or a session are of (backend/mapping/mapping.h).
 // Poses of different pieces are in different frames, and must not be put together.
 #pragma once
 

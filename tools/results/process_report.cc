@@ -75,7 +75,7 @@ std::size_t ResidentBytes() {
   return resident_pages * static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
 }
 
-std::string NewPieceMessage(const ScanReport& report) {
+std::string NewPieceMessage(const MappedScan& report) {
   return fmt::format(
       "scan {} begins piece {} of the map: nothing connects it to what was mapped before",
       report.index, report.piece);
@@ -121,6 +121,11 @@ void RemovePieceFiles(const std::string& folder, std::string (*name_of)(std::int
     if (!PieceOfFile(entry.path().filename().string(), name_of)) continue;
     std::filesystem::remove(entry.path(), ignored);
   }
+}
+
+int LeastSurfelFrames(int configured, const MappingCounts& counts) {
+  if (counts.keyframes == 0) return configured;
+  return static_cast<int>(std::min(counts.keyframes, static_cast<std::size_t>(configured)));
 }
 
 std::size_t WriteMap(const std::string& folder, const VoxelMap& map, int min_frames) {

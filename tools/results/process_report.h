@@ -7,7 +7,8 @@
 #include <optional>
 #include <string>
 
-#include "backend/mapping/pipeline.h"
+#include "backend/mapping/mapped_scan.h"
+#include "backend/mapping/report.h"
 #include "io/file/file_writer.h"
 #include "io/store/session_database.h"
 #include "tools/results/verdict.h"
@@ -61,7 +62,7 @@ struct RunFigures {
 };
 
 // Says that a scan began a piece of the map, and where.
-std::string NewPieceMessage(const ScanReport& report);
+std::string NewPieceMessage(const MappedScan& report);
 
 // Tells where the files of a run or a session lie.
 void PrintOutputs(const std::string& folder);
@@ -77,6 +78,10 @@ std::optional<std::int64_t> PieceOfFile(const std::string& name,
 
 // Removes the files of this kind that an earlier run has left: it may have had more pieces.
 void RemovePieceFiles(const std::string& folder, std::string (*name_of)(std::int64_t piece));
+
+// Frames that must have seen a plane that is written: as configured, but no more than there are
+// keyframes. A single scan is a map, too.
+int LeastSurfelFrames(int configured, const MappingCounts& counts);
 
 // Writes the surfaces that at least min_frames frames have seen, a file for each piece; returns
 // their number.

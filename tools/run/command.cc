@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "backend/mapping/deskew_choice.h"
+#include "backend/mapping/pipeline.h"
 #include "backend/session/scan_record.h"
 #include "config/config.h"
 #include "core/base/error.h"
@@ -40,7 +41,7 @@ struct RunArguments {
   int threads = 0;
 };
 
-void LogScan(const ScanReport& report, RunProgress* progress) {
+void LogScan(const MappedScan& report, RunProgress* progress) {
   if (report.began_piece && report.piece > 0) progress->Warn(NewPieceMessage(report));
   if (report.skipped) {
     progress->WarnRepeated(std::string("skipped: ") + ToString(report.reason),
@@ -127,7 +128,8 @@ class RunOutput {
     });
     table_.Commit();
     WriteTextFile(Path("config.yaml"), ToYaml(config));
-    figures.map_surfels = WriteMap(directory_, map, config.backend.min_surfel_frames);
+    figures.map_surfels =
+        WriteMap(directory_, map, LeastSurfelFrames(config.backend.min_surfel_frames, counts));
     nlohmann::json summary = Summarise(counts, map, figures);
     summary["pieces"] = ToJson(table_.pieces());
     if (!errors.empty()) AddErrors(errors, &summary);
@@ -195,20 +197,20 @@ int Run(const RunArguments& arguments) {
   const double cpu_start = ProcessCpuSeconds();
   RunFigures figures;
   TileStore tiles(output.Path("map_tiles.scratch"), TileStore::Lifetime::kScratch);
-  MappingPipeline* running = nullptr;
+  const Mapping* running = nullptr;
   MappingCallbacks callbacks;
-  callbacks.on_scan = [&](const ScanReport& report) {
+  callbacks.on_scan = [&](const MappedScan& report) {
     output.table().Append(RecordOf(report));
     LogScan(report, &progress);
     WatchMap(running->map(), &figures, &progress);
     progress.Step();
   };
   callbacks.on_final_pose = [&](const FinalPose& pose) { output.Add(pose); };
-  MappingPipeline pipeline(config.Mapping(), callbacks, &tiles);
-  running = &pipeline;
+  Mapping mapping(config.Mapping(), callbacks, &tiles);
+  running = &mapping;
   const std::size_t processed =
-      pipeline.Process(*source, {range.begin, range.begin, range.end}, &stop);
-  pipeline.Finish();
+      MapScans(*source, {range.begin, range.begin, range.end}, &mapping, &stop);
+  mapping.Finish();
   figures.interrupted = processed < range.end - range.begin;
   progress.Finish();
   figures.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -220,7 +222,7 @@ int Run(const RunArguments& arguments) {
   // Of an interrupted run, the scans until then.
   if (processed > 0) part.end = part.begin + processed;
   const nlohmann::json summary =
-      output.Finish(pipeline.counts(), pipeline.map(), config, part, figures, errors);
+      output.Finish(mapping.counts(), mapping.map(), config, part, figures, errors);
   const std::string interruption =
       fmt::format("{} of {} scans were mapped; the results are those of these", processed,
                   range.end - range.begin);
@@ -229,7 +231,7 @@ int Run(const RunArguments& arguments) {
     throw InputError(arguments.scans + ": not one usable scan; summary.json says why");
   }
   const RunVerdict verdict = output.table().Judge();
-  PrintSummary(arguments.out, pipeline.counts(), errors, verdict, summary);
+  PrintSummary(arguments.out, mapping.counts(), errors, verdict, summary);
   if (figures.interrupted) throw InterruptedError(interruption);
   if (!truth_problem.empty()) throw InputError(truth_problem + " (all else is written)");
   return verdict.grade == RunVerdict::Grade::kWrong ? kProbablyWrong : 0;

@@ -19,6 +19,7 @@
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"
 #include "tools/cli/progress.h"
+#include "tools/commands.h"
 #include "tools/simulate/nees.h"
 #include "tools/simulate/plot.h"
 #include "tools/simulate/report.h"
@@ -49,10 +50,11 @@ std::vector<std::string> Split(const std::string& list) {
   return items;
 }
 
-std::vector<Formulation> ParseFormulations(const std::string& list) {
-  std::vector<Formulation> formulations;
+std::vector<const Formulation*> ParseFormulations(const std::string& list) {
+  std::vector<const Formulation*> formulations;
   for (const std::string& name : Split(list)) {
-    const auto f = ByName<Formulation>("--formulations", name, FormulationNames());
+    const Formulation* const f =
+        Formulations()[PlaceOf("--formulations", name, FormulationNames())];
     if (std::find(formulations.begin(), formulations.end(), f) != formulations.end()) {
       throw OptionError(fmt::format("--formulations = '{}': names {} twice", list, name));
     }
@@ -266,8 +268,7 @@ void AddSceneOptions(CLI::App* command, SimulateArguments* a) {
 }  // namespace
 
 void AddSimulateCommand(CLI::App* app, std::function<int()>* run) {
-  CLI::App* command = app->add_subcommand(
-      "simulate", "Compare formulations of bundle adjustment on virtual scenes with exact truth");
+  CLI::App* command = app->add_subcommand("simulate", PurposeOfLabCommand("simulate"));
   command->footer(
       "Errors: root mean square over the poses after the first, which is held at the truth.\n"
       "Costs: the eigenvalue cost of the final poses, whatever a formulation minimises itself;\n"

@@ -42,9 +42,8 @@ NeesSummary SummariseGroup(const std::vector<const NeesTrial*>& group) {
 
 void MeasureNees(const SimulatedScene& scene, int max_iterations, NeesTrial* trial) {
   const BundleProblem& problem = scene.problem;
-  const BundleResult solved =
-      AdjustBundle(problem, TightOptions(max_iterations), Formulation::kCondensed);
-  const std::unique_ptr<BundleCost> cost = MakeBundleCost(problem, Formulation::kCondensed);
+  const BundleResult solved = AdjustBundle(problem, TightOptions(max_iterations));
+  const std::unique_ptr<BundleCost> cost = CondensedFormulation().make_cost(problem);
   ReducedSystem system;
   cost->Linearise(solved.poses, &system);
   Eigen::MatrixXd H;

@@ -13,11 +13,23 @@ namespace {
 
 constexpr int kPanelWidth = 480, kPanelHeight = 400;
 
-// Told apart by those who cannot tell red from green, too; in the order of the enumeration.
-const char* ColourOf(Formulation formulation) {
-  static const std::vector<const char*> colours = {"#000000", "#e69f00", "#0072b2", "#56b4e9",
-                                                   "#cc79a7", "#d55e00", "#009e73"};
-  return colours.at(static_cast<std::size_t>(formulation));
+// Told apart by those who cannot tell red from green, too. Markers are hollow shapes of gnuplot.
+struct CurveStyle {
+  const char* colour;
+  int marker;
+};
+constexpr std::array<CurveStyle, 7> kStyles = {{{"#000000", 6},
+                                                {"#e69f00", 4},
+                                                {"#0072b2", 8},
+                                                {"#56b4e9", 10},
+                                                {"#cc79a7", 1},
+                                                {"#d55e00", 2},
+                                                {"#009e73", 12}}};
+
+// Place of a formulation in the registry: its style is the same in every plot.
+std::size_t PlaceOf(const Formulation* formulation) {
+  const auto& all = Formulations();
+  return static_cast<std::size_t>(std::find(all.begin(), all.end(), formulation) - all.begin());
 }
 
 template <typename T, typename Member>
@@ -29,13 +41,13 @@ std::vector<T> InOrder(const std::vector<TrialSummary>& summaries, Member member
   return list;
 }
 
-std::string BlockName(SweepKind sweep, Formulation formulation) {
-  return fmt::format("$sweep{}_{}", static_cast<int>(sweep), static_cast<int>(formulation));
+std::string BlockName(SweepKind sweep, const Formulation* formulation) {
+  return fmt::format("$sweep{}_{}", static_cast<int>(sweep), PlaceOf(formulation));
 }
 
 // Value, error, time of each curve, by ascending value.
 std::string DataBlock(const std::vector<TrialSummary>& summaries, SweepKind sweep,
-                      Formulation formulation) {
+                      const Formulation* formulation) {
   std::vector<const TrialSummary*> curve;
   for (const TrialSummary& s : summaries) {
     if (s.sweep == sweep && s.formulation == formulation) curve.push_back(&s);
@@ -70,20 +82,18 @@ std::string ScaleOfX(const std::vector<TrialSummary>& summaries, SweepKind sweep
   return text;
 }
 
-// Hollow shapes of gnuplot, in the order of the enumeration.
-constexpr std::array<int, 7> kMarkers = {6, 4, 8, 10, 1, 2, 12};
-
-std::string Panel(const std::vector<Formulation>& formulations, SweepKind sweep, int column) {
+std::string Panel(const std::vector<const Formulation*>& formulations, SweepKind sweep,
+                  int column) {
   std::string text = "plot ";
   // Curves often coincide: markers shrink from one to the next, so that each can be seen.
   double size = 2.0;
-  for (const Formulation formulation : formulations) {
+  for (const Formulation* formulation : formulations) {
+    const CurveStyle style = kStyles[PlaceOf(formulation) % kStyles.size()];
     text += fmt::format(
         "{}{} using 1:{} with linespoints linewidth 2 pointtype {} pointsize {:.1f} linecolor rgb "
         "'{}' title {}",
         formulation == formulations.front() ? "" : ", ", BlockName(sweep, formulation), column,
-        kMarkers.at(static_cast<std::size_t>(formulation)), size, ColourOf(formulation),
-        GnuplotQuoted(FormulationNames().at(static_cast<std::size_t>(formulation))));
+        style.marker, size, style.colour, GnuplotQuoted(formulation->name));
     size -= 0.2;
   }
   return text + "\n";
@@ -94,13 +104,13 @@ std::string Panel(const std::vector<Formulation>& formulations, SweepKind sweep,
 std::string StudyScript(const std::vector<TrialSummary>& summaries,
                         const std::string& output_path) {
   const auto sweeps = InOrder<SweepKind>(summaries, &TrialSummary::sweep);
-  const auto formulations = InOrder<Formulation>(summaries, &TrialSummary::formulation);
+  const auto formulations = InOrder<const Formulation*>(summaries, &TrialSummary::formulation);
   const int columns = static_cast<int>(sweeps.size());
   std::string script = GnuplotTerminal(output_path, kPanelWidth * columns, 2 * kPanelHeight);
   script += fmt::format("set output {}\nset grid\nset datafile missing 'nan'\n",
                         GnuplotQuoted(output_path));
   for (const SweepKind sweep : sweeps) {
-    for (const Formulation f : formulations) script += DataBlock(summaries, sweep, f);
+    for (const Formulation* f : formulations) script += DataBlock(summaries, sweep, f);
   }
   // Margins are shares of the picture; the key stands above all panels, drawn with the first.
   // More names in a row than fit above one panel, gnuplot would not take.

@@ -11,9 +11,7 @@
 namespace lamina {
 namespace {
 
-const std::string& NameOf(Formulation formulation) {
-  return FormulationNames().at(static_cast<std::size_t>(formulation));
-}
+std::string NameOf(const Formulation* formulation) { return formulation->name; }
 const std::string& NameOf(SweepKind kind) {
   return SweepNames().at(static_cast<std::size_t>(kind));
 }

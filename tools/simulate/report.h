@@ -25,7 +25,7 @@ class TrialTable {
 // trial that never came to the optimum counts as infinitely slow, so the medians of iterations and
 // time to the optimum are infinite if half of the trials did not.
 struct TrialSummary {
-  Formulation formulation = Formulation::kCondensed;
+  const Formulation* formulation = &CondensedFormulation();
   SweepKind sweep = SweepKind::kNoise;
   double value = 0.0;
   int trials = 0;

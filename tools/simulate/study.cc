@@ -35,7 +35,7 @@ struct Trace {
   BundleResult result;
 };
 
-Trace Solve(const BundleProblem& problem, Formulation formulation, int max_iterations) {
+Trace Solve(const BundleProblem& problem, const Formulation& formulation, int max_iterations) {
   Trace trace;
   double cost = EigenvalueCost(problem, problem.poses);
   trace.steps.push_back({0, cost, 0.0});
@@ -81,8 +81,9 @@ std::vector<TrialResult> Judge(const SimulatedScene& scene, const std::vector<Tr
   return results;
 }
 
-bool Contains(const std::vector<Formulation>& list, Formulation formulation) {
-  return std::find(list.begin(), list.end(), formulation) != list.end();
+bool AnyNeedsPoints(const std::vector<const Formulation*>& list) {
+  return std::any_of(list.begin(), list.end(),
+                     [](const Formulation* f) { return f->needs_points; });
 }
 
 bool Stopped(const std::atomic<bool>* stop) { return stop != nullptr && *stop; }
@@ -91,11 +92,11 @@ bool Stopped(const std::atomic<bool>* stop) { return stop != nullptr && *stop; }
 bool RunTrial(const StudyOptions& options, const SimulationOptions& simulation, std::uint64_t seed,
               const std::atomic<bool>* stop, std::vector<TrialResult>* results) {
   const SimulatedScene scene =
-      MakeSimulatedScene(simulation, seed, Contains(options.formulations, Formulation::kEvm1));
+      MakeSimulatedScene(simulation, seed, AnyNeedsPoints(options.formulations));
   std::vector<Trace> traces;
-  for (const Formulation formulation : options.formulations) {
+  for (const Formulation* formulation : options.formulations) {
     if (Stopped(stop)) return false;
-    traces.push_back(Solve(scene.problem, formulation, options.max_iterations));
+    traces.push_back(Solve(scene.problem, *formulation, options.max_iterations));
   }
   *results = Judge(scene, traces);
   return true;
@@ -106,8 +107,8 @@ void WarmUp(const StudyOptions& options) {
   SimulationOptions small;
   small.poses = small.planes = 10;
   const SimulatedScene scene = MakeSimulatedScene(small, options.seed, true);
-  for (const Formulation formulation : options.formulations) {
-    Solve(scene.problem, formulation, std::min(3, options.max_iterations));
+  for (const Formulation* formulation : options.formulations) {
+    Solve(scene.problem, *formulation, std::min(3, options.max_iterations));
   }
 }
 

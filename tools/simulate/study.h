@@ -22,7 +22,7 @@
 #include <string>
 #include <vector>
 
-#include "backend/bundle/adjuster.h"
+#include "backend/bundle/formulations/registry.h"
 #include "tools/simulate/scene.h"
 
 namespace lamina {
@@ -46,7 +46,7 @@ struct Sweep {
 };
 
 struct StudyOptions {
-  std::vector<Formulation> formulations;
+  std::vector<const Formulation*> formulations;
   std::vector<Sweep> sweeps;
   SimulationOptions base;
   int trials = 20;  // of each value
@@ -68,7 +68,7 @@ std::uint64_t SceneSeed(std::uint64_t study_seed, std::size_t value_index, int t
 struct TrialResult {
   static constexpr double kNever = std::numeric_limits<double>::infinity();
 
-  Formulation formulation = Formulation::kCondensed;
+  const Formulation* formulation = &CondensedFormulation();
   SweepKind sweep = SweepKind::kNoise;
   double value = 0.0;
   int trial = 0;

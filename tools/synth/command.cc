@@ -13,6 +13,7 @@
 #include "core/base/error.h"
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"
+#include "tools/commands.h"
 #include "tools/synth/writer.h"
 
 namespace lamina {
@@ -215,8 +216,7 @@ SynthOptions ParseSynthOptions(const std::vector<std::string>& texts) {
 }
 
 void AddSynthCommand(CLI::App* app, std::function<int()>* run) {
-  CLI::App* command = app->add_subcommand(
-      "synth", "Write a synthetic recording (layout of KITTI odometry) with exact ground truth");
+  CLI::App* command = app->add_subcommand("synth", PurposeOfLabCommand("synth"));
   const auto arguments = std::make_shared<SynthArguments>();
   command->add_option("--out", arguments->directory, "directory to write into; created if need be")
       ->required();

@@ -107,8 +107,8 @@ SessionSetup WatchDaemon::MakeSessionSetup() const {
 
 SessionHooks WatchDaemon::Hooks() {
   SessionHooks hooks;
-  hooks.on_mapped = [this](const ScanReport& report, const SessionScan&) { OnMapped(report); };
-  hooks.on_scan = [this](const ScanReport& report, const SessionScan& row) { OnScan(report, row); };
+  hooks.on_mapped = [this](const MappedScan& report, const SessionScan&) { OnMapped(report); };
+  hooks.on_scan = [this](const MappedScan& report, const SessionScan& row) { OnScan(report, row); };
   hooks.on_final = [this](const FinalPose& pose) {
     if (setup_.http && !pose.skipped) view_.RevisePoses({LivePoseOf(pose)});
   };
@@ -183,7 +183,7 @@ void WatchDaemon::Repeat(const std::atomic<bool>& stop) {
 // What there is to do while nothing is mapped, and a wait for what may come.
 void WatchDaemon::Rest(LiveState state) {
   const bool asked =
-      queries_.AnswerSlice(session_->pipeline().map(), setup_.config.backend.min_surfel_frames);
+      queries_.AnswerSlice(session_->mapping().map(), setup_.config.backend.min_surfel_frames);
   ShowOpenPoses();
   ShowStatus(state);
   NotifyWatchdog();
@@ -221,7 +221,7 @@ bool WatchDaemon::MapWaiting(const std::atomic<bool>& stop) {
   return taken > 0;
 }
 
-void WatchDaemon::OnMapped(const ScanReport& report) {
+void WatchDaemon::OnMapped(const MappedScan& report) {
   // What lay there before is late for reasons of its own.
   const auto complete = std::max(start_on_clock_, LastChange(scans_->Name(report.index)));
   const std::lock_guard<std::mutex> lock(mutex_);
@@ -232,7 +232,7 @@ void WatchDaemon::WarnRepeated(const std::string& kind, const std::string& line)
   if (const auto shown = repeated_.Next(kind, line)) spdlog::warn("{}", *shown);
 }
 
-void WatchDaemon::OnScan(const ScanReport& report, const SessionScan& row) {
+void WatchDaemon::OnScan(const MappedScan& report, const SessionScan& row) {
   if (report.began_piece && report.piece > 0) spdlog::warn(NewPieceMessage(report));
   if (report.skipped) {
     ++rejected_;
@@ -245,8 +245,8 @@ void WatchDaemon::OnScan(const ScanReport& report, const SessionScan& row) {
   }
   verdict_.Add(row);
   degenerate_directions_ = report.skipped ? 0 : report.odometry.match.degenerate;
-  map_peak_bytes_ = std::max(map_peak_bytes_, session_->pipeline().map().bytes());
-  queries_.AnswerSlice(session_->pipeline().map(), setup_.config.backend.min_surfel_frames);
+  map_peak_bytes_ = std::max(map_peak_bytes_, session_->mapping().map().bytes());
+  queries_.AnswerSlice(session_->mapping().map(), setup_.config.backend.min_surfel_frames);
   ShowScan(report);
   ShowStatus(setup_.base_map ? LiveState::kLocalising : LiveState::kMapping);
   NotifyWatchdog();
@@ -255,20 +255,20 @@ void WatchDaemon::OnScan(const ScanReport& report, const SessionScan& row) {
 void WatchDaemon::ShowOpenPoses() {
   if (!view_.PosesWanted()) return;
   std::vector<LivePose> poses;
-  session_->pipeline().ShowOpenPoses([&](const FinalPose& pose) {
+  session_->mapping().ShowOpenPoses([&](const FinalPose& pose) {
     if (!pose.skipped) poses.push_back(LivePoseOf(pose));
   });
   view_.RevisePoses(poses);
 }
 
-void WatchDaemon::ShowScan(const ScanReport& report) {
+void WatchDaemon::ShowScan(const MappedScan& report) {
   ShowOpenPoses();
   if (!view_.ScanWanted() || report.skipped) return;
   LiveScan scan;
   scan.index = static_cast<std::int64_t>(report.index);
   scan.piece = report.piece;
   scan.origin = report.odometry.T_world_lidar.t;
-  for (const Eigen::Vector3d& p : session_->pipeline().NewestKeyframe()) {
+  for (const Eigen::Vector3d& p : session_->mapping().NewestKeyframe()) {
     scan.points.push_back((p - scan.origin).cast<float>());
   }
   view_.SetScan(std::move(scan));
@@ -316,8 +316,8 @@ void WatchDaemon::OnCheckpoint(const SessionCheckpoint& done, std::int64_t relea
 }
 
 void WatchDaemon::ShowStatus(LiveState state) {
-  const MappingCounts& counts = session_->pipeline().counts();
-  const VoxelMap& map = session_->pipeline().map();
+  const MappingCounts& counts = session_->mapping().counts();
+  const VoxelMap& map = session_->mapping().map();
   LiveStatus status;
   status.state = state;
   status.frames = counts.frames;
@@ -373,13 +373,15 @@ void WatchDaemon::WriteOutputs() {
   WritePieceTrajectories(setup_.session, table.pieces(),
                          [&](const FinalPoses::Visit& visit) { session_->ForEachPose(visit); });
   RunFigures figures;
-  const VoxelMap& map = session_->pipeline().map();
-  figures.map_surfels = WriteMap(setup_.session, map, setup_.config.backend.min_surfel_frames);
+  const VoxelMap& map = session_->mapping().map();
+  figures.map_surfels = WriteMap(
+      setup_.session, map,
+      LeastSurfelFrames(setup_.config.backend.min_surfel_frames, session_->mapping().counts()));
   figures.wall_s = 1e-3 * Milliseconds(SteadyClock::now() - start_);
   figures.cpu_s = ProcessCpuSeconds();
   figures.map_peak_bytes = map_peak_bytes_;
   figures.map_over_budget = map.over_budget();
-  nlohmann::json summary = Summarise(session_->pipeline().counts(), map, figures);
+  nlohmann::json summary = Summarise(session_->mapping().counts(), map, figures);
   summary["pieces"] = ToJson(table.pieces());
   const RunVerdict verdict = table.Judge();
   summary["verdict"] = ToJson(verdict);
@@ -388,7 +390,7 @@ void WatchDaemon::WriteOutputs() {
   WriteTextFile((folder / "summary.json").string(), SummaryText(summary));
   spdlog::info("verdict: {}", ToString(verdict));
   spdlog::info("{} frames mapped in all; trajectory, map and figures are in {}",
-               session_->pipeline().counts().frames, setup_.session);
+               session_->mapping().counts().frames, setup_.session);
 }
 
 }  // namespace lamina

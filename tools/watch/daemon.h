@@ -68,14 +68,14 @@ class WatchDaemon {
   void Rest(LiveState state);
   void TakeNotices();
   bool MapWaiting(const std::atomic<bool>& stop);
-  void OnMapped(const ScanReport& report);
-  void OnScan(const ScanReport& report, const SessionScan& row);
+  void OnMapped(const MappedScan& report);
+  void OnScan(const MappedScan& report, const SessionScan& row);
   void WarnRepeated(const std::string& kind, const std::string& line);
   void OnDurable(const SessionScan& row);
   void OnCheckpoint(const SessionCheckpoint& checkpoint, std::int64_t released);
   void ShowStatus(LiveState state);
   void ShowOpenPoses();
-  void ShowScan(const ScanReport& report);
+  void ShowScan(const MappedScan& report);
   void Reload();
   void WriteOutputs();
 

@@ -58,4 +58,15 @@ double AlternatingCost::Value(const std::vector<SE3>& poses) const {
       });
 }
 
+const Formulation& AlternatingFormulation() {
+  static constexpr Formulation kFormulation = {"huang",
+                                               "Huang",
+                                               "Huang et al. 2021",
+                                               /*needs_points=*/false,
+                                               /*takes_priors=*/false,
+                                               /*creeps=*/true,
+                                               MakeCost<AlternatingCost>};
+  return kFormulation;
+}
+
 }  // namespace lamina

@@ -10,6 +10,7 @@
 #pragma once
 
 #include "backend/bundle/cost.h"
+#include "backend/bundle/formulation.h"
 #include "backend/bundle/plane_geometry.h"
 
 namespace lamina {
@@ -29,5 +30,7 @@ class AlternatingCost final : public BundleCost {
   std::vector<Eigen::Matrix<double, 3, 2>> axes_;
   std::vector<PlaneFrame> held_;
 };
+
+const Formulation& AlternatingFormulation();
 
 }  // namespace lamina

@@ -129,4 +129,15 @@ double EigenFactorsCost::ValueAndGradient(const std::vector<SE3>& poses,
   return cost;
 }
 
+const Formulation& EigenFactorsLeastSquaresFormulation() {
+  static constexpr Formulation kFormulation = {"ef_lm",
+                                               "Eigen-Factors, least squares",
+                                               "Ferrer 2019",
+                                               /*needs_points=*/false,
+                                               /*takes_priors=*/false,
+                                               /*creeps=*/true,
+                                               MakeCost<EigenFactorsCost>};
+  return kFormulation;
+}
+
 }  // namespace lamina

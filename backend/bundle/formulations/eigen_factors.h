@@ -19,6 +19,7 @@
 #pragma once
 
 #include "backend/bundle/cost.h"
+#include "backend/bundle/formulation.h"
 
 namespace lamina {
 
@@ -50,5 +51,7 @@ class EigenFactorsCost final : public BundleCost {
   std::vector<Matrix4d> fixed_;  // of each plane: Q's constant part
   std::vector<Factor> held_;
 };
+
+const Formulation& EigenFactorsLeastSquaresFormulation();
 
 }  // namespace lamina

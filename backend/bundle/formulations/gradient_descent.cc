@@ -119,4 +119,16 @@ BundleResult DescendEigenFactors(const BundleProblem& problem, const BundleAdjus
   return result;
 }
 
+const Formulation& EigenFactorsFormulation() {
+  static constexpr Formulation kFormulation = {"ef",
+                                               "Eigen-Factors",
+                                               "Ferrer 2019",
+                                               /*needs_points=*/false,
+                                               /*takes_priors=*/false,
+                                               /*creeps=*/true,
+                                               nullptr,
+                                               DescendEigenFactors};
+  return kFormulation;
+}
+
 }  // namespace lamina

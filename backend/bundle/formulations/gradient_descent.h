@@ -5,12 +5,14 @@
 // range of the points. Needs no Hessian and takes hundreds to thousands of steps.
 #pragma once
 
-#include "backend/bundle/adjuster.h"
+#include "backend/bundle/formulation.h"
 #include "backend/bundle/formulations/eigen_factors.h"
 
 namespace lamina {
 
 BundleResult DescendEigenFactors(const BundleProblem& problem, const BundleAdjusterOptions& options,
                                  const BundleObserver& observer);
+
+const Formulation& EigenFactorsFormulation();
 
 }  // namespace lamina

@@ -272,4 +272,16 @@ BundleResult SolvePlaneLandmarks(const BundleProblem& problem, const BundleAdjus
   return result;
 }
 
+const Formulation& PlaneLandmarksFormulation() {
+  static constexpr Formulation kFormulation = {"pl",
+                                               "Plane landmarks",
+                                               "Geneva et al. 2018",
+                                               /*needs_points=*/false,
+                                               /*takes_priors=*/false,
+                                               /*creeps=*/false,
+                                               nullptr,
+                                               SolvePlaneLandmarks};
+  return kFormulation;
+}
+
 }  // namespace lamina

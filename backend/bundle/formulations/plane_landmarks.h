@@ -14,11 +14,13 @@
 // Ceres estimates planes and poses together; its Schur solver eliminates the planes.
 #pragma once
 
-#include "backend/bundle/adjuster.h"
+#include "backend/bundle/formulation.h"
 
 namespace lamina {
 
 BundleResult SolvePlaneLandmarks(const BundleProblem& problem, const BundleAdjusterOptions& options,
                                  const BundleObserver& observer);
+
+const Formulation& PlaneLandmarksFormulation();
 
 }  // namespace lamina

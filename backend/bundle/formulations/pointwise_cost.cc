@@ -100,4 +100,15 @@ double PointwiseCost::Value(const std::vector<SE3>& poses) const {
   return EigenvalueCost(problem_, Frames(PoseMatrices(poses)));
 }
 
+const Formulation& PointwiseFormulation() {
+  static constexpr Formulation kFormulation = {"evm1",
+                                               "BALM",
+                                               "Liu and Zhang 2021",
+                                               /*needs_points=*/true,
+                                               /*takes_priors=*/true,
+                                               /*creeps=*/false,
+                                               MakeCost<PointwiseCost>};
+  return kFormulation;
+}
+
 }  // namespace lamina

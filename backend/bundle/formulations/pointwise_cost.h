@@ -15,6 +15,7 @@
 #pragma once
 
 #include "backend/bundle/cost.h"
+#include "backend/bundle/formulation.h"
 #include "backend/bundle/plane_geometry.h"
 
 namespace lamina {
@@ -34,5 +35,7 @@ class PointwiseCost final : public BundleCost {
   const BundleProblem& problem_;
   BundleIndex index_;
 };
+
+const Formulation& PointwiseFormulation();
 
 }  // namespace lamina

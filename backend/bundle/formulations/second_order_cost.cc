@@ -42,4 +42,15 @@ double SecondOrderCost::Value(const std::vector<SE3>& poses) const {
   return EigenvalueCost(problem_, poses);
 }
 
+const Formulation& SecondOrderFormulation() {
+  static constexpr Formulation kFormulation = {"evm2",
+                                               "BALM 2",
+                                               "Liu et al. 2022",
+                                               /*needs_points=*/false,
+                                               /*takes_priors=*/true,
+                                               /*creeps=*/false,
+                                               MakeCost<SecondOrderCost>};
+  return kFormulation;
+}
+
 }  // namespace lamina

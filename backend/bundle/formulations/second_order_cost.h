@@ -16,6 +16,7 @@
 #pragma once
 
 #include "backend/bundle/cost.h"
+#include "backend/bundle/formulation.h"
 
 namespace lamina {
 
@@ -31,5 +32,7 @@ class SecondOrderCost final : public BundleCost {
   const BundleProblem& problem_;
   BundleIndex index_;
 };
+
+const Formulation& SecondOrderFormulation();
 
 }  // namespace lamina

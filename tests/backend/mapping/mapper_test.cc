@@ -23,7 +23,7 @@ class Walk {
       const SE3 T(Eigen::Quaterniond::Identity(), {0.02 * count_, 0.0, 0.0});
       std::vector<TimedCluster> clusters =
           ScanFrom(T, World::Room().Sample(2000, 0.005, &draws_), kLeafM);
-      const MappedFrame frame =
+      const RegisteredScan frame =
           mapper_.Process({count_, count_ * StampNs{100000000}, false, &clusters});
       EXPECT_TRUE(frame.keyframe);
     }
@@ -104,7 +104,7 @@ class Parked {
   void Stand(int scans) {
     for (int i = 0; i < scans; ++i, ++count_) {
       std::vector<TimedCluster> clusters = clusters_;
-      const MappedFrame frame =
+      const RegisteredScan frame =
           mapper_.Process({count_, count_ * StampNs{100000000}, false, &clusters});
       keyframes_ += frame.keyframe ? 1 : 0;
       final_ += mapper_.TakeFinal(count_ + 1 - kFinalAfter).size();

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "backend/bundle/formulations/registry.h"
 #include "backend/bundle/held_directions.h"
 #include "backend/bundle/uncertainty/pose_covariance.h"
 #include "tests/support/random_bundles.h"
@@ -27,8 +28,9 @@ SlidingWindowOptions Weights() {
   return weights;
 }
 
-BatchRegistration Registration(RegistrationOptions options = {}) {
-  return BatchRegistration(options, Voxels(), Weights());
+BatchRegistration Registration(RegistrationOptions options = {},
+                               const Formulation& formulation = CondensedFormulation()) {
+  return BatchRegistration(options, Voxels(), Weights(), formulation);
 }
 
 struct Batch {
@@ -112,17 +114,16 @@ TEST(BatchRegistration, CoarseVoxelsCatchPoorStarts) {
 }
 
 TEST(BatchRegistration, EveryFormulationDoesIt) {
-  for (std::size_t f = 0; f < FormulationNames().size(); ++f) {
+  for (const Formulation* formulation : Formulations()) {
     Draws draws(2);
     const Batch batch = Batches(World::Room(), 4, 0.01, 0.03, &draws);
     RegistrationOptions options;
-    options.formulation = static_cast<Formulation>(f);
     options.rounds = 3;
     options.solver.max_iterations = 500;
-    const RegistrationResult result = Registration(options).Run(batch.frames, {});
+    const RegistrationResult result = Registration(options, *formulation).Run(batch.frames, {});
     EXPECT_TRUE(result.status == Status::kConverged || result.status == Status::kRoundLimit)
-        << FormulationNames()[f] << " " << ToString(result.status);
-    EXPECT_LT(LargestError(result.poses, batch.truth), 0.02) << FormulationNames()[f];
+        << formulation->name << " " << ToString(result.status);
+    EXPECT_LT(LargestError(result.poses, batch.truth), 0.02) << formulation->name;
   }
 }
 
@@ -186,13 +187,11 @@ TEST(BatchRegistration, ParallelPlanesHoldOpenDirectionsAndSolveTheRest) {
     batch.frames.push_back(
         FrameAt(truth, start, floor.Sample(20000, 0.005, &draws), static_cast<std::size_t>(k)));
   }
-  for (const Formulation f :
-       {Formulation::kCondensed, Formulation::kHuang, Formulation::kEf, Formulation::kPl}) {
+  for (const char* name : {"condensed", "huang", "ef", "pl"}) {
     RegistrationOptions options;
-    options.formulation = f;
     options.solver.max_iterations = 500;
-    const RegistrationResult result = Registration(options).Run(batch.frames, {});
-    const std::string& name = FormulationNames().at(static_cast<std::size_t>(f));
+    const RegistrationResult result =
+        Registration(options, FindFormulation(name)).Run(batch.frames, {});
     ASSERT_EQ(result.status, Status::kPartial) << name << result.reason;
     EXPECT_EQ(result.faults.size(), 9U) << name;
     for (std::size_t k = 1; k < 4; ++k) {
@@ -362,7 +361,7 @@ TEST(PoseCovariances, AreThoseOfTheDenseInverse) {
   BundleScene scene = MakeBundleScene(options, &draws);
   const std::vector<Matrix6d> covariances =
       PoseCovariances(scene.problem, scene.problem.poses, 1e6);
-  const auto cost = MakeBundleCost(scene.problem, Formulation::kCondensed);
+  const auto cost = CondensedFormulation().make_cost(scene.problem);
   Eigen::VectorXd g;
   Eigen::MatrixXd H;
   LineariseDense(scene.problem, scene.problem.poses, cost.get(), &g, &H);

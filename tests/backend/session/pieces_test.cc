@@ -54,17 +54,17 @@ class PiecesTest : public SessionTest {
     fs::remove_all(Path(folder));
     Mapped mapped;
     SessionHooks hooks;
-    hooks.on_scan = [&](const ScanReport&, const SessionScan& row) { mapped.rows.push_back(row); };
+    hooks.on_scan = [&](const MappedScan&, const SessionScan& row) { mapped.rows.push_back(row); };
     Session session(Setup(folder), hooks);
     Map(&session, recording, static_cast<std::int64_t>(recording.files.size()));
     session.Finish();
     session.ForEachPose([&](const FinalPose& pose) { mapped.poses.push_back(pose); });
-    session.pipeline().map().ForEachSurface(1, [&](Surfel s) {
+    session.mapping().map().ForEachSurface(1, [&](Surfel s) {
       StateArchive a;
       a(&s.centre, &s.normal, &s.eigenvalues, &s.count);
       mapped.map[s.piece].insert(a.written());
     });
-    mapped.counts = session.pipeline().counts();
+    mapped.counts = session.mapping().counts();
     return mapped;
   }
   // Poses and surfels of one piece, to the last bit.
@@ -219,7 +219,7 @@ TEST_F(PiecesTest, ASilentRecordingDoesNotHoldUpThePosesOfOthers) {
   hooks.on_final = [&](const FinalPose& pose) {
     EXPECT_EQ(static_cast<std::int64_t>(pose.scan), final++);
   };
-  hooks.on_scan = [&](const ScanReport&, const SessionScan&) { ++mapped; };
+  hooks.on_scan = [&](const MappedScan&, const SessionScan&) { ++mapped; };
   Session session(Setup("session"), hooks);
   for (std::int64_t end = 1; end <= 46; ++end) {
     Map(&session, all, end);

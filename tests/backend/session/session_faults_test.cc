@@ -236,7 +236,7 @@ TEST_F(SessionFaultsTest, LocalisingFindsScansAndLeavesTheMapAsItIs) {
   // Where it starts is known roughly.
   const SE3 start = recording_.truth[0].Inverse() * visit.truth[0];
   setup.base_map = BaseMap{Path("whole"), setup.fixed_options, start * Draws(3).Offset(0.02, 0.1)};
-  const std::string map = BytesOf(Session(setup, {}).pipeline().map());
+  const std::string map = BytesOf(Session(setup, {}).mapping().map());
   EXPECT_GT(map.size(), 10000U);
   MapUntil(setup, visit, 7, Leave::kAtOnce);
   MapUntil(setup, visit, 12, Leave::kWhenDone);  // continues as any other session
@@ -245,10 +245,10 @@ TEST_F(SessionFaultsTest, LocalisingFindsScansAndLeavesTheMapAsItIs) {
     Session session(setup, {});
     EXPECT_GT(session.next_scan(), 0);
     Map(&session, visit, static_cast<std::int64_t>(visit.files.size()));
-    EXPECT_EQ(session.pipeline().counts().lost, 0U);
+    EXPECT_EQ(session.mapping().counts().lost, 0U);
     session.Finish();
     session.ForEachPose([&](const FinalPose& pose) { poses.push_back(pose); });
-    EXPECT_TRUE(BytesOf(session.pipeline().map()) == map);
+    EXPECT_TRUE(BytesOf(session.mapping().map()) == map);
   }
   ASSERT_EQ(poses.size(), visit.truth.size());
   for (std::size_t i = 0; i < poses.size(); ++i) {

@@ -1,5 +1,6 @@
 // Sessions: the same result as the pipeline alone, and however often they are left and continued.
 #include "backend/session/session.h"
+#include "backend/mapping/pipeline.h"
 
 #include <algorithm>
 #include <atomic>
@@ -35,17 +36,17 @@ TEST_F(SessionContinueTest, TheResultIsThatOfThePipelineBitForBit) {
   std::string poses;
   MappingCallbacks callbacks;
   callbacks.on_final_pose = [&](const FinalPose& pose) { poses += BytesOf(pose); };
-  MappingPipeline pipeline(mapping_, callbacks);
+  Mapping run(mapping_, callbacks);
   const auto source = OpenScans(Path("inbox"), {});
   ASSERT_EQ(source->size(), recording.files.size());
-  pipeline.Process(*source, {0, 0, source->size()});
-  pipeline.Finish();
-  EXPECT_GT(pipeline.counts().solves, 5U);
-  EXPECT_EQ(pipeline.counts().lost, 0U);
+  MapScans(*source, {0, 0, source->size()}, &run);
+  run.Finish();
+  EXPECT_GT(run.counts().solves, 5U);
+  EXPECT_EQ(run.counts().lost, 0U);
   const Result result = FinishSession(Setup("session"), recording);
   EXPECT_TRUE(result.poses == poses);
   EXPECT_FALSE(result.solves.empty());
-  EXPECT_TRUE(result.map == BytesOf(pipeline.map()));
+  EXPECT_TRUE(result.map == BytesOf(run.map()));
   // The scene is one that can be mapped.
   std::vector<FinalPose> all;
   Session session(Setup("session"), {});
@@ -168,7 +169,7 @@ TEST_F(SessionContinueTest, HooksTellEachScanOnceAndInOrder) {
   std::vector<SessionCheckpoint> checkpoints;
   std::int64_t released = 0;
   SessionHooks hooks;
-  hooks.on_scan = [&](const ScanReport&, const SessionScan& row) { mapped.push_back(row.scan); };
+  hooks.on_scan = [&](const MappedScan&, const SessionScan& row) { mapped.push_back(row.scan); };
   hooks.on_durable = [&](const SessionScan& row) {
     durable.push_back(row.scan);
     EXPECT_TRUE(SessionDatabase(setup.folder + "/session.db", false).Knows(row.file));
@@ -200,7 +201,7 @@ TEST_F(SessionContinueTest, StoppingInTheMiddleLosesNothing) {
   const SessionSetup setup = Setup("stopped");
   std::atomic<bool> stop{false};
   SessionHooks hooks;
-  hooks.on_scan = [&](const ScanReport&, const SessionScan& row) { stop = row.scan >= 8; };
+  hooks.on_scan = [&](const MappedScan&, const SessionScan& row) { stop = row.scan >= 8; };
   {
     Session session(setup, hooks);
     StreamedScans scans = recording.From(0);

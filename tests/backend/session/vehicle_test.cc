@@ -52,9 +52,9 @@ class VehicleTest : public SessionTest {
     Map(&session, recording, static_cast<std::int64_t>(recording.files.size()));
     session.Finish();
     session.ForEachPose([&](const FinalPose& pose) { mapped.poses.push_back(pose); });
-    session.pipeline().map().ForEachSurface(1,
-                                            [&](const Surfel& s) { mapped.surfels.push_back(s); });
-    mapped.counts = session.pipeline().counts();
+    session.mapping().map().ForEachSurface(1,
+                                           [&](const Surfel& s) { mapped.surfels.push_back(s); });
+    mapped.counts = session.mapping().counts();
     return mapped;
   }
   ScanSourceOptions options_;

@@ -8,6 +8,7 @@
 #include "backend/bundle/adjuster.h"
 #include "backend/bundle/formulations/alternating_cost.h"
 #include "backend/bundle/formulations/eigen_factors.h"
+#include "backend/bundle/formulations/registry.h"
 #include "tests/support/random_bundles.h"
 
 namespace lamina {
@@ -50,11 +51,9 @@ double LargestError(const std::vector<SE3>& a, const std::vector<SE3>& b) {
   return largest;
 }
 
-std::string NameOf(const ::testing::TestParamInfo<Formulation>& info) {
-  return FormulationNames().at(static_cast<std::size_t>(info.param));
-}
+std::string NameOf(const ::testing::TestParamInfo<std::string>& info) { return info.param; }
 
-class EveryFormulation : public ::testing::TestWithParam<Formulation> {};
+class EveryFormulation : public ::testing::TestWithParam<std::string> {};
 
 TEST_P(EveryFormulation, ReturnsTheExactPosesWithoutNoise) {
   for (unsigned seed = 0; seed < 3; ++seed) {
@@ -64,10 +63,11 @@ TEST_P(EveryFormulation, ReturnsTheExactPosesWithoutNoise) {
     options.points = 10;
     const BundleScene scene = Scene(options, seed);
     ASSERT_GT(LargestError(scene.problem.poses, scene.truth), 0.09);
-    const BundleResult result = AdjustBundle(scene.problem, LongSolve(), GetParam());
+    const BundleResult result =
+        AdjustBundle(scene.problem, LongSolve(), FindFormulation(GetParam()));
     EXPECT_TRUE(result.usable());
     // Eigen-Factors' 4x4 matrices hold squared coordinates: rounding hides the last of the way.
-    EXPECT_LT(LargestError(result.poses, scene.truth), GetParam() == Formulation::kEf ? 1e-5 : 1e-6)
+    EXPECT_LT(LargestError(result.poses, scene.truth), GetParam() == "ef" ? 1e-5 : 1e-6)
         << result.iterations << " iterations, cost " << result.final_cost;
   }
 }
@@ -79,7 +79,7 @@ TEST_P(EveryFormulation, FindsTheTruthBetterThanTheStart) {
   BundleAdjusterOptions solve = LongSolve();
   solve.max_iterations = 3000;
   solve.min_cost_change = 1e-9;
-  const BundleResult result = AdjustBundle(scene.problem, solve, GetParam());
+  const BundleResult result = AdjustBundle(scene.problem, solve, FindFormulation(GetParam()));
   EXPECT_TRUE(result.usable());
   EXPECT_LT(result.final_cost, result.initial_cost);
   EXPECT_LT(LargestError(result.poses, scene.truth), 0.02);
@@ -92,13 +92,14 @@ TEST_P(EveryFormulation, TellsTheObserverOfEveryStep) {
   int steps = 0;
   double last_ms = 0.0;
   std::vector<SE3> last;
-  const BundleResult result = AdjustBundle(
-      scene.problem, solve, GetParam(), [&](const BundleStep& step, const std::vector<SE3>& poses) {
-        EXPECT_EQ(step.iteration, ++steps);
-        EXPECT_GE(step.solve_ms, last_ms);
-        last_ms = step.solve_ms;
-        last = poses;
-      });
+  const BundleResult result =
+      AdjustBundle(scene.problem, solve, FindFormulation(GetParam()),
+                   [&](const BundleStep& step, const std::vector<SE3>& poses) {
+                     EXPECT_EQ(step.iteration, ++steps);
+                     EXPECT_GE(step.solve_ms, last_ms);
+                     last_ms = step.solve_ms;
+                     last = poses;
+                   });
   EXPECT_EQ(steps, result.iterations);
   EXPECT_GE(result.solve_ms, last_ms);
   EXPECT_LT(LargestError(last, result.poses), 1e-12);
@@ -115,7 +116,7 @@ TEST_P(EveryFormulation, HasTheSameBitsAtAnyNumberOfThreads) {
   std::vector<SE3> first;
   for (const std::size_t threads : {1U, 2U, 4U}) {
     const ThreadLimit limit(threads);
-    const BundleResult result = AdjustBundle(scene.problem, solve, GetParam());
+    const BundleResult result = AdjustBundle(scene.problem, solve, FindFormulation(GetParam()));
     if (first.empty()) first = result.poses;
     EXPECT_EQ(LargestError(result.poses, first), 0.0) << threads << " threads";
   }
@@ -123,28 +124,33 @@ TEST_P(EveryFormulation, HasTheSameBitsAtAnyNumberOfThreads) {
 
 TEST_P(EveryFormulation, HoldsTheFirstPose) {
   const BundleScene scene = Scene(Noisy(), 4);
-  const BundleResult result = AdjustBundle(scene.problem, LongSolve(), GetParam());
+  const BundleResult result = AdjustBundle(scene.problem, LongSolve(), FindFormulation(GetParam()));
   EXPECT_EQ((result.poses[0].t - scene.problem.poses[0].t).norm(), 0.0);
   EXPECT_LT(RotationAngle(result.poses[0], scene.problem.poses[0]), 1e-12);
 }
 
-INSTANTIATE_TEST_SUITE_P(Formulations, EveryFormulation,
-                         ::testing::Values(Formulation::kCondensed, Formulation::kHuang,
-                                           Formulation::kEvm2, Formulation::kEvm1, Formulation::kEf,
-                                           Formulation::kEfLm, Formulation::kPl),
+INSTANTIATE_TEST_SUITE_P(Formulations, EveryFormulation, ::testing::ValuesIn(FormulationNames()),
                          NameOf);
 
 // --- Derivatives against numeric ones
 // -------------------------------------------------------------
 
-class NormalEquationsOf : public ::testing::TestWithParam<Formulation> {};
+std::vector<std::string> WithNormalEquations() {
+  std::vector<std::string> names;
+  for (const Formulation* formulation : Formulations()) {
+    if (formulation->make_cost != nullptr) names.emplace_back(formulation->name);
+  }
+  return names;
+}
+
+class NormalEquationsOf : public ::testing::TestWithParam<std::string> {};
 
 // Value() judges a step from the last linearisation: that is the function to be differentiated.
 TEST_P(NormalEquationsOf, GradientMeetsNumericDifferences) {
   for (unsigned seed = 0; seed < 10; ++seed) {
     const BundleScene scene = Scene(Noisy(), seed);
     const std::vector<SE3>& poses = scene.problem.poses;
-    const auto cost = MakeBundleCost(scene.problem, GetParam());
+    const auto cost = FindFormulation(GetParam()).make_cost(scene.problem);
     Eigen::VectorXd g;
     Eigen::MatrixXd H;
     const double value = LineariseDense(scene.problem, poses, cost.get(), &g, &H);
@@ -162,10 +168,7 @@ TEST_P(NormalEquationsOf, GradientMeetsNumericDifferences) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Formulations, NormalEquationsOf,
-                         ::testing::Values(Formulation::kCondensed, Formulation::kHuang,
-                                           Formulation::kEvm2, Formulation::kEvm1,
-                                           Formulation::kEfLm),
-                         NameOf);
+                         ::testing::ValuesIn(WithNormalEquations()), NameOf);
 
 // Derivative of the gradient by central differences. Retract moves the tangent space along with
 // the rotation, which adds the antisymmetric half of the bracket: the symmetric part is the
@@ -185,7 +188,7 @@ Eigen::MatrixXd NumericHessian(const BundleProblem& problem, BundleCost* cost) {
 TEST(SecondOrderCost, HessianIsExact) {
   for (unsigned seed = 0; seed < 10; ++seed) {
     const BundleScene scene = Scene(Noisy(), seed);
-    const auto cost = MakeBundleCost(scene.problem, Formulation::kEvm2);
+    const auto cost = FindFormulation("evm2").make_cost(scene.problem);
     Eigen::VectorXd g;
     Eigen::MatrixXd H;
     LineariseDense(scene.problem, scene.problem.poses, cost.get(), &g, &H);
@@ -199,7 +202,7 @@ TEST(SecondOrderCost, HessianIsExact) {
 TEST(PointwiseCost, HessianIsThatOfThePointsWithLinearMotion) {
   const BundleScene scene = Scene(Noisy(), 1);
   const BundleProblem& problem = scene.problem;
-  const auto cost = MakeBundleCost(problem, Formulation::kEvm1);
+  const auto cost = FindFormulation("evm1").make_cost(problem);
   Eigen::VectorXd g;
   Eigen::MatrixXd H;
   LineariseDense(problem, problem.poses, cost.get(), &g, &H);
@@ -324,27 +327,36 @@ TEST(PlaneLandmarks, ConvergeInAFewSteps) {
   ASSERT_GT(LargestError(scene.problem.poses, scene.truth), 0.05);
   BundleAdjusterOptions solve = LongSolve();
   solve.max_iterations = 8;
-  const BundleResult result = AdjustBundle(scene.problem, solve, Formulation::kPl);
+  const BundleResult result = AdjustBundle(scene.problem, solve, FindFormulation("pl"));
   EXPECT_LT(LargestError(result.poses, scene.truth), 1e-9);
+}
+
+TEST(Formulations, AreFoundByNameAndByNoOther) {
+  for (const Formulation* formulation : Formulations()) {
+    EXPECT_EQ(&FindFormulation(formulation->name), formulation);
+    EXPECT_TRUE((formulation->make_cost == nullptr) != (formulation->solve == nullptr))
+        << formulation->name;
+  }
+  EXPECT_EQ(FormulationNames().size(), Formulations().size());
+  EXPECT_THROW(FindFormulation("best"), std::logic_error);
 }
 
 TEST(Formulations, RefuseWhatTheyCannotExpress) {
   BundleScene scene = Scene(Noisy(), 6);
   scene.problem.priors.push_back({0, 1, SE3(), Matrix6d::Identity()});
-  for (const Formulation f :
-       {Formulation::kHuang, Formulation::kEf, Formulation::kEfLm, Formulation::kPl}) {
-    EXPECT_THROW(AdjustBundle(scene.problem, LongSolve(), f), std::logic_error);
+  for (const char* name : {"huang", "ef", "ef_lm", "pl"}) {
+    EXPECT_THROW(AdjustBundle(scene.problem, LongSolve(), FindFormulation(name)), std::logic_error);
   }
-  EXPECT_TRUE(AdjustBundle(scene.problem, LongSolve(), Formulation::kEvm2).usable());
+  EXPECT_TRUE(AdjustBundle(scene.problem, LongSolve(), FindFormulation("evm2")).usable());
   scene.problem.points.clear();
-  EXPECT_THROW(AdjustBundle(scene.problem, LongSolve(), Formulation::kEvm1), std::logic_error);
+  EXPECT_THROW(AdjustBundle(scene.problem, LongSolve(), FindFormulation("evm1")), std::logic_error);
 }
 
 TEST(Formulations, CondensedAndBothSecondOrderFormsShareOneOptimum) {
   const BundleScene scene = Scene(Noisy(), 8);
   const BundleResult condensed = AdjustBundle(scene.problem, LongSolve());
-  for (const Formulation f : {Formulation::kEvm1, Formulation::kEvm2}) {
-    const BundleResult other = AdjustBundle(scene.problem, LongSolve(), f);
+  for (const char* name : {"evm1", "evm2"}) {
+    const BundleResult other = AdjustBundle(scene.problem, LongSolve(), FindFormulation(name));
     EXPECT_NEAR(other.final_cost, condensed.final_cost, 1e-10 * condensed.final_cost);
     EXPECT_LT(LargestError(other.poses, condensed.poses), 1e-6);
   }

@@ -10,7 +10,7 @@
 #include <string>
 #include <utility>
 
-#include "backend/bundle/adjuster.h"
+#include "backend/bundle/formulation.h"
 #include "backend/bundle/held_directions.h"
 #include "backend/bundle/uncertainty/pose_covariance.h"
 #include "tests/support/bundle_rooms.h"
@@ -156,7 +156,7 @@ TEST(InvertOnDiagonal, SaysWhenAMatrixIsAllButSingular) {
 double LargestError(const BundleProblem& problem, const std::vector<Matrix6d>& covariances,
                     double open_variance, std::size_t stride = 1) {
   if (covariances.size() != problem.poses.size()) return std::numeric_limits<double>::infinity();
-  const auto cost = MakeBundleCost(problem, Formulation::kCondensed);
+  const auto cost = CondensedFormulation().make_cost(problem);
   Eigen::VectorXd g;
   Eigen::MatrixXd H;
   LineariseDense(problem, problem.poses, cost.get(), &g, &H);

@@ -1,4 +1,4 @@
-#include "backend/registration/global_synchronisation.h"
+#include "tools/compare/global_synchronisation.h"
 
 #include <algorithm>
 #include <cmath>

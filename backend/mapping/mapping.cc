@@ -1,4 +1,4 @@
-#include "backend/mapping/serial_mapping.h"
+#include "backend/mapping/mapping.h"
 
 #include <algorithm>
 #include <limits>
@@ -13,7 +13,7 @@ constexpr std::int64_t kAllScans = std::numeric_limits<std::int64_t>::max();
 // Of scans that no piece has room for.
 constexpr FinalPoses::Stream kNoStream = -1;
 
-void Skip(SkipReason reason, const std::string& why, ScanReport* report) {
+void Skip(SkipReason reason, const std::string& why, MappedScan* report) {
   report->skipped = true;
   report->reason = reason;
   report->detail = "scan " + std::to_string(report->index) + ": " + why;
@@ -21,38 +21,70 @@ void Skip(SkipReason reason, const std::string& why, ScanReport* report) {
 
 }  // namespace
 
-SerialMapping::SerialMapping(const MappingOptions& options, MappingCallbacks callbacks,
-                             VoxelStore* store)
+void PipelineOptions::Visit(OptionVisitor& v) {
+  v.Integer("lookahead_scans", &lookahead_scans, 1, 1000);
+  v.Integer("min_points", &min_points, 1, 10000000);
+  v.Integer("max_recordings", &max_recordings, 1, 1000);
+}
+
+Mapping::Mapping(const MappingOptions& options, MappingCallbacks callbacks, VoxelStore* store)
     : options_(options), callbacks_(std::move(callbacks)), map_(options.mapper.map, store) {
+  CheckOptions(options.preparation, "preparation");
   CheckOptions(options.mapper.odometry, "frontend");
   CheckOptions(options.mapper.backend, "backend");
+  CheckOptions(options.pipeline, "pipeline");
   options.mapper.backend.CheckTogether();
 }
 
-void SerialMapping::Process(ScanReport* report, std::vector<TimedCluster>* clusters) {
-  ++counts_.scans;
-  Recording* const recording = FindOrBegin(*report);
-  if (recording == nullptr) {
-    Skip(SkipReason::kNoRoomForPiece,
-         "the map holds " + std::to_string(kMostSlots) + " pieces and no more", report);
-  } else {
-    if (!report->skipped && recording->any) CheckStamp(*recording, report);
-    if (!report->skipped) Map(recording, report, clusters);
-    report->piece = recording->mapper->mapper().piece();
-  }
-  if (report->skipped) ++counts_.skipped[report->reason];
-  poses_.AddScan(report->index, report->stamp_ns, report->skipped,
-                 recording == nullptr ? kNoStream : recording->mapper->stream(), report->piece);
-  if (recording == nullptr) poses_.Close(kNoStream);
-  if (callbacks_.on_scan) callbacks_.on_scan(*report);
-  HandOnFinalPoses(report->index);
-  // Somebody may be waiting for the pose of this scan, and nobody yet for the next.
-  if (!report->skipped) recording->mapper->StartDueSolve();
-  SolveSilent(report->index);
-  if (callbacks_.on_settled) callbacks_.on_settled();
+DecodedScan Mapping::Decode(const ScanSource& source, std::size_t begin, std::size_t i) const {
+  DecodedScan decoded = DecodeScan(source, options_.preparation, options_.pipeline.min_points,
+                                   options_.mapper.map.LeafSize(), begin, i);
+  decoded.points = {};  // clusters say all that mapping wants to know
+  return decoded;
 }
 
-void SerialMapping::CheckStamp(const Recording& recording, ScanReport* report) {
+MappedScan Mapping::Add(const Scan& scan, const std::string& recording) {
+  DecodedScan decoded;
+  decoded.report.index = counts_.scans;
+  decoded.report.recording = recording;
+  decoded.report.sensor = recording;
+  decoded.report.stamp_ns = scan.stamp_ns;
+  decoded.report.stamp_made_up = scan.stamp_made_up;
+  std::vector<StampNs>& stamps = stamps_[recording];
+  if (stamps.size() == kPeriodStamps) stamps.erase(stamps.begin());
+  stamps.push_back(scan.stamp_ns);
+  ClusterScan(scan, "scan " + std::to_string(counts_.scans), options_.preparation,
+              options_.pipeline.min_points, options_.mapper.map.LeafSize(), PeriodByStamps(stamps),
+              SE3(), &decoded);
+  return Add(std::move(decoded));
+}
+
+MappedScan Mapping::Add(DecodedScan scan) {
+  MappedScan& report = scan.report;
+  ++counts_.scans;
+  Recording* const recording = FindOrBegin(report);
+  if (recording == nullptr) {
+    Skip(SkipReason::kNoRoomForPiece,
+         "the map holds " + std::to_string(kMostSlots) + " pieces and no more", &report);
+  } else {
+    if (!report.skipped && recording->any) CheckStamp(*recording, &report);
+    if (!report.skipped) Map(recording, &report, &scan.clusters);
+    report.piece = recording->mapper->mapper().piece();
+  }
+  if (report.skipped) ++counts_.skipped[report.reason];
+  poses_.AddScan(report.index, report.stamp_ns, report.skipped,
+                 recording == nullptr ? kNoStream : recording->mapper->stream(), report.piece);
+  if (recording == nullptr) poses_.Close(kNoStream);
+  if (callbacks_.on_scan) callbacks_.on_scan(report);
+  HandOnFinalPoses(report.index);
+  // After the callback: a caller may be waiting for the pose of this scan, none yet for the next.
+  if (!report.skipped) recording->mapper->StartDueSolve();
+  SolveSilent(report.index);
+  if (callbacks_.on_settled) callbacks_.on_settled();
+  return std::move(report);
+}
+
+void Mapping::CheckStamp(const Recording& recording, MappedScan* report) {
   constexpr StampNs kLeastApartNs = 10'000'000;
   const std::string times = "its stamp " + std::to_string(report->stamp_ns) + " ns is not ";
   const std::string last = std::to_string(recording.last_stamp_ns) + " ns";
@@ -70,7 +102,7 @@ void SerialMapping::CheckStamp(const Recording& recording, ScanReport* report) {
   }
 }
 
-SerialMapping::Recording* SerialMapping::FindOrBegin(const ScanReport& report) {
+Mapping::Recording* Mapping::FindOrBegin(const MappedScan& report) {
   auto found = recordings_.find(report.recording);
   if (found == recordings_.end()) {
     if (recordings_.size() >= static_cast<std::size_t>(options_.pipeline.max_recordings)) {
@@ -85,7 +117,7 @@ SerialMapping::Recording* SerialMapping::FindOrBegin(const ScanReport& report) {
   return &found->second;
 }
 
-std::unique_ptr<PieceMapper> SerialMapping::BeginPiece(const SE3& T_world_start) {
+std::unique_ptr<PieceMapper> Mapping::BeginPiece(const SE3& T_world_start) {
   std::int64_t piece = 0;
   if (localise_from_) {
     counts_.pieces = 1;
@@ -100,15 +132,16 @@ std::unique_ptr<PieceMapper> SerialMapping::BeginPiece(const SE3& T_world_start)
   return mapper;
 }
 
-void SerialMapping::EndLongestSilent(std::size_t scan) {
+void Mapping::EndLongestSilent(std::size_t scan) {
   const auto silent = std::min_element(
       recordings_.begin(), recordings_.end(),
       [](const auto& a, const auto& b) { return a.second.last_scan < b.second.last_scan; });
   End(silent->second.mapper.get(), scan);
+  stamps_.erase(silent->first);
   recordings_.erase(silent);
 }
 
-void SerialMapping::End(PieceMapper* mapper, std::size_t scan) {
+void Mapping::End(PieceMapper* mapper, std::size_t scan) {
   mapper->FinishSolves();
   CountSolves(mapper->TakeSolves(), scan);
   poses_.AddPoses(mapper->mapper().TakeFinal(kAllScans), mapper->stream());
@@ -116,12 +149,11 @@ void SerialMapping::End(PieceMapper* mapper, std::size_t scan) {
   mapper->mapper().Close();
 }
 
-void SerialMapping::Map(Recording* recording, ScanReport* report,
-                        std::vector<TimedCluster>* clusters) {
+void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedCluster>* clusters) {
   recording->last_stamp_ns = report->stamp_ns;
   recording->last_sensor = report->sensor;
   recording->any = true;
-  const MappedFrame frame = Register(recording, report, clusters);
+  const RegisteredScan frame = Register(recording, report, clusters);
   report->odometry = frame.odometry;
   report->keyframe = frame.keyframe;
   report->began_piece = frame.odometry.status == OdometryFrame::Status::kFirst;
@@ -132,8 +164,8 @@ void SerialMapping::Map(Recording* recording, ScanReport* report,
   counts_.searched += frame.odometry.searched ? 1 : 0;
 }
 
-MappedFrame SerialMapping::Register(Recording* recording, ScanReport* report,
-                                    std::vector<TimedCluster>* clusters) {
+RegisteredScan Mapping::Register(Recording* recording, MappedScan* report,
+                                 std::vector<TimedCluster>* clusters) {
   const MapperScan scan{static_cast<std::int64_t>(report->index), report->stamp_ns,
                         report->stamp_made_up, clusters};
   PieceMapper* const mapper = recording->mapper.get();
@@ -143,7 +175,7 @@ MappedFrame SerialMapping::Register(Recording* recording, ScanReport* report,
   CountSolves(solves, report->index);
   report->map_ms = mapper->TakeHandOverMs();
   const Stopwatch watch;
-  MappedFrame frame = mapper->Process(scan, map_.RoomForPiece());
+  RegisteredScan frame = mapper->Process(scan, map_.RoomForPiece());
   if (frame.to_restart) {
     // Where the sensor would be had it not been lost: what is drawn stays readable.
     const SE3 start = frame.odometry.T_world_predicted;
@@ -158,7 +190,7 @@ MappedFrame SerialMapping::Register(Recording* recording, ScanReport* report,
 
 // A recording that has fallen silent gets the solve that ends it, before its poses are final by
 // age. It may go on all the same.
-void SerialMapping::SolveSilent(std::size_t scan) {
+void Mapping::SolveSilent(std::size_t scan) {
   const std::int64_t silent = std::max(1, options_.mapper.backend.final_after_frames / 2);
   for (auto& [name, recording] : recordings_) {
     if (static_cast<std::int64_t>(scan) - recording.last_scan == silent) {
@@ -168,7 +200,7 @@ void SerialMapping::SolveSilent(std::size_t scan) {
 }
 
 // Solves count from the scan on that sees their effect first.
-void SerialMapping::CountSolves(std::vector<SolveReport> solves, std::size_t before_scan) {
+void Mapping::CountSolves(std::vector<SolveReport> solves, std::size_t before_scan) {
   for (SolveReport& report : solves) {
     report.before_scan = before_scan;
     ++counts_.solves;
@@ -178,7 +210,7 @@ void SerialMapping::CountSolves(std::vector<SolveReport> solves, std::size_t bef
   }
 }
 
-void SerialMapping::HandOnFinalPoses(std::size_t scan) {
+void Mapping::HandOnFinalPoses(std::size_t scan) {
   const std::int64_t before =
       static_cast<std::int64_t>(scan) + 1 - options_.mapper.backend.final_after_frames;
   for (auto& [name, recording] : recordings_) {
@@ -188,13 +220,13 @@ void SerialMapping::HandOnFinalPoses(std::size_t scan) {
   poses_.HandOn(before, Visitor());
 }
 
-FinalPoses::Visit SerialMapping::Visitor() const {
+FinalPoses::Visit Mapping::Visitor() const {
   return [this](const FinalPose& pose) {
     if (callbacks_.on_final_pose) callbacks_.on_final_pose(pose);
   };
 }
 
-void SerialMapping::Finish() {
+void Mapping::Finish() {
   for (auto& [name, recording] : recordings_) {
     recording.mapper->FinishSolves();
     CountSolves(recording.mapper->TakeSolves(), counts_.scans);
@@ -202,7 +234,7 @@ void SerialMapping::Finish() {
   ShowOpenPoses(Visitor());
 }
 
-void SerialMapping::ShowOpenPoses(const FinalPoses::Visit& visit) const {
+void Mapping::ShowOpenPoses(const FinalPoses::Visit& visit) const {
   std::map<FinalPoses::Stream, Trajectory> open;
   for (const auto& [name, recording] : recordings_) {
     open[recording.mapper->stream()] = recording.mapper->mapper().OpenFrames();
@@ -210,17 +242,17 @@ void SerialMapping::ShowOpenPoses(const FinalPoses::Visit& visit) const {
   poses_.ShowOpen(open, visit);
 }
 
-std::vector<Eigen::Vector3d> SerialMapping::NewestKeyframe() const {
+std::vector<Eigen::Vector3d> Mapping::NewestKeyframe() const {
   const auto newest = recordings_.find(newest_);
   if (newest == recordings_.end()) return {};
   return newest->second.mapper->mapper().NewestKeyframe();
 }
 
-void SerialMapping::Settle() {
+void Mapping::Settle() {
   for (auto& [name, recording] : recordings_) recording.mapper->TakeInDueSolve();
 }
 
-void SerialMapping::Archive(StateArchive& a) {
+void Mapping::Archive(StateArchive& a) {
   bool localising = localise_from_.has_value();
   SE3 start = localise_from_.value_or(SE3());
   a(&counts_, &poses_, &localising, &start, &next_stream_, &newest_);
@@ -241,24 +273,6 @@ void SerialMapping::Archive(StateArchive& a) {
     }
     a(recording.mapper.get());
   }
-}
-
-void SolveReport::Archive(StateArchive& a) {
-  a(&before_scan, &frames, &planes, &observations, &discarded, &result.status, &result.poses,
-    &result.initial_cost, &result.final_cost, &result.iterations, &result.solve_ms);
-}
-
-void MappingCounts::Archive(StateArchive& a) {
-  a(&scans, &frames, &keyframes, &lost, &restarts, &degenerate, &searched, &pieces, &solves,
-    &failed_solves, &discarded_solves);
-  std::vector<SkipReason> reasons;
-  std::vector<std::size_t> numbers;
-  for (const auto& [reason, number] : skipped) {
-    reasons.push_back(reason);
-    numbers.push_back(number);
-  }
-  a(&reasons, &numbers);
-  for (std::size_t i = 0; i < reasons.size(); ++i) skipped[reasons[i]] = numbers.at(i);
 }
 
 }  // namespace lamina

@@ -1,0 +1,28 @@
+// The formulations of bundle adjustment that can be chosen by name.
+//
+//   condensed  planes condensed out, Gauss-Newton                        bundle/condensed_cost.h
+//   huang      the paper's objective, planes held during a step          alternating_cost.h
+//   evm2       the same cost as condensed, exact Hessian (BALM 2)        second_order_cost.h
+//   evm1       point by point, second order (BALM)                       pointwise_cost.h
+//   ef         Eigen-Factors, first-order descent                        eigen_factors.h
+//   ef_lm      Eigen-Factors as least squares                            eigen_factors.h
+//   pl         planes as parameters beside the poses (LIPS)              plane_landmarks.h
+//
+// A new one is a file pair beside these that gives a Formulation, and a line in registry.cc.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "backend/bundle/formulation.h"
+
+namespace lamina {
+
+// In the order of the table; they live as long as the program.
+const std::vector<const Formulation*>& Formulations();
+const std::vector<std::string>& FormulationNames();
+
+// Throws std::logic_error if there is none of this name.
+const Formulation& FindFormulation(const std::string& name);
+
+}  // namespace lamina

@@ -1,0 +1,135 @@
+// Mapping, from points to poses and a map: all of it behind one class, without files, configuration
+// files or threads of the caller's.
+//
+//     Mapping mapping;                                  // options are plain structs
+//     for (const Scan& scan : scans) {
+//       const MappedScan mapped = mapping.Add(scan);    // status, pose as known now, covariance
+//     }
+//     mapping.Finish();                                 // one last bundle adjustment
+//     mapping.map().ForEachSurface(2, [](const Surfel& surfel) { ... });
+//
+// What Add does with a scan, in this order:
+//
+//     decode    filter by range, time of each point, clusters by voxel     scan_decoder.h
+//     hand over what bundle adjustment found of earlier keyframes          piece_mapper.h
+//     register  predict, deskew, match to the map, search where that       frontend/odometry.h
+//               fails
+//     keyframe  into the sliding window, its clusters into the map         mapper.h
+//     final     poses that have left the window are handed on, in order    final_poses.h
+//     solve     bundle adjustment of the window begins, if it is due; it backend/bundle/adjuster.h
+//               runs in the background and takes effect a fixed number
+//               of scans later
+//
+// Deterministic: the same scans and options give the same bits, however many threads there are
+// (ThreadLimit of core/base/parallel.h bounds them), whether scans come one by one or are decoded
+// ahead (pipeline.h). Memory does not grow with the number of scans: poses are handed on by
+// MappingCallbacks::on_final_pose when nothing will change them any more, and the map keeps within
+// map.budget_mb if it has a VoxelStore.
+//
+// A recording (the scans of one clock and one sensor: a folder of an inbox) has odometry, window
+// and open solve of its own, so scans of several may alternate and each gets the poses that it
+// would get alone. It begins a piece of the map (VoxelMap), and another one when it was lost for
+// too long: nothing is known of where one piece lies in the frame of another, and nothing of one is
+// matched to another or drawn over it. (Localising, all recordings are matched to the map that is
+// there, from the same start.) The number of recordings under way is bounded: when one more comes,
+// the one that was silent longest is ended, and what comes of it later begins a new piece.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "backend/mapping/final_poses.h"
+#include "backend/mapping/mapped_scan.h"
+#include "backend/mapping/options.h"
+#include "backend/mapping/piece_mapper.h"
+#include "backend/mapping/report.h"
+#include "backend/mapping/scan_decoder.h"
+#include "core/geometry/scan.h"
+#include "core/geometry/state_archive.h"
+#include "core/map/voxel_map.h"
+
+namespace lamina {
+
+// Not thread-safe, but for Decode.
+class Mapping {
+ public:
+  // `store` gets parts of the map that leave memory (VoxelMap). Throws OptionError.
+  explicit Mapping(const MappingOptions& options = {}, MappingCallbacks callbacks = {},
+                   VoxelStore* store = nullptr);
+  Mapping(const Mapping&) = delete;
+  Mapping& operator=(const Mapping&) = delete;
+
+  // The next scan. One that cannot be used (too few points, a stamp that is not after the last) is
+  // skipped, which its record says: scans do not throw. Stamps must increase within a recording.
+  // Without times of its points, deskewing by azimuth takes the first scan to last 0.1 s
+  // (preparation.sweep_period_s says better).
+  MappedScan Add(const Scan& scan, const std::string& recording = "");
+  // The same of a scan that was decoded before.
+  MappedScan Add(DecodedScan scan);
+  // Scan i of a range that begins at `begin`, for Add. Thread-safe.
+  DecodedScan Decode(const ScanSource& source, std::size_t begin, std::size_t i) const;
+
+  // No more scans are to come: one last solve of every recording under way, then all poses are
+  // final.
+  void Finish();
+
+  // From now on scans are matched to the map and leave it as it is, the first one near this pose.
+  void StartLocalising(const SE3& T_world_lidar) { localise_from_ = T_world_lidar; }
+
+  const MappingOptions& options() const { return options_; }
+  const MappingCounts& counts() const { return counts_; }
+  const VoxelMap& map() const { return map_; }
+  VoxelMap& map() { return map_; }
+  // Poses of the scans that are not final, as known now.
+  void ShowOpenPoses(const FinalPoses::Visit& visit) const;
+  // Points of the newest keyframe of the recording that the last scan was of.
+  std::vector<Eigen::Vector3d> NewestKeyframe() const;
+
+  // Waits for the solve that takes effect before the next scan. Without that it may or may not
+  // have: what is saved would depend on the speed of the threads, though not what comes of it.
+  void Settle();
+  // All of the state but the map; in on_settled or between two scans, after Settle(). Reading
+  // starts the solve again that was under way, and needs the map as it was.
+  void Archive(StateArchive& a);
+
+ private:
+  struct Recording {
+    bool any = false;  // scan that was not skipped
+    StampNs last_stamp_ns = 0;
+    std::string last_sensor;
+    std::int64_t last_scan = 0;  // skipped or not
+    std::unique_ptr<PieceMapper> mapper;
+  };
+
+  // Null if the map has no room for another piece.
+  Recording* FindOrBegin(const MappedScan& report);
+  std::unique_ptr<PieceMapper> BeginPiece(const SE3& T_world_start);
+  void EndLongestSilent(std::size_t scan);
+  void End(PieceMapper* mapper, std::size_t scan);
+  static void CheckStamp(const Recording& recording, MappedScan* report);
+  void Map(Recording* recording, MappedScan* report, std::vector<TimedCluster>* clusters);
+  RegisteredScan Register(Recording* recording, MappedScan* report,
+                          std::vector<TimedCluster>* clusters);
+  void SolveSilent(std::size_t scan);
+  void HandOnFinalPoses(std::size_t scan);
+  void CountSolves(std::vector<SolveReport> solves, std::size_t before_scan);
+  FinalPoses::Visit Visitor() const;
+
+  const MappingOptions options_;
+  MappingCallbacks callbacks_;
+  VoxelMap map_;
+  MappingCounts counts_;
+  FinalPoses poses_;
+  std::optional<SE3> localise_from_;
+  FinalPoses::Stream next_stream_ = 0;
+  std::string newest_;  // recording
+  std::map<std::string, Recording> recordings_;
+  // The last stamps of each recording that Add(Scan) has seen; they tell the period of a sweep.
+  std::map<std::string, std::vector<StampNs>> stamps_;
+};
+
+}  // namespace lamina

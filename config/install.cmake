@@ -1,0 +1,73 @@
+# cmake --install and cpack: the program, and the libraries for find_package(Lamina).
+
+function(lamina_install_libraries export)
+  set(targets ${ARGN})
+  list(TRANSFORM targets PREPEND lamina_)
+  install(TARGETS ${targets} EXPORT ${export}
+    ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT development)
+  install(EXPORT ${export} NAMESPACE Lamina:: COMPONENT development
+    DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/Lamina)
+endfunction()
+
+function(lamina_install_headers)
+  foreach(folder ${ARGN})
+    install(DIRECTORY ${PROJECT_SOURCE_DIR}/${folder}/ COMPONENT development
+      DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/lamina/${folder} FILES_MATCHING PATTERN "*.h"
+      REGEX "/frontend/pairwise$|/backend/session$" EXCLUDE)
+  endforeach()
+endfunction()
+
+lamina_install_libraries(LaminaAlgorithms ${LAMINA_ALGORITHMS})
+lamina_install_headers(core frontend backend)
+if(LAMINA_BUILD_IO)
+  lamina_install_libraries(LaminaFiles io session)
+  lamina_install_headers(io)
+  install(DIRECTORY ${PROJECT_SOURCE_DIR}/backend/session COMPONENT development
+    DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/lamina/backend FILES_MATCHING PATTERN "*.h")
+endif()
+
+include(CMakePackageConfigHelpers)
+configure_package_config_file(${PROJECT_SOURCE_DIR}/config/LaminaConfig.cmake.in
+  ${PROJECT_BINARY_DIR}/LaminaConfig.cmake
+  INSTALL_DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/Lamina)
+write_basic_package_version_file(${PROJECT_BINARY_DIR}/LaminaConfigVersion.cmake
+  COMPATIBILITY SameMinorVersion)
+install(FILES ${PROJECT_BINARY_DIR}/LaminaConfig.cmake ${PROJECT_BINARY_DIR}/LaminaConfigVersion.cmake
+  DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/Lamina COMPONENT development)
+
+if(LAMINA_BUILD_PROGRAM)
+  install(TARGETS lamina DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT program)
+  if(LAMINA_BUILD_LAB)
+    install(TARGETS lamina_lab_program DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT program)
+  endif()
+  install(DIRECTORY ${PROJECT_SOURCE_DIR}/config/ DESTINATION ${CMAKE_INSTALL_DATADIR}/lamina/config
+    COMPONENT program FILES_MATCHING PATTERN "*.yaml" PATTERN "*.service")
+  install(DIRECTORY ${PROJECT_SOURCE_DIR}/tools/web/ DESTINATION ${CMAKE_INSTALL_DATADIR}/lamina/web
+    COMPONENT program)
+endif()
+
+if(NOT PROJECT_IS_TOP_LEVEL)
+  return()
+endif()
+set(CPACK_GENERATOR DEB)
+set(CPACK_PACKAGE_NAME lamina)
+set(CPACK_PACKAGE_CONTACT "The Lamina authors <lamina@localhost>")
+set(CPACK_PACKAGE_DESCRIPTION_SUMMARY ${PROJECT_DESCRIPTION})
+set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
+set(CPACK_STRIP_FILES ON)
+# Two packages: lamina, and lamina-dev with the libraries.
+set(CPACK_DEB_COMPONENT_INSTALL ON)
+set(CPACK_COMPONENTS_ALL development)
+if(LAMINA_BUILD_PROGRAM)
+  list(APPEND CPACK_COMPONENTS_ALL program)
+endif()
+set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
+set(CPACK_DEBIAN_PACKAGE_SECTION science)
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME lamina)
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "libjs-three, gnuplot-nox")
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME lamina-dev)
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS "libeigen3-dev, libtbb-dev, libceres-dev")
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_RECOMMENDS
+  "libpcl-dev, libsqlitecpp-dev, libspdlog-dev, libfmt-dev, zlib1g-dev, pkg-config")
+include(CPack)

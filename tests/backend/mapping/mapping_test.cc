@@ -1,0 +1,176 @@
+// Mapping as a program of one's own uses it: scans pushed in, one by one.
+#include "backend/mapping/mapping.h"
+
+#include <gmock/gmock.h>
+
+#include <limits>
+#include <map>
+
+#include "backend/mapping/pipeline.h"
+#include "core/base/error.h"
+#include "core/base/parallel.h"
+#include "tests/support/memory_scans.h"
+#include "tests/support/random_rooms.h"
+
+namespace lamina {
+namespace {
+
+constexpr int kScans = 24;
+
+SE3 TruePose(int i) {
+  return SE3(Eigen::Quaterniond(Eigen::AngleAxisd(0.01 * i, Eigen::Vector3d::UnitZ())),
+             {0.06 * i, 0.02 * i, 0.0});
+}
+
+// Every point carries its time, as from a sensor that sweeps.
+std::vector<Scan> Walk(unsigned seed) {
+  Draws draws(seed);
+  std::vector<Scan> scans;
+  for (int i = 0; i < kScans; ++i) {
+    Scan scan;
+    scan.stamp_ns = 100'000'000LL * i;
+    const SE3 T_lidar_world = TruePose(i).Inverse();
+    for (const Eigen::Vector3d& p : World::Room().Sample(700, 0.005, &draws)) {
+      scan.points.push_back(ToScanPoint(T_lidar_world * p));
+      scan.time_s.push_back(0.0F);
+    }
+    scans.push_back(std::move(scan));
+  }
+  return scans;
+}
+
+MappingOptions Options() {
+  MappingOptions options;
+  options.preparation.min_range_m = 0.5;
+  options.mapper.backend.window.frames = 6;
+  options.mapper.backend.solve_every_keyframes = 3;
+  return options;
+}
+
+// The final poses and the map, every bit of them.
+struct Outcome {
+  std::map<std::size_t, SE3> poses;
+  std::string bits;
+  MappingCounts counts;
+};
+
+template <typename AddScans>
+Outcome OutcomeOf(const AddScans& add_scans) {
+  Outcome outcome;
+  StateArchive bits;
+  MappingCallbacks callbacks;
+  callbacks.on_final_pose = [&](FinalPose pose) {
+    outcome.poses[pose.scan] = pose.pose.T_world_lidar;
+    bits(&pose.scan, &pose.pose, &pose.skipped, &pose.piece);
+  };
+  Mapping mapping(Options(), callbacks);
+  add_scans(&mapping);
+  mapping.Finish();
+  mapping.map().ForEachSurface(
+      1, [&](Surfel s) { bits(&s.centre, &s.normal, &s.eigenvalues, &s.count, &s.piece); });
+  outcome.bits = bits.written();
+  outcome.counts = mapping.counts();
+  return outcome;
+}
+
+TEST(Mapping, GivesPosesAndAMapWithoutFilesOrThreadsOfTheCaller) {
+  const std::vector<Scan> scans = Walk(1);
+  std::vector<MappedScan> mapped;
+  const Outcome outcome = OutcomeOf([&](Mapping* mapping) {
+    for (const Scan& scan : scans) mapped.push_back(mapping->Add(scan));
+  });
+  ASSERT_EQ(outcome.poses.size(), scans.size());
+  EXPECT_STREQ(StatusName(mapped.front()), "first");
+  for (int i = 0; i < kScans; ++i) {
+    const auto at = static_cast<std::size_t>(i);
+    EXPECT_LT((outcome.poses.at(at).t - TruePose(i).t).norm(), 0.01) << i;
+    EXPECT_EQ(mapped[at].index, at);
+    if (i == 0) continue;
+    EXPECT_STREQ(StatusName(mapped[at]), "tracked") << i;
+    const Matrix6d& covariance = mapped[at].odometry.match.covariance;
+    EXPECT_GT(covariance.diagonal().minCoeff(), 0.0) << i;
+    EXPECT_LT((mapped[at].odometry.T_world_lidar.t - TruePose(i).t).norm(), 0.02) << i;
+  }
+  EXPECT_GT(outcome.counts.solves, 5U);
+}
+
+TEST(Mapping, HasTheSameBitsAsThePipelineAtAnyNumberOfThreads) {
+  const std::vector<Scan> scans = Walk(2);
+  const Outcome one_by_one = OutcomeOf([&](Mapping* mapping) {
+    for (const Scan& scan : scans) mapping->Add(scan);
+  });
+  for (const std::size_t threads : {1U, 3U}) {
+    const ThreadLimit limit(threads);
+    const Outcome piped = OutcomeOf([&](Mapping* mapping) {
+      EXPECT_EQ(MapScans(MemoryScans(scans), {0, 0, scans.size()}, mapping), scans.size());
+    });
+    EXPECT_TRUE(piped.bits == one_by_one.bits) << threads << " threads";
+  }
+}
+
+TEST(Mapping, SkipsWhatItCannotUseAndGoesOn) {
+  const std::vector<Scan> scans = Walk(3);
+  const Outcome outcome = OutcomeOf([&](Mapping* mapping) {
+    for (int i = 0; i < kScans; ++i) {
+      const Scan& scan = scans[static_cast<std::size_t>(i)];
+      EXPECT_FALSE(mapping->Add(scan).skipped) << i;
+      if (i != 10) continue;
+      const MappedScan again = mapping->Add(scan);
+      EXPECT_TRUE(again.skipped);
+      EXPECT_EQ(again.reason, SkipReason::kStampNotAfterLast);
+      Scan hollow = scan;
+      hollow.stamp_ns += 1;
+      for (ScanPoint& p : hollow.points) p.x = std::numeric_limits<float>::quiet_NaN();
+      const MappedScan empty = mapping->Add(hollow);
+      EXPECT_EQ(empty.reason, SkipReason::kTooFewPoints);
+      EXPECT_THAT(empty.detail, testing::HasSubstr("scan 12"));
+      EXPECT_EQ(empty.points, 0U);
+      EXPECT_TRUE(mapping->Add(Scan()).skipped);
+    }
+  });
+  EXPECT_EQ(outcome.counts.scans, scans.size() + 3);
+  EXPECT_EQ(outcome.counts.frames, scans.size());
+  EXPECT_EQ(outcome.counts.lost, 0U);
+  EXPECT_LT((outcome.poses.rbegin()->second.t - TruePose(kScans - 1).t).norm(), 0.01);
+}
+
+TEST(Mapping, RecordingsThatAlternateArePiecesOfTheirOwn) {
+  const std::vector<Scan> a = Walk(4), b = Walk(5);
+  std::map<std::string, std::vector<SE3>> alone, mixed;
+  const auto add = [](Mapping* mapping, const Scan& scan, const std::string& name,
+                      std::map<std::string, std::vector<SE3>>* poses) {
+    const MappedScan mapped = mapping->Add(scan, name);
+    (*poses)[name].push_back(mapped.odometry.T_world_lidar);
+    return mapped.piece;
+  };
+  OutcomeOf([&](Mapping* mapping) {
+    for (const Scan& scan : a) add(mapping, scan, "a", &alone);
+  });
+  OutcomeOf([&](Mapping* mapping) {
+    for (const Scan& scan : b) add(mapping, scan, "b", &alone);
+  });
+  OutcomeOf([&](Mapping* mapping) {
+    for (std::size_t i = 0; i < a.size(); ++i) {
+      EXPECT_EQ(add(mapping, a[i], "a", &mixed), 0);
+      EXPECT_EQ(add(mapping, b[i], "b", &mixed), 1);
+    }
+  });
+  // Alone and mixed, a recording's poses begin at the origin and differ by what voxels cut.
+  for (const char* name : {"a", "b"}) {
+    for (std::size_t i = 0; i < a.size(); ++i) {
+      EXPECT_LT((alone[name][i].t - mixed[name][i].t).norm(), 1e-3) << name << i;
+    }
+  }
+}
+
+TEST(Mapping, RefusesOptionsOutOfRange) {
+  MappingOptions options;
+  options.preparation.min_range_m = -1.0;
+  EXPECT_THROW(Mapping{options}, OptionError);
+  options = {};
+  options.pipeline.min_points = 0;
+  EXPECT_THROW(Mapping{options}, OptionError);
+}
+
+}  // namespace
+}  // namespace lamina
