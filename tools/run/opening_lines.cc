@@ -71,15 +71,29 @@ FirstScan ReadFirst(const ScanSource& source, const FrameRange& range,
   return first;
 }
 
-std::string DescribeTimes(const FirstScan& first, Deskew deskew, double span_s) {
+// Of the points' times from the stamp, s.
+struct TimeSpan {
+  double low_s = 0.0, high_s = 0.0;
+  double length_s() const { return high_s - low_s; }
+};
+
+TimeSpan SpanOf(const std::vector<float>& times_s) {
+  if (times_s.empty()) return {};
+  const auto [low, high] = std::minmax_element(times_s.begin(), times_s.end());
+  return {*low, *high};
+}
+
+std::string DescribeTimes(const FirstScan& first, Deskew deskew, const TimeSpan& span) {
   if (deskew == Deskew::kAzimuth) {
     return "times by their azimuth, used to deskew (preparation.deskew=azimuth)";
   }
   if (first.times.name.empty()) return "no times: each scan is taken as instantaneous";
   std::string text = fmt::format("times in field '{}'", Printable(first.times.name));
   if (!first.times.usable) return text + ", which tells no points apart: not deskewed";
-  text += fmt::format(" in {}, {}, over {:.3f} s", first.times.unit,
-                      first.times.clock ? "readings of a clock" : "from the stamp on", span_s);
+  text += first.times.clock ? fmt::format(" in {}, readings of a clock, over {:.3f} s",
+                                          first.times.unit, span.length_s())
+                            : fmt::format(" in {}, {:.3f} to {:.3f} s from the stamp",
+                                          first.times.unit, span.low_s, span.high_s);
   return text +
          (deskew == Deskew::kOff ? ", not used (preparation.deskew=off)" : ", used to deskew");
 }
@@ -148,30 +162,36 @@ OpeningLines DescribeOpening(const ScanSource& source, const FrameRange& range,
   const FirstScan first = ReadFirst(source, range, config.scans);
   const SensorGuess sensor = GuessSensor(first.scan.points);
   const double period_s = SweepPeriodOfScan(source, range.begin, config.scans.frame_period_s);
-  double span_s = 0.0;
-  if (!first.scan.time_s.empty()) {
-    const auto [low, high] =
-        std::minmax_element(first.scan.time_s.begin(), first.scan.time_s.end());
-    span_s = static_cast<double>(*high) - static_cast<double>(*low);
-  }
+  const TimeSpan span = SpanOf(first.scan.time_s);
   const Deskew deskew = config.preparation.deskew;
   OpeningLines opening;
   opening.lines = {
       fmt::format("scans   {}; stamps {}, {:.4g} Hz", recording.scans, recording.stamps,
                   1.0 / period_s),
       fmt::format("points  {} in the first scan; {}", sensor.points,
-                  DescribeTimes(first, deskew, span_s)),
+                  DescribeTimes(first, deskew, span)),
       fmt::format("sensor  {}, {:.0f} to {:.0f} deg up, {:.0f} deg around, up to {:.0f} m; {}",
                   sensor.rings > 0 ? fmt::format("{} rings", sensor.rings) : "no clear rings",
                   sensor.lowest_deg, sensor.highest_deg, sensor.around_deg, sensor.farthest_m,
                   DescribeConfig(source, sensor, config_name))};
   opening.doubts = recording.doubts;
   constexpr double kOverlap = 1.5;
-  if (deskew != Deskew::kOff && deskew != Deskew::kAzimuth && span_s > kOverlap * period_s) {
+  if (deskew != Deskew::kOff && deskew != Deskew::kAzimuth &&
+      span.length_s() > kOverlap * period_s) {
     opening.doubts.push_back(
         fmt::format("the times of a scan's points span {:.3f} s, but scans are {:.3f} s apart: is "
                     "their unit {} (scans.point_time_unit)?",
-                    span_s, period_s, first.times.unit));
+                    span.length_s(), period_s, first.times.unit));
+  }
+  // A sweep is deskewed to its stamp: the farther off that is, the more the first scans, whose
+  // motion is not known yet, lie off.
+  constexpr double kOutsideS = 0.02;
+  const double outside_s = std::max(span.low_s, -span.high_s);
+  if (deskew != Deskew::kAzimuth && outside_s > kOutsideS) {
+    opening.doubts.push_back(fmt::format(
+        "the stamp of the first scan is {:.3f} s {} all of its points: does it tell when the scan "
+        "was measured, or when it was sent?",
+        outside_s, span.low_s > 0.0 ? "before" : "after"));
   }
   if (deskew == Deskew::kTime && first.scan.time_s.empty() && sensor.points > 0) {
     opening.doubts.push_back("preparation.deskew=time, but the points have no times to use");

@@ -11,6 +11,7 @@
 
 #include "backend/mapping/deskew_choice.h"
 #include "tests/support/run_helpers.h"
+#include "tests/support/swept_drive.h"
 #include "tools/run/opening_lines.h"
 
 namespace lamina {
@@ -21,41 +22,6 @@ using testing::HasSubstr;
 using testing::Not;
 
 constexpr double kEpochS = 1.7e9;
-
-// Scans of a drive at 10 m/s, each swept in a tenth of a second.
-class SweptDrive final : public ScanSource {
- public:
-  // `compensated`: points are brought to where the sensor was at the stamp, and keep their times.
-  SweptDrive(std::size_t count, bool compensated) {
-    SynthOptions options;
-    options.frames = static_cast<int>(count);
-    options.sensor = synth::SensorKind::kVlp16;
-    options.sweep = true;
-    const SynthSequence sequence(options);
-    for (std::size_t i = 0; i < count; ++i) {
-      Scan scan = sequence.Generate(i);
-      const double stamp_s = 1e-9 * static_cast<double>(sequence.Stamp(i) - sequence.Stamp(0));
-      const SE3 T_stamp_world = sequence.TruePoseAt(stamp_s).Inverse();
-      for (std::size_t k = 0; k < scan.points.size() && compensated; ++k) {
-        ScanPoint& p = scan.points[k];
-        const SE3 T = T_stamp_world * sequence.TruePoseAt(stamp_s + scan.time_s[k]);
-        const Eigen::Vector3d at = T * Eigen::Vector3d(p.x, p.y, p.z);
-        p.x = static_cast<float>(at.x());
-        p.y = static_cast<float>(at.y());
-        p.z = static_cast<float>(at.z());
-      }
-      scans_.push_back(std::move(scan));
-    }
-  }
-
-  std::size_t size() const override { return scans_.size(); }
-  std::string Name(std::size_t i) const override { return std::to_string(i); }
-  StampNs Stamp(std::size_t i) const override { return scans_[i].stamp_ns; }
-  Scan Read(std::size_t i) const override { return scans_[i]; }
-
- private:
-  std::vector<Scan> scans_;
-};
 
 // A PCD file of x, y, z (float) and a double `timestamp` in seconds, `shift_s` later.
 std::string TimedPcd(const Scan& scan, double shift_s) {
@@ -141,6 +107,26 @@ TEST(DeskewChoice, IsTheThinnerMapsWhereTheSensorMoved) {
   const DeskewChoice still = ChooseDeskew(Drive(true), 0, 20, options, nullptr);
   EXPECT_TRUE(still.compensated);
   EXPECT_LT(still.as_they_are_m, 0.9 * still.deskewed_m);
+}
+
+TEST_F(OpeningTest, StampsOutsideOfTheSweepAreNamed) {
+  const auto write = [this](const std::string& folder, float shift_s) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      Scan scan = Drive(false).Read(i);
+      for (float& t : scan.time_s) t += shift_s;
+      Write(folder + "/" + std::to_string(i) + ".pcd", TimedPcd(scan, 0.0));
+    }
+    Write(folder + "/times.txt", "0\n0.1\n0.2\n");
+    return Path(folder);
+  };
+  const auto opening = [&](const std::string& scans) {
+    return Lamina({"run", "--scans", scans, "--out", Path("out")}).err;
+  };
+  // The drive's stamps are in the middle of the sweep.
+  EXPECT_THAT(opening(write("end", -0.05F)),
+              AllOf(HasSubstr("-0.100 to -0.000 s from the stamp"), Not(HasSubstr("or when"))));
+  EXPECT_THAT(opening(write("sent", -0.09F)),
+              HasSubstr("the stamp of the first scan is 0.040 s after all of its points"));
 }
 
 TEST_F(OpeningTest, TimesAgainstThePeriodAreNamed) {
