@@ -1,5 +1,5 @@
 # Makes the Debian packages, unpacks them, and runs the program from there.
-#   cmake -DLAMINA_BUILD=... -DVERSION=... -DSCRATCH=... -P package_test.cmake
+#   cmake -DLAMINA_BUILD=... -DVERSION=... -DPACKAGES=3 -DSCRATCH=... -P package_test.cmake
 
 function(run)
   execute_process(COMMAND ${ARGN} WORKING_DIRECTORY ${SCRATCH}
@@ -16,8 +16,8 @@ run(${CMAKE_CPACK_COMMAND} --config ${LAMINA_BUILD}/CPackConfig.cmake -B ${SCRAT
   -D CPACK_DEBIAN_COMPRESSION_TYPE=gzip)
 file(GLOB packages ${SCRATCH}/packages/*.deb)
 list(LENGTH packages count)
-if(NOT count EQUAL 2)
-  message(FATAL_ERROR "lamina and lamina-dev are expected, not: ${packages}")
+if(NOT count EQUAL PACKAGES)
+  message(FATAL_ERROR "${PACKAGES} packages are expected, not: ${packages}")
 endif()
 foreach(package ${packages})
   run(dpkg-deb -x ${package} ${SCRATCH}/root)

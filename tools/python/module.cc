@@ -1,0 +1,265 @@
+// The Python module `lamina`: mapping, recordings and evaluation with NumPy arrays. What it offers
+// is described, with types, in lamina.pyi.
+#include <pybind11/eigen.h>
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "backend/mapping/mapping.h"
+#include "backend/mapping/pipeline.h"
+#include "config/config.h"
+#include "core/base/error.h"
+#include "io/recording/scan_source.h"
+#include "io/recording/trajectory_io.h"
+#include "tools/metrics/trajectory_metrics.h"
+#include "tools/python/arrays.h"
+
+namespace lamina::python {
+namespace {
+
+namespace py = pybind11;
+
+LaminaConfig ConfigOf(const std::string& config, const py::dict& options) {
+  std::vector<std::string> pairs;
+  for (const auto& [key, value] : options) {
+    std::string text = py::str(value);
+    if (py::isinstance<py::bool_>(value)) text = value.cast<bool>() ? "true" : "false";
+    pairs.push_back(std::string(py::str(key)) + "=" + text);
+  }
+  return LoadConfig(config, pairs);
+}
+
+// A recording on disk.
+class Recording {
+ public:
+  Recording(const std::string& path, const LaminaConfig& config)
+      : source_(OpenScans(path, config.scans)) {}
+
+  std::size_t size() const { return source_->size(); }
+  const ScanSource& source() const { return *source_; }
+  std::size_t PlaceOf(py::ssize_t i) const {
+    const auto count = static_cast<py::ssize_t>(size());
+    if (i < -count || i >= count) {
+      throw py::index_error("the recording has " + std::to_string(count) + " scans");
+    }
+    return static_cast<std::size_t>(i < 0 ? i + count : i);
+  }
+
+ private:
+  std::unique_ptr<ScanSource> source_;
+};
+
+// Mapping with the poses of all scans kept, which a notebook wants at its end.
+class PyMapping {
+ public:
+  explicit PyMapping(const LaminaConfig& config)
+      : options_(config.Mapping()), mapping_(options_, Callbacks()) {}
+
+  MappedScan Add(const Points& points, std::optional<std::int64_t> stamp_ns,
+                 const std::optional<Times>& times_s, const std::string& recording) {
+    constexpr std::int64_t kPeriodNs = 100'000'000;
+    const auto count = static_cast<std::int64_t>(mapping_.counts().scans);
+    Scan scan = ScanFromArrays(points, stamp_ns.value_or(kPeriodNs * count), times_s);
+    scan.stamp_made_up = !stamp_ns.has_value();
+    const py::gil_scoped_release release;
+    return mapping_.Add(scan, recording);
+  }
+
+  void AddRecording(const Recording& recording, std::size_t first,
+                    std::optional<std::size_t> last) {
+    const std::size_t end = std::min(last.value_or(recording.size()), recording.size());
+    if (first > end) throw InputError("first must not be behind last");
+    const py::gil_scoped_release release;
+    MapScans(recording.source(), {first, first, end}, &mapping_);
+  }
+
+  void Finish() {
+    const py::gil_scoped_release release;
+    if (!finished_) mapping_.Finish();
+    finished_ = true;
+  }
+
+  PoseList Poses() const {
+    PoseList poses = final_;
+    if (!finished_) mapping_.ShowOpenPoses([&](const FinalPose& pose) { Append(pose, &poses); });
+    return poses;
+  }
+
+  py::dict Surfels(std::optional<int> min_frames) const {
+    const int frames = min_frames.value_or(options_.mapper.backend.min_surfel_frames);
+    std::vector<Surfel> surfels;
+    mapping_.map().ForEachSurface(frames, [&](const Surfel& s) { surfels.push_back(s); });
+    const auto count = static_cast<py::ssize_t>(surfels.size());
+    py::array_t<double> centre({count, py::ssize_t{3}});
+    py::array_t<float> normal({count, py::ssize_t{3}}), eigenvalues({count, py::ssize_t{3}});
+    py::array_t<std::uint32_t> points(count);
+    py::array_t<std::int64_t> piece(count);
+    for (py::ssize_t i = 0; i < count; ++i) {
+      const Surfel& s = surfels[static_cast<std::size_t>(i)];
+      for (py::ssize_t k = 0; k < 3; ++k) {
+        centre.mutable_at(i, k) = s.centre(k);
+        normal.mutable_at(i, k) = s.normal(k);
+        eigenvalues.mutable_at(i, k) = s.eigenvalues(k);
+      }
+      points.mutable_at(i) = s.count;
+      piece.mutable_at(i) = s.piece;
+    }
+    py::dict result;
+    result["centre"] = centre;
+    result["normal"] = normal;
+    result["eigenvalues"] = eigenvalues;
+    result["count"] = points;
+    result["piece"] = piece;
+    return result;
+  }
+
+  py::dict Counts() const {
+    const MappingCounts& counts = mapping_.counts();
+    py::dict result;
+    result["scans"] = counts.scans;
+    result["frames"] = counts.frames;
+    result["keyframes"] = counts.keyframes;
+    result["lost"] = counts.lost;
+    result["degenerate"] = counts.degenerate;
+    result["pieces"] = counts.pieces;
+    result["solves"] = counts.solves;
+    return result;
+  }
+
+ private:
+  static void Append(const FinalPose& pose, PoseList* poses) {
+    poses->Add(pose.pose, pose.skipped, pose.piece);
+  }
+  MappingCallbacks Callbacks() {
+    MappingCallbacks callbacks;
+    callbacks.on_final_pose = [this](const FinalPose& pose) { Append(pose, &final_); };
+    return callbacks;
+  }
+
+  MappingOptions options_;
+  PoseList final_;
+  bool finished_ = false;
+  Mapping mapping_;
+};
+
+py::dict Evaluate(const Poses& estimate, const Poses& truth, const std::string& alignment) {
+  const std::vector<std::string> names = {"se3", "first", "none"};
+  const auto chosen = std::find(names.begin(), names.end(), alignment);
+  if (chosen == names.end()) throw OptionError("alignment must be se3, first or none");
+  const TrajectoryErrors errors = CompareTrajectories(
+      TrajectoryFromPoses(estimate, "estimate"), TrajectoryFromPoses(truth, "truth"),
+      static_cast<Alignment>(chosen - names.begin()));
+  const auto segments = [](const std::vector<SegmentError>& list) {
+    py::dict by_length;
+    for (const SegmentError& s : list) {
+      if (s.segments > 0) by_length[py::float_(s.length_m)] = s.translation_percent;
+    }
+    return by_length;
+  };
+  py::dict result;
+  result["poses"] = errors.poses;
+  result["length_m"] = errors.length_m;
+  result["ape_rmse_m"] = errors.ape_rmse_m;
+  result["ape_max_m"] = errors.ape_max_m;
+  result["rpe_rmse_m"] = errors.rpe_rmse_m;
+  result["rpe_rmse_deg"] = errors.rpe_rmse_deg;
+  result["short_segments_percent"] = segments(errors.short_segments);
+  result["kitti_segments_percent"] = segments(errors.kitti_segments);
+  result["kitti_trel_percent"] = errors.kitti_trel_percent;
+  return result;
+}
+
+PoseList ReadPoses(const std::string& path) {
+  PoseList poses;
+  for (const StampedPose& pose : ReadTrajectory(path)) poses.Add(pose, false, 0);
+  return poses;
+}
+
+void BindMapping(py::module_* m) {
+  py::class_<MappedScan>(*m, "MappedScan")
+      .def_readonly("index", &MappedScan::index)
+      .def_readonly("stamp_ns", &MappedScan::stamp_ns)
+      .def_readonly("recording", &MappedScan::recording)
+      .def_property_readonly("status", [](const MappedScan& s) { return StatusName(s); })
+      .def_readonly("skipped", &MappedScan::skipped)
+      .def_readonly("detail", &MappedScan::detail)
+      .def_property_readonly(
+          "pose", [](const MappedScan& s) { return PoseArray(s.odometry.T_world_lidar); })
+      .def_property_readonly(
+          "covariance",
+          [](const MappedScan& s) { return Eigen::MatrixXd(s.odometry.match.covariance); })
+      .def_property_readonly("inlier_share",
+                             [](const MappedScan& s) { return s.odometry.match.inlier_share; })
+      .def_property_readonly("residual_m",
+                             [](const MappedScan& s) { return s.odometry.match.residual_rms_m; })
+      .def_property_readonly("unobservable_directions",
+                             [](const MappedScan& s) { return s.odometry.match.degenerate; })
+      .def_readonly("keyframe", &MappedScan::keyframe)
+      .def_readonly("piece", &MappedScan::piece)
+      .def_readonly("points", &MappedScan::points)
+      .def_readonly("clusters", &MappedScan::clusters)
+      .def("__repr__", [](const MappedScan& s) {
+        return "<lamina.MappedScan " + std::to_string(s.index) + ": " + StatusName(s) + ">";
+      });
+  py::class_<PyMapping>(*m, "Mapping")
+      .def(py::init([](const std::string& config, const py::dict& options) {
+             return std::make_unique<PyMapping>(ConfigOf(config, options));
+           }),
+           py::arg("config") = "", py::arg("options") = py::dict())
+      .def("add", &PyMapping::Add, py::arg("points"), py::arg("stamp_ns") = py::none(),
+           py::arg("times") = py::none(), py::arg("recording") = "")
+      .def("add_recording", &PyMapping::AddRecording, py::arg("recording"), py::arg("first") = 0,
+           py::arg("last") = py::none())
+      .def("finish", &PyMapping::Finish)
+      .def("trajectory", &PyMapping::Poses)
+      .def("surfels", &PyMapping::Surfels, py::arg("min_frames") = py::none())
+      .def_property_readonly("counts", &PyMapping::Counts);
+}
+
+void BindRecordings(py::module_* m) {
+  py::class_<PoseList>(*m, "Trajectory")
+      .def("__len__", [](const PoseList& p) { return p.poses.size(); })
+      .def_property_readonly("stamps_ns", &PoseList::StampArray)
+      .def_property_readonly("poses", &PoseList::Array)
+      .def_property_readonly("skipped", &PoseList::SkippedArray)
+      .def_property_readonly("pieces", &PoseList::PieceArray);
+  py::class_<Scan>(*m, "Scan")
+      .def_readonly("stamp_ns", &Scan::stamp_ns)
+      .def_property_readonly("points", &PointsOf)
+      .def_property_readonly("times", &TimesOf);
+  py::class_<Recording>(*m, "Recording")
+      .def(
+          py::init([](const std::string& path, const std::string& config, const py::dict& options) {
+            return std::make_unique<Recording>(path, ConfigOf(config, options));
+          }),
+          py::arg("path"), py::arg("config") = "", py::arg("options") = py::dict())
+      .def("__len__", &Recording::size)
+      .def("__getitem__",
+           [](const Recording& r, py::ssize_t i) {
+             const std::size_t at = r.PlaceOf(i);
+             const py::gil_scoped_release release;
+             return r.source().Read(at);
+           })
+      .def("name", [](const Recording& r, py::ssize_t i) { return r.source().Name(r.PlaceOf(i)); });
+}
+
+}  // namespace
+
+PYBIND11_MODULE(lamina, m) {
+  m.doc() = "Streaming LiDAR mapping: poses and a map from scans";
+  m.attr("__version__") = LAMINA_VERSION;
+  py::register_exception<InputError>(m, "InputError", PyExc_ValueError);
+  py::register_exception<OptionError>(m, "OptionError", PyExc_ValueError);
+  BindMapping(&m);
+  BindRecordings(&m);
+  m.def("read_trajectory", &ReadPoses, py::arg("path"));
+  m.def("evaluate", &Evaluate, py::arg("estimate"), py::arg("truth"), py::arg("alignment") = "se3");
+}
+
+}  // namespace lamina::python
