@@ -8,10 +8,12 @@
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
+#include <optional>
 #include <string_view>
 
 #include "core/base/error.h"
 #include "io/file/file_writer.h"
+#include "io/file/las_file.h"
 
 namespace lamina {
 namespace {
@@ -187,22 +189,53 @@ void WriteSurfels(const std::string& path, const SurfelMap& surfels) {
 }
 
 struct CloudWriter::Impl {
-  RecordFile file;
+  explicit Impl(const std::string& path) {
+    const auto ending = std::filesystem::path(path).extension();
+    if (ending == ".las") {
+      las.emplace(path);
+    } else if (ending == ".ply" || ending == ".pcd") {
+      records.emplace(path, CloudFields(), CloudFields());
+    } else {
+      throw OptionError(fmt::format("{}: the name must end in .ply, .pcd or .las", path));
+    }
+  }
+  // One of the two.
+  std::optional<RecordFile> records;
+  std::optional<LasFile> las;
 };
 
-CloudWriter::CloudWriter(const std::string& path)
-    : impl_(new Impl{{path, CloudFields(), CloudFields()}}) {}
+CloudWriter::CloudWriter(const std::string& path) : impl_(new Impl(path)) {}
 
 CloudWriter::~CloudWriter() = default;
 
-void CloudWriter::Append(const std::vector<ScanPoint>& points) {
-  impl_->file.Append(std::string_view(reinterpret_cast<const char*>(points.data()),
-                                      points.size() * sizeof(ScanPoint)),
-                     points.size());
+void CloudWriter::Append(const std::vector<CloudPoint>& points) {
+  if (impl_->las) return impl_->las->Append(points);
+  std::string bytes;
+  bytes.reserve(points.size() * sizeof(ScanPoint));
+  for (const CloudPoint& point : points) {
+    const Eigen::Vector3f f = point.p.cast<float>();
+    AppendBytes(ScanPoint{f.x(), f.y(), f.z(), point.intensity}, &bytes);
+  }
+  impl_->records->Append(bytes, points.size());
 }
 
-void CloudWriter::Commit() { impl_->file.Commit(); }
+void CloudWriter::Append(const std::vector<ScanPoint>& points) {
+  std::vector<CloudPoint> cloud;
+  cloud.reserve(points.size());
+  for (const ScanPoint& p : points) cloud.push_back({{p.x, p.y, p.z}, p.intensity, 0.0});
+  Append(cloud);
+}
 
-std::size_t CloudWriter::size() const { return impl_->file.count(); }
+void CloudWriter::Commit() {
+  if (impl_->las) {
+    impl_->las->Commit();
+  } else {
+    impl_->records->Commit();
+  }
+}
+
+std::size_t CloudWriter::size() const {
+  return impl_->las ? impl_->las->count() : impl_->records->count();
+}
 
 }  // namespace lamina

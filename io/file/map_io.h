@@ -1,7 +1,7 @@
-// Maps and clouds on disk, as PLY (binary little-endian) and PCD (binary).
+// Maps and clouds on disk, as PLY (binary little-endian), PCD (binary) and LAS.
 //
-// Coordinates are written as float, as every viewer expects: exact to 1 mm within 8 km of the
-// world's origin.
+// PLY and PCD have coordinates as float, as every viewer expects: exact to 1 mm within 8 km of the
+// world's origin. LAS keeps 0.1 mm anywhere (io/file/las_file.h).
 #pragma once
 
 #include <cstddef>
@@ -36,13 +36,22 @@ class SurfelWriter {
 // The same in one call.
 void WriteSurfels(const std::string& path, const SurfelMap& surfels);
 
+// A point of a cloud in the world.
+struct CloudPoint {
+  Eigen::Vector3d p;
+  float intensity = 0.0F;
+  double stamp_s = 0.0;  // when it was measured, on the recording's clock
+};
+
 // A cloud written piece by piece, in bounded memory: the count in the header is patched at the end.
-// Format by the ending of the path: .ply or .pcd (x y z intensity, float). Throws OutputError;
-// OptionError for another ending.
+// Format by the ending of the path: .ply or .pcd (x y z intensity, float), or .las (with stamps).
+// Throws OutputError; OptionError for another ending.
 class CloudWriter {
  public:
   explicit CloudWriter(const std::string& path);
   ~CloudWriter();
+  void Append(const std::vector<CloudPoint>& points);
+  // Points without stamps.
   void Append(const std::vector<ScanPoint>& points);
   void Commit();  // Without it, nothing is left on disk.
   std::size_t size() const;

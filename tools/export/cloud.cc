@@ -16,6 +16,7 @@ constexpr size_t kScansPerBatch = 8;
 struct WorldScan {
   std::vector<Eigen::Vector3d> points;
   std::vector<float> intensities;
+  std::vector<double> stamps_s;
   double radius_m = 0.0;  // of the ball around the pose that holds all points
 };
 
@@ -49,11 +50,14 @@ WorldScan ReadWorldScan(const ScanSource& scans, const PosedScan& posed,
   WorldScan world;
   world.intensities = KeptIntensities(scan, options.preparation, prepared.points.size());
   world.points.reserve(prepared.points.size());
+  world.stamps_s.reserve(prepared.points.size());
+  const double stamp_s = kSecondsPerNs * static_cast<double>(scans.Stamp(posed.scan));
   double radius2 = 0.0;
   for (const TimedPoint& p : prepared.points) {
     const Eigen::Vector3d lidar = deskew(p);
     radius2 = std::max(radius2, lidar.squaredNorm());
     world.points.push_back(R * lidar + posed.T_world_lidar.t);
+    world.stamps_s.push_back(stamp_s + static_cast<double>(p.time_s));
   }
   // A little more, for rounding on the way to the world.
   world.radius_m = std::sqrt(radius2) * (1.0 + 1e-9) + 1e-6;
@@ -110,7 +114,7 @@ class Exporter {
 
   void Thin(const WorldScan& scan, size_t place, bool first_pass) {
     const double inverse_size = 1.0 / options_.resolution_m;
-    std::vector<ScanPoint> kept;
+    std::vector<CloudPoint> kept;
     for (size_t i = 0; i < scan.points.size(); ++i) {
       const Eigen::Vector3d& p = scan.points[i];
       if (!IsVoxelKeyInRange(p, inverse_size)) {
@@ -118,8 +122,7 @@ class Exporter {
         continue;
       }
       if (!thinner_.Keep(VoxelKeyOf(p, inverse_size), {place, i})) continue;
-      const Eigen::Vector3f f = p.cast<float>();
-      kept.push_back({f.x(), f.y(), f.z(), scan.intensities[i]});
+      kept.push_back({p, scan.intensities[i], scan.stamps_s[i]});
     }
     writer_->Append(kept);
   }

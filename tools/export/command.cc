@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "config/config.h"
@@ -14,6 +15,7 @@
 #include "io/file/map_io.h"
 #include "io/recording/scan_source.h"
 #include "tools/export/cloud.h"
+#include "tools/export/trajectory.h"
 #include "tools/results/output_folder.h"
 #include "tools/results/piece_poses.h"
 #include "tools/results/recording_part.h"
@@ -29,6 +31,8 @@ struct ExportArguments {
   std::string scans;
   std::string format = "ply";
   std::string out;
+  std::string trajectory;
+  std::optional<double> resolution_m;
   ExportOptions options;
 };
 
@@ -75,13 +79,14 @@ void CheckOutput(const std::string& out, const std::string& scans) {
   throw OptionError(fmt::format("--out {}: is in the folder of the recording, {}", out, scans));
 }
 
-int RunExport(const ExportArguments& arguments) {
+int ExportCloudOf(const ExportArguments& arguments) {
   const std::filesystem::path run = arguments.run;
   const LaminaConfig config = LoadConfig((run / "config.yaml").string(), {});
   std::vector<FrameRow> rows;
   const Trajectory trajectory = ReadFirstPiece(arguments.run, &rows);
   const std::unique_ptr<ScanSource> scans = OpenScans(arguments.scans, config.scans);
   ExportOptions options = arguments.options;
+  options.resolution_m = *arguments.resolution_m;
   options.preparation = config.preparation;
   options.frame_period_s = config.scans.frame_period_s;
 
@@ -111,11 +116,28 @@ int RunExport(const ExportArguments& arguments) {
   return 0;
 }
 
+int RunExport(const ExportArguments& arguments) {
+  const bool cloud = !arguments.scans.empty() || arguments.resolution_m;
+  if (!cloud && arguments.trajectory.empty()) {
+    throw OptionError("export: --scans and --resolution are needed for a cloud, or --trajectory");
+  }
+  if (cloud && (arguments.scans.empty() || !arguments.resolution_m)) {
+    throw OptionError("export: a cloud needs --scans, the recording, and --resolution, in metres");
+  }
+  if (!arguments.trajectory.empty()) {
+    const std::size_t poses = ExportTrajectory(arguments.run, arguments.trajectory);
+    fmt::print("{}: {} poses\n", arguments.trajectory, poses);
+  }
+  return cloud ? ExportCloudOf(arguments) : 0;
+}
+
 }  // namespace
 
 void AddExportCommand(CLI::App* app, std::function<int()>* run) {
   CLI::App* command = app->add_subcommand(
-      "export", "Write the full point map of a finished run, thinned to one point per voxel");
+      "export",
+      "Write the full point map of a finished run, thinned to one point per voxel, or its "
+      "trajectory for other programs");
   auto arguments = std::make_shared<ExportArguments>();
   command
       ->add_option("--run", arguments->run,
@@ -127,20 +149,23 @@ void AddExportCommand(CLI::App* app, std::function<int()>* run) {
       ->add_option("--scans", arguments->scans,
                    "The recording that the run was made from. Scans are found by stamp; those "
                    "without a pose are left out")
-      ->type_name("PATH")
-      ->required();
+      ->type_name("PATH");
   command
-      ->add_option("--resolution", arguments->options.resolution_m,
+      ->add_option("--resolution", arguments->resolution_m,
                    "Edge of the voxels of which each keeps its first point")
-      ->type_name("METRES")
-      ->required();
+      ->type_name("METRES");
   command->add_option("--format", arguments->format, "Format of the default output file")
-      ->check(CLI::IsMember({"ply", "pcd"}))
+      ->check(CLI::IsMember({"ply", "pcd", "las"}))
       ->capture_default_str();
   command
       ->add_option("--out", arguments->out,
-                   "Output file, .ply or .pcd. Default: cloud.ply or cloud.pcd in the run "
-                   "directory")
+                   "Output file, .ply, .pcd or .las. Default: cloud.ply, cloud.pcd or cloud.las "
+                   "in the run directory. LAS 1.4 keeps 0.1 mm anywhere, and the stamps of points")
+      ->type_name("FILE");
+  command
+      ->add_option("--trajectory", arguments->trajectory,
+                   "Write the poses to this file as well, or alone: .csv, or .geojson in the map's "
+                   "own frame")
       ->type_name("FILE");
   command
       ->add_option("--budget-mb", arguments->options.budget_mb,

@@ -119,13 +119,13 @@ TEST_F(MapTest, CloudRoundTripInPieces) {
 }
 
 TEST_F(MapTest, CloudWithoutCommitLeavesNothing) {
-  { CloudWriter(Path("c.ply")).Append({ScanPoint()}); }
+  { CloudWriter(Path("c.ply")).Append(std::vector<ScanPoint>(1)); }
   EXPECT_TRUE(fs::is_empty(folder_));
 }
 
 TEST_F(MapTest, OutputsThatCannotBeAreNamed) {
   EXPECT_THAT(MessageOf<OptionError>([&] { CloudWriter writer(Path("c.xyz")); }),
-              AllOf(HasSubstr("c.xyz"), HasSubstr(".ply or .pcd")));
+              AllOf(HasSubstr("c.xyz"), HasSubstr(".ply, .pcd or .las")));
   EXPECT_THROW(CloudWriter(Path("none/c.ply")), OutputError);
   EXPECT_THROW(WriteSurfels(Path("none/m.ply"), {}), OutputError);
   EXPECT_THROW(WriteSurfels(Path("none/m.pcd"), {}), OutputError);

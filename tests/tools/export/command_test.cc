@@ -5,8 +5,11 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -47,11 +50,12 @@ class ExportCommandTest : public testing::Test {
 
   std::string Path(const std::string& name) const { return (folder_ / name).string(); }
 
-  int Run(std::vector<std::string> arguments) {
+  int Run(std::vector<std::string> arguments, bool cloud = true) {
     CLI::App app;
     std::function<int()> run;
     AddExportCommand(&app, &run);
-    arguments.insert(arguments.begin(), {"export", "--run", Path("run"), "--scans", Path("scans")});
+    if (cloud) arguments.insert(arguments.begin(), {"--scans", Path("scans")});
+    arguments.insert(arguments.begin(), {"export", "--run", Path("run")});
     std::reverse(arguments.begin(), arguments.end());
     app.parse(arguments);
     return run();
@@ -76,8 +80,43 @@ TEST_F(ExportCommandTest, FormatAndPathCanBeChosen) {
   EXPECT_EQ(ReadScanFile(Path("run/cloud.pcd"), {}).points.size(), 3U);
   ASSERT_EQ(Run({"--resolution", "10", "--out", Path("map.ply")}), 0);
   EXPECT_EQ(ReadScanFile(Path("map.ply"), {}).points.size(), 1U);
-  EXPECT_THROW(Run({"--resolution", "1", "--format", "las"}), CLI::ParseError);
-  EXPECT_THROW(Run({}), CLI::ParseError);
+  EXPECT_THROW(Run({"--resolution", "1", "--format", "xyz"}), CLI::ParseError);
+  // Without a resolution nothing says how dense the cloud is to be.
+  EXPECT_THROW(Run({}), OptionError);
+}
+
+TEST_F(ExportCommandTest, LasHasTheStampsOfThePoints) {
+  ASSERT_EQ(Run({"--resolution", "0.1", "--format", "las"}), 0);
+  std::ifstream file(Path("run/cloud.las"), std::ios::binary);
+  const std::string las((std::istreambuf_iterator<char>(file)), {});
+  constexpr std::size_t kPoints = 4, kBytes = 30;
+  ASSERT_GT(las.size(), kPoints * kBytes);
+  for (std::size_t i = 0; i < kPoints; ++i) {
+    const char* record = las.data() + las.size() - (kPoints - i) * kBytes;
+    double stamp_s = 0.0;
+    std::memcpy(&stamp_s, record + 22, sizeof(stamp_s));
+    EXPECT_EQ(stamp_s, static_cast<double>(i < 2 ? i : i + 1) + 0.5);
+  }
+}
+
+TEST_F(ExportCommandTest, TrajectoriesAreTablesAndLinesOfMaps) {
+  ASSERT_EQ(Run({"--trajectory", Path("way.csv")}, false), 0);
+  std::ifstream csv(Path("way.csv"));
+  std::string line, second;
+  std::getline(csv, line);
+  EXPECT_EQ(line, "stamp_s,x,y,z,qx,qy,qz,qw,piece");
+  std::getline(csv, line);
+  std::getline(csv, second);
+  EXPECT_EQ(second, "1.500000000,0,0.25,0,0,0,0,1,0");
+  ASSERT_EQ(Run({"--trajectory", Path("way.geojson")}, false), 0);
+  const auto json = nlohmann::json::parse(std::ifstream(Path("way.geojson")));
+  EXPECT_EQ(json["type"], "FeatureCollection");
+  ASSERT_EQ(json["features"].size(), 1U);
+  EXPECT_EQ(json["features"][0]["geometry"]["type"], "LineString");
+  EXPECT_EQ(json["features"][0]["geometry"]["coordinates"].size(), 4U);
+  EXPECT_EQ(json["features"][0]["geometry"]["coordinates"][3], nlohmann::json({0.0, 1.0, 0.0}));
+  EXPECT_EQ(json["features"][0]["properties"]["last_stamp_s"], "4.500000000");
+  EXPECT_THROW(Run({"--trajectory", Path("way.kml")}, false), OptionError);
 }
 
 TEST_F(ExportCommandTest, SaysWhatIsWrongAndLeavesNothing) {

@@ -1,0 +1,47 @@
+// Clouds as LAS 1.4 (ASPRS, LAS specification 1.4 R15), for GIS and CAD. Private to io.
+//
+// Point record format 6: coordinates as whole numbers of 0.1 mm from an offset near the first
+// point, so that they stay exact at large coordinates; intensity in 16 bits; the stamp of each
+// point, in seconds, as GPS time. The coordinate system is a local one, in metres. No date of
+// creation: the same points give the same bytes.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "io/file/file_writer.h"
+#include "io/file/map_io.h"
+
+namespace lamina {
+
+// Streams: header and bounds are written again at the end.
+class LasFile {
+ public:
+  // Throws OutputError.
+  explicit LasFile(const std::string& path);
+
+  // Throws OutputError, also for a point more than 214 km from the first along an axis, or not
+  // finite.
+  void Append(const std::vector<CloudPoint>& points);
+  void Commit();
+  std::size_t count() const { return static_cast<std::size_t>(count_); }
+
+ private:
+  static constexpr double kScaleM = 1e-4;
+
+  void Begin(const std::vector<CloudPoint>& points);
+  std::int32_t Coordinate(const Eigen::Vector3d& p, int axis) const;
+  std::string Header() const;
+
+  std::string path_;
+  FileWriter writer_;
+  std::uint64_t count_ = 0;
+  Eigen::Vector3d offset_ = Eigen::Vector3d::Zero();
+  float intensity_factor_ = 1.0F;
+  std::array<std::int32_t, 3> least_{}, most_{};
+};
+
+}  // namespace lamina

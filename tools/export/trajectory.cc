@@ -1,0 +1,79 @@
+#include "tools/export/trajectory.h"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "core/base/error.h"
+#include "io/recording/trajectory_io.h"
+#include "tools/cli/common.h"
+#include "tools/results/piece_poses.h"
+
+namespace lamina {
+namespace {
+
+using Pieces = std::map<std::int64_t, Trajectory>;
+
+// As trajectory_tum.txt has it: to the nanosecond, whatever a double would hold.
+std::string StampText(StampNs stamp_ns) {
+  constexpr StampNs kSecondNs = 1'000'000'000;
+  const StampNs seconds = stamp_ns / kSecondNs, rest = stamp_ns % kSecondNs;
+  return fmt::format("{}{}.{:09}", stamp_ns < 0 && seconds == 0 ? "-" : "", seconds,
+                     rest < 0 ? -rest : rest);
+}
+
+std::string CsvText(const Pieces& pieces) {
+  std::string text = "stamp_s,x,y,z,qx,qy,qz,qw,piece\n";
+  for (const auto& [piece, poses] : pieces) {
+    for (const StampedPose& pose : poses) {
+      const SE3& T = pose.T_world_lidar;
+      text += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{}\n",
+                          StampText(pose.stamp_ns), T.t.x(), T.t.y(), T.t.z(), T.q.x(), T.q.y(),
+                          T.q.z(), T.q.w(), piece);
+    }
+  }
+  return text;
+}
+
+std::string GeoJsonText(const Pieces& pieces) {
+  nlohmann::ordered_json json = {{"type", "FeatureCollection"},
+                                 {"features", nlohmann::ordered_json::array()}};
+  for (const auto& [piece, poses] : pieces) {
+    nlohmann::ordered_json line = nlohmann::ordered_json::array();
+    for (const StampedPose& pose : poses) {
+      const Eigen::Vector3d& t = pose.T_world_lidar.t;
+      line.push_back({t.x(), t.y(), t.z()});
+    }
+    // A line has two places at least.
+    const bool point = poses.size() == 1;
+    json["features"].push_back(
+        {{"type", "Feature"},
+         {"geometry",
+          {{"type", point ? "Point" : "LineString"}, {"coordinates", point ? line[0] : line}}},
+         {"properties",
+          {{"piece", piece},
+           {"poses", poses.size()},
+           {"first_stamp_s", StampText(poses.front().stamp_ns)},
+           {"last_stamp_s", StampText(poses.back().stamp_ns)},
+           {"frame", "local, metres"}}}});
+  }
+  return json.dump(1) + "\n";
+}
+
+}  // namespace
+
+std::size_t ExportTrajectory(const std::string& run, const std::string& path) {
+  const std::string file = (std::filesystem::path(run) / "trajectory_tum.txt").string();
+  const std::string ending = std::filesystem::path(path).extension().string();
+  if (ending != ".csv" && ending != ".geojson") {
+    throw OptionError(fmt::format("--trajectory {}: the name must end in .csv or .geojson", path));
+  }
+  const Trajectory poses = ReadTrajectory(file);
+  const Pieces pieces = SplitIntoPieces(file, poses);
+  WriteTextFile(path, ending == ".csv" ? CsvText(pieces) : GeoJsonText(pieces));
+  return poses.size();
+}
+
+}  // namespace lamina
