@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <stdexcept>
 #include <utility>
 
 #include "core/base/stopwatch.h"
@@ -44,6 +45,10 @@ DecodedScan Mapping::Decode(const ScanSource& source, std::size_t begin, std::si
 }
 
 MappedScan Mapping::Add(const Scan& scan, const std::string& recording) {
+  if (!scan.time_s.empty() && scan.time_s.size() != scan.points.size()) {
+    throw std::logic_error("a scan has " + std::to_string(scan.points.size()) + " points and " +
+                           std::to_string(scan.time_s.size()) + " times");
+  }
   DecodedScan decoded;
   decoded.report.index = counts_.scans;
   decoded.report.recording = recording;
@@ -60,6 +65,7 @@ MappedScan Mapping::Add(const Scan& scan, const std::string& recording) {
 }
 
 MappedScan Mapping::Add(DecodedScan scan) {
+  if (finished_) throw std::logic_error("no scan can be added to a mapping that is finished");
   MappedScan& report = scan.report;
   ++counts_.scans;
   Recording* const recording = FindOrBegin(report);
@@ -227,6 +233,7 @@ FinalPoses::Visit Mapping::Visitor() const {
 }
 
 void Mapping::Finish() {
+  finished_ = true;
   for (auto& [name, recording] : recordings_) {
     recording.mapper->FinishSolves();
     CountSolves(recording.mapper->TakeSolves(), counts_.scans);

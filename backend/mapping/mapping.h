@@ -66,7 +66,8 @@ class Mapping {
   // The next scan. One that cannot be used (too few points, a stamp that is not after the last) is
   // skipped, which its record says: scans do not throw. Stamps must increase within a recording.
   // Without times of its points, deskewing by azimuth takes the first scan to last 0.1 s
-  // (preparation.sweep_period_s says better).
+  // (preparation.sweep_period_s says better). Throws std::logic_error for a scan with times for
+  // some of its points alone, and after Finish().
   MappedScan Add(const Scan& scan, const std::string& recording = "");
   // The same of a scan that was decoded before.
   MappedScan Add(DecodedScan scan);
@@ -127,6 +128,7 @@ class Mapping {
   std::optional<SE3> localise_from_;
   FinalPoses::Stream next_stream_ = 0;
   std::string newest_;  // recording
+  bool finished_ = false;
   std::map<std::string, Recording> recordings_;
   // The last stamps of each recording that Add(Scan) has seen; they tell the period of a sweep.
   std::map<std::string, std::vector<StampNs>> stamps_;

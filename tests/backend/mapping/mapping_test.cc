@@ -5,6 +5,7 @@
 
 #include <limits>
 #include <map>
+#include <stdexcept>
 
 #include "backend/mapping/pipeline.h"
 #include "core/base/error.h"
@@ -161,6 +162,16 @@ TEST(Mapping, RecordingsThatAlternateArePiecesOfTheirOwn) {
       EXPECT_LT((alone[name][i].t - mixed[name][i].t).norm(), 1e-3) << name << i;
     }
   }
+}
+
+TEST(Mapping, RefusesWhatNoCallerShouldHandIn) {
+  Mapping mapping(Options());
+  Scan scan = Walk(6).front();
+  scan.time_s.pop_back();
+  EXPECT_THROW(mapping.Add(scan), std::logic_error);
+  EXPECT_EQ(mapping.counts().scans, 0U);
+  mapping.Finish();
+  EXPECT_THROW(mapping.Add(Walk(6).front()), std::logic_error);
 }
 
 TEST(Mapping, RefusesOptionsOutOfRange) {
