@@ -8,7 +8,7 @@
 #include "backend/calibration/sensor_calibration.h"
 #include "backend/mapping/options.h"
 #include "backend/registration/batch_registration.h"
-#include "backend/session/session.h"
+#include "backend/session/options.h"
 #include "core/options/options.h"
 #include "io/inbox/inbox.h"
 

@@ -18,8 +18,8 @@ std::vector<std::int64_t> CheckpointsIn(const std::string& folder);
 
 enum class CheckpointPart { kAll, kMap };
 
-// Into a new pipeline. `fixed_options` must be those that the session of the checkpoint was begun
-// with. Throws InputError, naming the file, if it is damaged or was made with others; the pipeline
+// Into a new mapping. `fixed_options` must be those that the session of the checkpoint was begun
+// with. Throws InputError, naming the file, if it is damaged or was made with others; the mapping
 // is of no use then.
 void ReadCheckpoint(const std::string& path, const std::string& fixed_options, CheckpointPart part,
                     Mapping* mapping);

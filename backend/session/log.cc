@@ -9,6 +9,10 @@
 
 namespace lamina {
 
+void LogFailure(const std::exception& error) {
+  spdlog::error("{} (the stream goes on; this will be tried again)", error.what());
+}
+
 SessionLog::SessionLog(const std::string& database,
                        std::function<void(const SessionScan&)> on_durable)
     : database_(database, false), on_durable_(std::move(on_durable)), thread_([this] { Run(); }) {}

@@ -14,6 +14,9 @@
 
 namespace lamina {
 
+// Says in the log what has failed, of work that will be tried again.
+void LogFailure(const std::exception& error);
+
 // Thread-safe. If the database cannot be written, all that follows throws its OutputError: nothing
 // may be called done any more.
 class SessionLog {

@@ -1,15 +1,15 @@
-// A mapping session: the pipeline, and a folder in which nothing that it has done is lost.
+// A mapping session: a Mapping, and a folder in which nothing that it has done is lost.
 //
-//     session.db              every scan with its pose, every window solved
-//     (io/store/session_database.h) session.db.backup       the same as of a checkpoint, in case
-//     the first is damaged checkpoint-N.lmap       all of the pipeline after scan N - 1. The newest
-//     two are kept, and
-//                             the newest that session.db.backup knows all scans of
-//     map_tiles.db            what the map's budget does not hold in memory (io/store/tile_store.h)
-//     trajectory_kitti.txt, trajectory_tum.txt     kept current
-//     (backend/session/trajectory_files.h) lock                    held while a process works on
-//     the session (exclusive), or copies its
-//                             map to localise in it (shared)
+//     session.db          every scan with its pose, every window solved
+//                         (io/store/session_database.h)
+//     session.db.backup   the same as of a checkpoint, in case the first is damaged
+//     checkpoint-N.lmap   all of the mapping after scan N - 1. The newest two are kept, and the
+//                         newest that session.db.backup knows all scans of
+//     map_tiles.db        what the map's budget does not hold in memory (io/store/tile_store.h)
+//     trajectory_kitti.txt, trajectory_tum.txt
+//                         kept current (backend/session/trajectory_files.h)
+//     lock                held while a process works on the session (exclusive), or copies its map
+//                         to localise in it (shared)
 //
 // A scan is *durable* when its row is on disk; its file may be called done. Poses follow when the
 // window has passed (final). Checkpoints are written beside the mapping: the state is copied at one
@@ -32,56 +32,21 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
-#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "backend/mapping/mapping.h"
+#include "backend/session/checkpoint_writing.h"
+#include "backend/session/folder.h"
 #include "backend/session/log.h"
-#include "backend/session/trajectory_files.h"
-#include "core/base/worker_thread.h"
-#include "core/options/options.h"
+#include "backend/session/options.h"
+#include "backend/session/trajectory_publisher.h"
 #include "io/inbox/streamed_scans.h"
-#include "io/store/checkpoint_file.h"
-#include "io/store/session_backup.h"
 #include "io/store/session_database.h"
 #include "io/store/tile_store.h"
 
 namespace lamina {
-
-struct SessionOptions {
-  // A checkpoint is begun every so many scans, earlier where much of the map has come back from
-  // disk. After an interruption as many are mapped again.
-  int checkpoint_every_scans = 300;
-  // The trajectory files are at most so old.
-  double trajectory_period_s = 5.0;
-
-  void Visit(OptionVisitor& v);
-};
-
-// A finished map to localise in, instead of making one.
-struct BaseMap {
-  std::string session;        // its folder
-  std::string fixed_options;  // those that it must have been begun with
-  SE3 T_world_start;          // where the first scan is, roughly, in piece 0 of its map
-};
-
-struct SessionSetup {
-  std::string folder;  // made if it is not there
-  MappingOptions mapping;
-  // What decides results, as text: a session can only be continued with the same.
-  std::string fixed_options;
-  SessionOptions session;
-  std::optional<BaseMap> base_map;
-};
-
-struct SessionCheckpoint {
-  std::int64_t scans = 0;  // that are in it
-  std::uint64_t bytes = 0;
-  double longest_pause_ms = 0.0;  // of the mapping, for one piece of it
-  double total_ms = 0.0;
-};
 
 // Any may be empty. on_durable is called on the log's thread, on_checkpoint on the housekeeping
 // thread, the others on the mapping thread.
@@ -93,7 +58,7 @@ struct SessionHooks {
   std::function<void(const FinalPose&)> on_final;
   std::function<void(const SessionScan&)> on_durable;
   // The files of scans before `released` will not be needed again, whatever happens.
-  std::function<void(const SessionCheckpoint&, std::int64_t released)> on_checkpoint;
+  CheckpointWriting::OnCheckpoint on_checkpoint;
 };
 
 // One thread at a time, the mapping thread. Throws OutputError when the session's folder cannot be
@@ -106,7 +71,6 @@ class Session {
   // works on it or on the map to localise in, or nothing in it can be used; OptionError for options
   // that differ from those it was begun with.
   Session(SessionSetup setup, SessionHooks hooks);
-  ~Session();
 
   // Number of the next scan: of those to be repeated, if there are any.
   std::int64_t next_scan() const { return next_; }
@@ -130,9 +94,9 @@ class Session {
   // To be called between scans when none are coming: goes on with what is done piece by piece.
   // False if there is nothing left to do.
   bool Idle();
-  void RequestCheckpoint() { checkpoint_requested_ = true; }
+  void RequestCheckpoint() { checkpoints_->Request(); }
   // On the housekeeping thread, after what it has to do.
-  void DoLater(std::function<void()> work) { housekeeping_->Do(std::move(work)); }
+  void DoLater(std::function<void()> work) { checkpoints_->DoLater(std::move(work)); }
   // Until all that was begun so far is on disk, the trajectory files included.
   void WaitForHousekeeping();
 
@@ -143,69 +107,29 @@ class Session {
   void ForEachPose(const FinalPoses::Visit& visit) const;
 
  private:
-  struct SnapshotJob;
-
-  void Lock();
-  void OpenDatabase();
-  void OpenTiles();
-  void CheckFixedOptions();
-  void LoadNewestCheckpoint();
-  void SetCheckpointAside(std::int64_t scans, const std::string& why) const;
-  void BeginLocalising();
   MappingCallbacks Callbacks();
   void OnScan(const MappedScan& report);
   void OnSettled();
-  bool TilesTurnedOver() const;
   bool FileIsGone(const MappedScan& report) const;
-  void BeginCheckpoint();
-  void ContinueCheckpoint();
-  void CompleteCheckpoint();
-  void Write(const std::string& tag, std::shared_ptr<const std::string> bytes);
-  void FinishCheckpoint(SnapshotJob* job);
-  void TidyTiles();
-  std::int64_t RemoveOldCheckpoints() const;
-  void BackUpDatabase();
-  void PublishTrajectory();
-  std::string Path(const std::string& name) const;
+  bool Repeating() const;
 
   SessionSetup setup_;
   SessionHooks hooks_;
-  int lock_ = -1;
+  // Each goes before those that it works on, which are above it.
+  SessionFolder folder_;
   std::unique_ptr<SessionDatabase> database_;
   std::unique_ptr<TileStore> tiles_;
   std::unique_ptr<Mapping> mapping_;
+  std::unique_ptr<SessionLog> log_;
+  std::unique_ptr<CheckpointWriting> checkpoints_;
+  std::unique_ptr<TrajectoryPublisher> trajectory_;
+
   std::int64_t next_ = 0;
-  std::int64_t last_checkpoint_ = 0;     // scans in the last one that was begun
-  std::size_t taken_at_checkpoint_ = 0;  // tiles' records until then
   std::int64_t repeat_from_ = 0;
   std::vector<SessionScan> to_repeat_;
   const StreamedScans* scans_ = nullptr;  // those being mapped
-  bool checkpoint_requested_ = false, finished_ = false;
-  std::shared_ptr<SnapshotJob> job_;
-  // What the last checkpoint has beside the map, and its last piece of the map. Kept for their
-  // memory: the next ones take the same, and a checkpoint does not show in what the process needs.
-  // No piece is begun before the housekeeping thread has written all before it
-  // (ContinueCheckpoint), so none is overwritten while it is being written.
-  std::shared_ptr<StateArchive> state_ = std::make_shared<StateArchive>();
-  std::shared_ptr<std::string> piece_ = std::make_shared<std::string>();
-  double trajectory_due_s_ = 0.0;
-  std::int64_t published_ = 0;  // scans in the trajectory files
-  std::atomic<bool> publishing_{false};
-  TrajectoryFiles trajectory_;   // of the publishing thread, while publishing_
+  bool finished_ = false;
   std::vector<FinalPose> tail_;  // poses that are final by Finish() alone
-
-  // Of the housekeeping thread, for others to read: numbers of scans.
-  std::atomic<std::int64_t> newest_checkpoint_{0}, oldest_kept_{0};
-  enum class Tidy { kDone, kFirst, kUnderWay, kLast };
-  std::atomic<Tidy> tidy_{Tidy::kDone};
-  std::int64_t backed_up_ = 0;   // scans in the copy of the database
-  double backup_retry_s_ = 0.0;  // not before, after one that failed
-  SessionBackup backup_;
-
-  std::unique_ptr<SessionLog> log_;
-  // These end first, in this order. The trajectory has a thread of its own, with one publication at
-  // most: no piece of a checkpoint waits for it.
-  std::unique_ptr<WorkerThread> housekeeping_, publisher_;
 };
 
 }  // namespace lamina

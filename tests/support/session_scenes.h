@@ -11,6 +11,7 @@
 
 #include "backend/session/checkpoint.h"
 #include "backend/session/session.h"
+#include "io/store/checkpoint_file.h"
 #include "tests/support/io_test_files.h"
 #include "tests/support/random_rooms.h"
 

@@ -1,0 +1,36 @@
+#include "backend/session/trajectory_publisher.h"
+
+#include <memory>
+
+namespace lamina {
+
+TrajectoryPublisher::TrajectoryPublisher(const SessionFolder& folder, const Mapping* mapping,
+                                         SessionLog* log)
+    : folder_(folder),
+      mapping_(mapping),
+      log_(log),
+      files_(folder.path()),
+      thread_(LogFailure, 1) {}
+
+void TrajectoryPublisher::PublishIfDue(std::int64_t scans, double period_s) {
+  const double now_s = 1e-3 * clock_.Milliseconds();
+  if (scans == published_ || now_s < due_s_ || under_way_) return;
+  published_ = scans;
+  under_way_ = true;
+  due_s_ = now_s + period_s;
+  const auto open = std::make_shared<std::vector<FinalPose>>();
+  mapping_->ShowOpenPoses([&](const FinalPose& pose) { open->push_back(pose); });
+  thread_.Do([this, open, scans] {
+    const auto end = [](std::atomic<bool>* under_way) { *under_way = false; };
+    const std::unique_ptr<std::atomic<bool>, decltype(end)> at_the_end(&under_way_, end);
+    log_->WaitDurable();
+    files_.Publish(SessionDatabase(folder_.Path("session.db"), false), scans, *open);
+  });
+}
+
+void TrajectoryPublisher::PublishLast(const SessionDatabase& database, std::int64_t scans,
+                                      const std::vector<FinalPose>& tail) {
+  files_.Publish(database, scans, tail);
+}
+
+}  // namespace lamina
