@@ -104,6 +104,12 @@ class Assigner final : public NamedOptionVisitor {
     }
     *index = static_cast<int>(found - names.begin());
   }
+  void Text(const char* name, std::string* value, std::size_t most_bytes) override {
+    const Setting* setting = Find(name);
+    if (setting == nullptr) return;
+    *value = setting->value;
+    InPlace(*setting, [&] { OptionChecker("").Text(FullName(name).c_str(), value, most_bytes); });
+  }
 
   void FolderPoses(const char* name, std::map<std::string, SE3>* poses, double most_m) override {
     const Setting* whole = Find(name);
@@ -251,6 +257,11 @@ class Emitter final : public OptionVisitor {
   void Flag(const char* name, bool* value) override { Line(name, *value ? "true" : "false"); }
   void Choice(const char* name, int* index, const std::vector<std::string>& names) override {
     Line(name, names.at(static_cast<std::size_t>(*index)));
+  }
+  void Text(const char* name, std::string* value, std::size_t) override {
+    YAML::Emitter quoted;
+    quoted << YAML::DoubleQuoted << *value;
+    Line(name, quoted.c_str());
   }
   void FolderPoses(const char* name, std::map<std::string, SE3>* poses, double) override {
     if (poses->empty()) return Line(name, "{}");

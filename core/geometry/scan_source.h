@@ -19,6 +19,16 @@ struct RecordingDescription {
   std::vector<std::string> doubts;  // what contradicts, or was passed over
 };
 
+// Per-point times of a scan: their field, the unit that it was taken to have, and whether it holds
+// readings of a clock or offsets from the stamp.
+struct PointTimeField {
+  std::string name;  // empty: the scan has none
+  const char* unit = "";
+  bool clock = false;
+  // It tells points apart: not all times are the same, and their type resolves them.
+  bool usable = false;
+};
+
 // Random access to the scans of a recording. Thread-safe: all members may be called at once.
 class ScanSource {
  public:
@@ -65,6 +75,9 @@ class ScanSource {
   // else count from the scan's earliest point. Throws InputError naming file, place and rule
   // (missing, truncated, not a point file, no points, ...).
   virtual Scan Read(std::size_t i) const = 0;
+
+  // What was understood of the times of scan i's points. Reads it: throws InputError as Read does.
+  virtual PointTimeField PointTimes(std::size_t) const { return {}; }
 
   // False if stamps are made up from frame_period_s.
   virtual bool recorded_stamps() const { return true; }

@@ -2,6 +2,7 @@
 
 #include <sstream>
 
+#include "core/base/printable_text.h"
 #include "core/geometry/se3.h"
 
 namespace lamina {
@@ -38,6 +39,13 @@ void OptionChecker::Integer(const char* name, int* value, int low, int high) {
 
 void OptionChecker::Choice(const char* name, int* index, const std::vector<std::string>& names) {
   CheckRange(FullName(name), *index, 0, static_cast<int>(names.size()) - 1);
+}
+
+void OptionChecker::Text(const char* name, std::string* value, std::size_t most_bytes) {
+  if (value->size() <= most_bytes && Printable(*value) == *value) return;
+  throw OptionError(FullName(name) + " = '" + Printable(value->substr(0, most_bytes)) +
+                    "': must be printable text of at most " + std::to_string(most_bytes) +
+                    " bytes");
 }
 
 void OptionChecker::FolderPoses(const char* name, std::map<std::string, SE3>* poses,

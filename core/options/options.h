@@ -10,6 +10,7 @@
 // home.
 #pragma once
 
+#include <cstddef>
 #include <map>
 #include <string>
 #include <vector>
@@ -30,6 +31,8 @@ class OptionVisitor {
   virtual void Flag(const char* name, bool* value) = 0;
   // One of `names`; *index is its position.
   virtual void Choice(const char* name, int* index, const std::vector<std::string>& names) = 0;
+  // At most `most_bytes` of printable text.
+  virtual void Text(const char* name, std::string* value, std::size_t most_bytes) = 0;
   // Poses of the folders that the user names, with no coordinate beyond `most_m`.
   virtual void FolderPoses(const char* name, std::map<std::string, SE3>* poses, double most_m) = 0;
   virtual void BeginGroup(const char* name) = 0;
@@ -71,6 +74,7 @@ class OptionChecker final : public NamedOptionVisitor {
   void Integer(const char* name, int* value, int low, int high) override;
   void Flag(const char*, bool*) override {}
   void Choice(const char* name, int* index, const std::vector<std::string>& names) override;
+  void Text(const char* name, std::string* value, std::size_t most_bytes) override;
   void FolderPoses(const char* name, std::map<std::string, SE3>* poses, double most_m) override;
 };
 

@@ -36,8 +36,8 @@ ScanLayout FindScanLayout(const fs::path& path) {
   }
   if (!fs::is_directory(status)) {
     throw InputError(
-        fmt::format("{}: is not a folder; scans are given by the folder that holds "
-                    "them",
+        fmt::format("{}: is not a folder that holds scans, and no ROS 1 bag, MCAP file, ROS 2 bag "
+                    "or capture of packets",
                     path.string()));
   }
   // Through the absolute path, so that `.` and a trailing slash do not hide the folder's name.

@@ -3,31 +3,23 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "core/geometry/scan.h"
+#include "io/file/folder_list.h"
 
 namespace lamina {
-
-// Order of names in which runs of digits compare by their value: scan2 < scan10.
-bool NaturalLess(std::string_view a, std::string_view b);
 
 // What a file is by its name alone. Hidden names (leading dot) are none; so are names with another
 // ending, which writers use while they write (.partial, .tmp, .part).
 enum class ScanName { kNone, kPoints /* .bin .pcd .ply */, kText /* .txt */ };
 ScanName KindOfName(std::string_view name);
 
-// The regular files in `folder` whose names are wanted, in natural order. Throws InputError if the
-// folder is missing or cannot be read.
-using FileFilter = std::function<bool(const std::string& name)>;
-std::vector<std::filesystem::path> ListFiles(const std::filesystem::path& folder,
-                                             const FileFilter& wanted);
-
-// Those whose name is of this kind.
+// The files in `folder` whose names are of this kind, in natural order. Throws InputError if it is
+// missing or cannot be read.
 std::vector<std::filesystem::path> ListScans(const std::filesystem::path& folder, ScanName kind);
 
 // The stamp that a name (without ending) is. `form` tells forms apart; 0: the name is no stamp.

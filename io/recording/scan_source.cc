@@ -14,8 +14,11 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "io/container/message_container.h"
 #include "io/file/text_input.h"
+#include "io/recording/capture_scans.h"
 #include "io/recording/ethz_csv.h"
+#include "io/recording/message_scans.h"
 #include "io/recording/scan_layout.h"
 #include "io/recording/scan_names.h"
 #include "io/recording/vehicle_scans.h"
@@ -72,6 +75,12 @@ class FileScanSource final : public ScanSource {
 
   Scan Read(std::size_t i) const override {
     return ReadStampedScan(Name(i), Stamp(i), recorded_stamps_, options_);
+  }
+
+  PointTimeField PointTimes(std::size_t i) const override {
+    PointTimeField times;
+    ReadScanFile(Name(i), options_, &times);
+    return times;
   }
 
  private:
@@ -235,13 +244,28 @@ class FileScanSource final : public ScanSource {
 void ScanSourceOptions::Visit(OptionVisitor& v) {
   v.Number("frame_period_s", &frame_period_s, 1e-6, 1e6);
   v.EnumChoice("point_time_unit", &point_time_unit, {"auto", "s", "ms", "us", "ns"});
+  constexpr std::size_t kMostTopicBytes = 1024;
+  v.Text("topic", &topic, kMostTopicBytes);
   constexpr double kMostM = 100.0;
   v.FolderPoses("T_vehicle_lidar", &T_vehicle_lidar, kMostM);
+}
+
+bool HoldsMessages(const std::string& path) {
+  std::error_code ignored;
+  return IsMessageContainer(path) &&
+         (!fs::is_directory(path, ignored) || ListScans(path, ScanName::kPoints).empty());
 }
 
 std::unique_ptr<ScanSource> OpenScans(const std::string& path, const ScanSourceOptions& options) {
   CheckOptions(options, "scans");
   if (!options.T_vehicle_lidar.empty()) return std::make_unique<VehicleScans>(path, options);
+  if (HoldsMessages(path)) return std::make_unique<MessageScans>(path, options);
+  if (HoldsPackets(path)) return std::make_unique<CaptureScans>(path, options);
+  if (!options.topic.empty()) {
+    throw InputError(fmt::format(
+        "{}: is no container of messages or packets, so there is no topic '{}' (scans.topic)", path,
+        options.topic));
+  }
   return std::make_unique<FileScanSource>(FindScanLayout(path), options);
 }
 
@@ -252,16 +276,20 @@ StampNs MadeUpStamp(std::size_t i, const ScanSourceOptions& options) {
 Scan ReadStampedScan(const std::string& path, StampNs stamp_ns, bool recorded_stamp,
                      const ScanSourceOptions& options) {
   Scan scan = ReadScanFile(path, options);
-  const StampNs clock_ns = scan.stamp_ns;
-  scan.stamp_ns = stamp_ns;
-  scan.stamp_made_up = !recorded_stamp;
-  // The difference in double first: that of int64 might not fit.
-  const double apart_ns = static_cast<double>(clock_ns) - static_cast<double>(scan.stamp_ns);
-  if (clock_ns != 0 && recorded_stamp && std::abs(apart_ns) <= kSameClockNs) {
-    const float shift_s = static_cast<float>(SecondsBetween(scan.stamp_ns, clock_ns));
-    for (float& t : scan.time_s) t += shift_s;
-  }
+  GiveStamp(stamp_ns, recorded_stamp, &scan);
   return scan;
+}
+
+void GiveStamp(StampNs stamp_ns, bool recorded_stamp, Scan* scan) {
+  const StampNs clock_ns = scan->stamp_ns;
+  scan->stamp_ns = stamp_ns;
+  scan->stamp_made_up = !recorded_stamp;
+  // The difference in double first: that of int64 might not fit.
+  const double apart_ns = static_cast<double>(clock_ns) - static_cast<double>(stamp_ns);
+  if (clock_ns != 0 && recorded_stamp && std::abs(apart_ns) <= kSameClockNs) {
+    const float shift_s = static_cast<float>(SecondsBetween(stamp_ns, clock_ns));
+    for (float& t : scan->time_s) t += shift_s;
+  }
 }
 
 std::optional<SE3> ReadKittiCalibration(const std::string& path) {

@@ -19,6 +19,11 @@
 // times are readings of a clock (the earliest of a scan is its stamp); else from `frame_period_s`.
 // Scans with stamps of their own, by name or by points, are in the order of these.
 //
+// PATH may as well be a container of messages (io/container/message_container.h): a ROS 1 bag, an
+// MCAP file, a ROS 2 bag or a file of one. Its scans are the messages of one topic, in the order in
+// which they were recorded; stamps are those of the messages. Or a capture of a sensor's packets
+// (pcap, pcapng): its sweeps, see io/recording/capture_scans.h.
+//
 // With T_vehicle_lidar, PATH is the folder that holds those folders: io/recording/vehicle_scans.h.
 #pragma once
 
@@ -30,16 +35,18 @@
 
 #include "core/geometry/scan_source.h"
 #include "core/options/options.h"
+#include "io/message/point_times.h"
 
 namespace lamina {
 
 struct ScanSourceOptions {
   // Time between scans where the recording carries no stamps.
   double frame_period_s = 0.1;
-  // Unit of a per-point time field of PCD and PLY files. kAuto: the one that makes the scan last
-  // about as long as scans do, between 1 ms and 10 s.
-  enum class TimeUnit { kAuto, kSeconds, kMilliseconds, kMicroseconds, kNanoseconds };
-  TimeUnit point_time_unit = TimeUnit::kAuto;
+  // Unit of a per-point time field of PCD and PLY files and of messages. kAuto: the one that makes
+  // the scan last about as long as scans do, between 1 ms and 10 s.
+  PointTimeUnit point_time_unit = PointTimeUnit::kAuto;
+  // The topic of the scans in a container of messages. Empty: the only one that holds scans.
+  std::string topic;
   // Where sensors are on their vehicle, by the folders of their scans: see
   // io/recording/vehicle_scans.h.
   std::map<std::string, SE3> T_vehicle_lidar;
@@ -47,19 +54,13 @@ struct ScanSourceOptions {
   void Visit(OptionVisitor& v);
 };
 
+// Whether OpenScans takes `path` as a container of messages. Files of scans count before one that
+// lies among them.
+bool HoldsMessages(const std::string& path);
+
 // Throws InputError if the path is missing, unreadable, or holds no scans, or if its stamps or
 // calibration are unusable.
 std::unique_ptr<ScanSource> OpenScans(const std::string& path, const ScanSourceOptions& options);
-
-// Per-point times of a file: its field, the unit that it was taken to have, and whether it holds
-// readings of a clock or offsets from the stamp.
-struct PointTimeField {
-  std::string name;  // empty: the file has none
-  const char* unit = "";
-  bool clock = false;
-  // It tells points apart: not all times are the same, and their type resolves them.
-  bool usable = false;
-};
 
 // Reads one point file by its ending: .bin, .pcd, .ply or .csv (KITTI raw's .txt too). stamp_ns of
 // the result is 0 unless the file itself carries per-point readings of a clock (times more than 60
@@ -73,6 +74,10 @@ Scan ReadScanFile(const std::string& path, const ScanSourceOptions& options,
 // them. Throws InputError.
 Scan ReadStampedScan(const std::string& path, StampNs stamp_ns, bool recorded_stamp,
                      const ScanSourceOptions& options);
+
+// Gives a scan, whose stamp_ns is as ReadScanFile leaves it, the stamp of its recording: see
+// ScanSource::Read.
+void GiveStamp(StampNs stamp_ns, bool recorded_stamp, Scan* scan);
 
 // The stamp of scan i where the recording carries none: i * frame_period_s.
 StampNs MadeUpStamp(std::size_t i, const ScanSourceOptions& options);

@@ -49,6 +49,9 @@ class VehicleScans final : public ScanSource {
                                   std::size_t most) const override;
   std::optional<StampNs> StampAfter(std::size_t i) const override;
   Scan Read(std::size_t i) const override { return Of(i).Read(order_.at(i).scan); }
+  PointTimeField PointTimes(std::size_t i) const override {
+    return Of(i).PointTimes(order_.at(i).scan);
+  }
   bool recorded_stamps() const override;
   RecordingDescription Describe() const override;
 

@@ -12,7 +12,7 @@
 #include "io/file/disk_room.h"
 #include "io/file/file_writer.h"
 #include "io/store/session_rows.h"
-#include "io/store/sqlite_file.h"
+#include "io/file/sqlite_file.h"
 
 namespace lamina {
 namespace {

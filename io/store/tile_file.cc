@@ -8,7 +8,7 @@
 #include "core/base/error.h"
 #include "io/file/disk_room.h"
 #include "io/file/file_writer.h"
-#include "io/store/sqlite_file.h"
+#include "io/file/sqlite_file.h"
 
 namespace lamina {
 namespace {

@@ -12,7 +12,7 @@
 
 #include "core/base/error.h"
 #include "io/file/checksum.h"
-#include "io/store/sqlite_file.h"
+#include "io/file/sqlite_file.h"
 #include "io/store/tile_file.h"
 
 namespace lamina {

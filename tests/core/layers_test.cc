@@ -27,7 +27,8 @@ const std::map<std::string, std::vector<std::string>> kMayInclude = {
 // one another.
 const std::map<std::string, std::vector<std::vector<std::string>>> kRooms = {
     {"core", {{"core/base"}, {"core/geometry"}, {"core/options"}, {"core/map"}}},
-    {"io", {{"io/file"}, {"io/recording", "io/store"}, {"io/inbox"}}},
+    {"io",
+     {{"io/file"}, {"io/container"}, {"io/message"}, {"io/recording", "io/store"}, {"io/inbox"}}},
     {"frontend", {{"frontend"}, {"frontend/pairwise"}}},
     {"backend",
      {{"backend/bundle"},

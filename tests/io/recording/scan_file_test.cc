@@ -161,7 +161,7 @@ TEST_F(ScanFileTest, PcdTimeFieldsOfManyNamesTypesAndUnits) {
                   0.1F);
   EXPECT_FLOAT_EQ(read("point_time_offset", "4", "F", p + Pack(0.0F) + p + Pack(1e8F)), 0.1F);
   EXPECT_FLOAT_EQ(read("stripes", "4", "F", p + Pack(0.0F) + p + Pack(0.1F)), -1.0F);
-  options_.point_time_unit = ScanSourceOptions::TimeUnit::kMilliseconds;
+  options_.point_time_unit = PointTimeUnit::kMilliseconds;
   EXPECT_FLOAT_EQ(read("t", "4", "F", p + Pack(0.0F) + p + Pack(0.5F)), 0.0005F);
 }
 

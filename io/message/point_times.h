@@ -5,8 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "core/geometry/scan.h"
-#include "io/recording/scan_source.h"
+#include "core/geometry/scan_source.h"
 
 namespace lamina {
 
@@ -14,6 +13,9 @@ namespace lamina {
 // an epoch do not fit a double.
 using RawTime = long double;
 static_assert(std::numeric_limits<RawTime>::digits >= 64, "stamps in ns need 64 bits");
+
+// Unit of a field of times. kAuto: the one that makes the scan last about as long as scans do.
+enum class PointTimeUnit { kAuto, kSeconds, kMilliseconds, kMicroseconds, kNanoseconds };
 
 struct PointTimes {
   // Time of the earliest point if the field has a clock of its own, else 0.
@@ -38,7 +40,7 @@ struct PointTimes {
 // is kept) or if it is float32 too coarse for its span (epoch seconds in a float32 step by 128 s).
 //
 // Values that are not finite get time 0. `field` names file and field in errors.
-PointTimes ConvertPointTimes(const std::vector<RawTime>& raw, bool is_float32,
-                             ScanSourceOptions::TimeUnit unit, const std::string& field);
+PointTimes ConvertPointTimes(const std::vector<RawTime>& raw, bool is_float32, PointTimeUnit unit,
+                             const std::string& field);
 
 }  // namespace lamina

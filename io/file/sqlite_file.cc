@@ -1,4 +1,4 @@
-#include "io/store/sqlite_file.h"
+#include "io/file/sqlite_file.h"
 
 #include <fmt/format.h>
 #include <sqlite3.h>

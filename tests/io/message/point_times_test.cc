@@ -1,4 +1,4 @@
-#include "io/recording/point_times.h"
+#include "io/message/point_times.h"
 
 #include <cmath>
 
@@ -7,7 +7,7 @@
 namespace lamina {
 namespace {
 
-using TimeUnit = ScanSourceOptions::TimeUnit;
+using TimeUnit = PointTimeUnit;
 using testing::FloatNear;
 using testing::HasSubstr;
 using testing::IsEmpty;

@@ -1,4 +1,4 @@
-#include "io/recording/point_times.h"
+#include "io/message/point_times.h"
 
 #include <fmt/format.h>
 
@@ -11,7 +11,7 @@
 namespace lamina {
 namespace {
 
-using TimeUnit = ScanSourceOptions::TimeUnit;
+using TimeUnit = PointTimeUnit;
 
 constexpr std::array<RawTime, 4> kNsPerUnit = {1e9L, 1e6L, 1e3L, 1.0L};  // from kSeconds on
 constexpr RawTime kNsPerS = 1e9L;

@@ -1,0 +1,199 @@
+#include "io/container/chunked_file.h"
+
+#include <fmt/format.h>
+#include <zlib.h>
+
+#include <algorithm>
+#include <limits>
+#include <tuple>
+
+#include "core/base/error.h"
+
+namespace lamina {
+namespace {
+
+// Larger chunks are unpacked anew for each message, piece by piece.
+constexpr std::uint64_t kMostCachedBytes = 16 << 20;
+// No recording is packed so well: such a chunk is made to take time and memory.
+constexpr std::uint64_t kMostRatio = 1000;
+constexpr std::size_t kPiece = 1 << 20;
+
+std::uint32_t AddToSum(std::uint32_t sum, std::string_view bytes) {
+  return static_cast<std::uint32_t>(
+      crc32_z(sum, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
+}
+
+}  // namespace
+
+std::optional<StampNs> LogTime(std::uint64_t ns) {
+  if (ns > static_cast<std::uint64_t>(std::numeric_limits<StampNs>::max() / 2)) return std::nullopt;
+  return static_cast<StampNs>(ns);
+}
+
+void ChunkedFile::Fail(std::uint64_t at, const std::string& what) const {
+  throw InputError(fmt::format("{}: byte {}: {}", file_.path(), at, what));
+}
+
+void ChunkedFile::NoIndex(const std::string& why) {
+  Doubt(fmt::format("{}: {}; it was read through as far as it goes", file_.path(), why));
+}
+
+void ChunkedFile::Clear() {
+  topics_.clear();
+  connections_.clear();
+  messages_.clear();
+  all_messages_ = left_out_ = 0;
+  chunks_.clear();
+  doubts_.clear();
+}
+
+const ChunkedFile::Connection* ChunkedFile::Find(std::uint64_t connection) const {
+  const auto found = connections_.find(connection);
+  return found == connections_.end() ? nullptr : &found->second;
+}
+
+void ChunkedFile::AddConnection(std::uint64_t connection, MessageTopic topic) {
+  const auto same = [&](const MessageTopic& other) {
+    return other.name == topic.name && other.type == topic.type && other.encoding == topic.encoding;
+  };
+  if (const Connection* known = Find(connection)) {
+    if (same(topics_[known->topic])) return;
+    throw InputError(fmt::format("{}: connection {} is of two topics, {} and {}", file_.path(),
+                                 connection, topics_[known->topic].name, topic.name));
+  }
+  constexpr std::size_t kMostNameBytes = 1024;
+  if (topic.name.size() > kMostNameBytes || topic.type.size() > kMostNameBytes) {
+    throw InputError(fmt::format("{}: the name of a topic has {} bytes", file_.path(),
+                                 std::max(topic.name.size(), topic.type.size())));
+  }
+  if (connections_.size() >= kMostTopics) {
+    throw InputError(
+        fmt::format("{}: more than {} connections: not read", file_.path(), kMostTopics));
+  }
+  const auto found = std::find_if(topics_.begin(), topics_.end(), same);
+  const auto at = static_cast<std::size_t>(found - topics_.begin());
+  if (found == topics_.end()) {
+    topics_.push_back(std::move(topic));
+    messages_.emplace_back();
+  }
+  connections_[connection] = {at, wanted_(topics_[at])};
+}
+
+bool ChunkedFile::AnyWanted() const {
+  return std::any_of(connections_.begin(), connections_.end(),
+                     [](const auto& connection) { return connection.second.wanted; });
+}
+
+void ChunkedFile::CheckChunk(const Chunk& chunk, std::uint64_t at) const {
+  if (chunk.end > file_.size() || chunk.begin > chunk.end) {
+    Fail(at, fmt::format("a chunk of {} bytes goes beyond the end of the file",
+                         chunk.end - chunk.begin));
+  }
+  const bool plain = chunk.compression == Compression::kNone;
+  const std::uint64_t packed = chunk.end - chunk.begin;
+  if (plain ? chunk.bytes != packed
+            : chunk.bytes > kMostCachedBytes && chunk.bytes / kMostRatio > packed) {
+    Fail(at, fmt::format("a chunk of {} bytes cannot have {} when unpacked", packed, chunk.bytes));
+  }
+}
+
+std::uint32_t ChunkedFile::AddChunk(const Chunk& chunk) {
+  chunks_.push_back(chunk);
+  return static_cast<std::uint32_t>(chunks_.size() - 1);
+}
+
+void ChunkedFile::AddMessage(const Connection& connection, StampNs log_ns, std::uint32_t chunk,
+                             std::uint64_t offset) {
+  MessageTopic& topic = topics_[connection.topic];
+  topic.first_log_ns = topic.log_times_known ? std::min(topic.first_log_ns, log_ns) : log_ns;
+  topic.last_log_ns = topic.log_times_known ? std::max(topic.last_log_ns, log_ns) : log_ns;
+  topic.log_times_known = true;
+  if (!connection.wanted) return;
+  if (all_messages_ >= kMostMessages) {
+    ++left_out_;
+    return;
+  }
+  ++all_messages_;
+  messages_[connection.topic].push_back({log_ns, offset, chunk, 0});
+}
+
+void ChunkedFile::Finish() {
+  const auto earlier = [](const MessagePlace& a, const MessagePlace& b) {
+    return a.log_ns < b.log_ns;
+  };
+  for (std::vector<MessagePlace>& places : messages_) {
+    if (!std::is_sorted(places.begin(), places.end(), earlier)) {
+      // By their places as well: the order of the index need not be that of the file.
+      std::sort(places.begin(), places.end(), [](const MessagePlace& a, const MessagePlace& b) {
+        return std::tie(a.log_ns, a.chunk, a.offset) < std::tie(b.log_ns, b.chunk, b.offset);
+      });
+    }
+  }
+  if (left_out_ > 0) {
+    Doubt(fmt::format("{}: the last {} messages are left out, no more than {} are read",
+                      file_.path(), left_out_, kMostMessages));
+  }
+}
+
+std::unique_ptr<ByteStream> ChunkedFile::Stream(const Chunk& chunk) const {
+  if (chunk.compression == Compression::kNone) {
+    return std::make_unique<FileStream>(file_, chunk.begin, chunk.end);
+  }
+  return std::make_unique<PackedStream>(
+      fmt::format("{}: chunk at byte {}", file_.path(), chunk.begin), chunk.compression,
+      SourceOf(file_, chunk.begin, chunk.end));
+}
+
+std::string ChunkedFile::Unpack(const Chunk& chunk) const {
+  std::string bytes = Stream(chunk)->Text(chunk.bytes, chunk.bytes);
+  if (chunk.crc != 0 && AddToSum(0, bytes) != chunk.crc) {
+    Fail(chunk.begin, "this chunk is damaged: its checksum is another");
+  }
+  return bytes;
+}
+
+void ChunkedFile::CheckSum(const Chunk& chunk) const {
+  {
+    const std::lock_guard<std::mutex> lock(summed_mutex_);
+    if (summed_.count(chunk.begin) > 0) return;
+  }
+  const auto stream = Stream(chunk);
+  std::uint32_t sum = 0;
+  while (stream->position() < chunk.bytes) {
+    const std::uint64_t piece = std::min<std::uint64_t>(kPiece, chunk.bytes - stream->position());
+    sum = AddToSum(sum, stream->Text(piece, piece));
+  }
+  if (sum != chunk.crc) Fail(chunk.begin, "this chunk is damaged: its checksum is another");
+  const std::lock_guard<std::mutex> lock(summed_mutex_);
+  summed_.insert(chunk.begin);
+}
+
+void ChunkedFile::WithChunk(std::uint32_t number,
+                            const std::function<void(ByteStream*)>& use) const {
+  const Chunk& chunk = chunks_.at(number);
+  const bool plain = chunk.compression == Compression::kNone;
+  if (chunk.bytes <= kMostCachedBytes && (!plain || chunk.crc != 0)) {
+    cache_->With(
+        {file_number_, chunk.begin}, static_cast<std::size_t>(chunk.bytes),
+        [&] { return Unpack(chunk); },
+        [&](const std::string& bytes) {
+          MemoryStream stream(fmt::format("{}: chunk at byte {}", file_.path(), chunk.begin),
+                              bytes);
+          use(&stream);
+        });
+    return;
+  }
+  if (chunk.crc != 0) CheckSum(chunk);
+  use(Stream(chunk).get());
+}
+
+std::string ChunkedFile::Read(const MessagePlace& place, std::size_t most) const {
+  std::string bytes;
+  WithChunk(place.chunk, [&](ByteStream* stream) {
+    stream->Skip(place.offset);
+    bytes = ReadRecord(stream, most);
+  });
+  return bytes;
+}
+
+}  // namespace lamina
