@@ -8,6 +8,7 @@
 #include "tools/doctor/command.h"
 #include "tools/eval/command.h"
 #include "tools/export/command.h"
+#include "tools/info/command.h"
 #include "tools/plot/command.h"
 #include "tools/register/command.h"
 #include "tools/report/command.h"
@@ -19,6 +20,7 @@ namespace lamina {
 void AddProductCommands(CLI::App* app, std::function<int()>* run) {
   AddRunCommand(app, run);
   AddWatchCommand(app, run);
+  AddInfoCommand(app, run);
   AddRegisterCommand(app, run);
   AddCalibrateCommand(app, run);
   AddConfigCommand(app, run);

@@ -130,6 +130,7 @@ void AddCalibrateCommand(CLI::App* app, std::function<int()>* run) {
       "Find the offsets of the sensor's elevation angles and ranges that make its map thinnest, "
       "and print the lines that put them into a configuration");
   command->add_option("--scans", a.scans, "Recording, as for `lamina run`")->required();
+  AddTopicOption(command, &a.config);
   AddConfigOptions(command, "; calibration.* is for this command", &a.config);
   AddFramesOption(command, &a.frames);
   AddThreadsOption(command, "", &a.threads);

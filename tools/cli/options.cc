@@ -24,6 +24,15 @@ void AddConfigOptions(CLI::App* command, const std::string& note, ConfigArgument
       ->allow_extra_args(false);
 }
 
+void AddTopicOption(CLI::App* command, ConfigArguments* arguments) {
+  command
+      ->add_option_function<std::string>(
+          "--topic",
+          [arguments](const std::string& name) { arguments->set.push_back("scans.topic=" + name); },
+          "With a bag or MCAP file: the topic of the scans, if there are several")
+      ->type_name("NAME");
+}
+
 void AddFramesOption(CLI::App* command, std::string* frames) {
   command
       ->add_option("--frames", *frames,

@@ -19,6 +19,9 @@ struct ConfigArguments {
 // --config and --set. `note` follows what is said of the file.
 void AddConfigOptions(CLI::App* command, const std::string& note, ConfigArguments* arguments);
 
+// --topic, which becomes the option scans.topic.
+void AddTopicOption(CLI::App* command, ConfigArguments* arguments);
+
 // --frames A:B, for ParseFrameRange.
 void AddFramesOption(CLI::App* command, std::string* frames);
 

@@ -212,6 +212,7 @@ void AddOptions(CLI::App* command, CompareArguments* a) {
                     "Error and solve time against the resolution of the input, too");
   command->add_flag("--keep-data", a->keep_data,
                     "With --suite: do not remove its scans at the end");
+  AddTopicOption(command, &a->config);
   AddConfigOptions(command, "; without it settings for a scanner that stands still are taken",
                    &a->config);
   AddProgressOption(command, &a->progress);

@@ -296,6 +296,7 @@ void AddScanOptions(CLI::App* command, EvalArguments* a) {
                    "The recording: prints the quality of the maps that the trajectories build "
                    "from it. It also lends its stamps to KITTI pose files")
       ->type_name("PATH");
+  AddTopicOption(command, &a->config);
   AddConfigOptions(command, "; what counts is how scans are read, deskewed and corrected",
                    &a->config);
 }

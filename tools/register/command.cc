@@ -258,6 +258,7 @@ void AddRegisterCommand(CLI::App* app, std::function<int()>* run) {
           "How bundle adjustment is formulated; others than the default are there to compare")
       ->capture_default_str()
       ->check(CLI::IsMember(FormulationNames()));
+  AddTopicOption(command, &a.config);
   AddConfigOptions(command, "; registration, map and backend.window are what counts here",
                    &a.config);
   AddFramesOption(command, &a.frames);

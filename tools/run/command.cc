@@ -245,12 +245,15 @@ void AddRunCommand(CLI::App* app, std::function<int()>* run) {
   CLI::App* command = app->add_subcommand(
       "run", "Estimate the pose of every scan of a recording and build its map");
   command
-      ->add_option("--scans", a.scans,
-                   "Recording: a KITTI sequence (velodyne/, times.txt, calib.txt), a KITTI raw "
-                   "drive (velodyne_points/), or a folder of .bin, .pcd or .ply files")
+      ->add_option(
+          "--scans", a.scans,
+          "Recording: a ROS 1 bag, an MCAP file, a ROS 2 bag, a KITTI sequence (velodyne/, "
+          "times.txt, calib.txt), a KITTI raw drive (velodyne_points/), or a folder of "
+          ".bin, .pcd or .ply files. `lamina info` says what is in one")
       ->required();
   command->add_option("--out", a.out, "Folder for the results; made if it is not there")
       ->required();
+  AddTopicOption(command, &a.config);
   AddConfigOptions(command, ", e.g. kitti_raw; `lamina config default` explains every option",
                    &a.config);
   AddFramesOption(command, &a.frames);

@@ -56,13 +56,13 @@ struct FirstScan {
   PointTimeField times;
 };
 
-FirstScan ReadFirst(const ScanSource& source, const FrameRange& range,
-                    const ScanSourceOptions& options) {
+FirstScan ReadFirst(const ScanSource& source, const FrameRange& range) {
   constexpr std::size_t kTries = 5;
   FirstScan first;
   for (std::size_t i = range.begin; i < std::min(range.end, range.begin + kTries); ++i) {
     try {
-      first.scan = ReadScanFile(source.Name(i), options, &first.times);
+      first.scan = source.Read(i);
+      first.times = source.PointTimes(i);
       return first;
     } catch (const InputError&) {
       // The run will say so, and goes on with the next one.
@@ -118,12 +118,10 @@ Fit FittingConfig(const ScanSource& source, const SensorGuess& sensor) {
   return {};
 }
 
-std::string DescribeConfig(const ScanSource& source, const SensorGuess& sensor,
-                           const std::string& config_name) {
+std::string DescribeConfig(const Fit& fit, const std::string& config_name) {
   const std::string given = fs::path(config_name).stem().string();
   std::string text =
       config_name.empty() ? "default options" : "configuration " + Printable(config_name);
-  const Fit fit = FittingConfig(source, sensor);
   if (fit.name.empty() || fit.name == given) return text;
   return text + fmt::format("; --config {} may fit better: {}", fit.name, fit.reason);
 }
@@ -159,11 +157,12 @@ SensorGuess GuessSensor(const std::vector<ScanPoint>& points) {
 OpeningLines DescribeOpening(const ScanSource& source, const FrameRange& range,
                              const LaminaConfig& config, const std::string& config_name) {
   const RecordingDescription recording = source.Describe();
-  const FirstScan first = ReadFirst(source, range, config.scans);
+  const FirstScan first = ReadFirst(source, range);
   const SensorGuess sensor = GuessSensor(first.scan.points);
   const double period_s = SweepPeriodOfScan(source, range.begin, config.scans.frame_period_s);
   const TimeSpan span = SpanOf(first.scan.time_s);
   const Deskew deskew = config.preparation.deskew;
+  const Fit fit = FittingConfig(source, sensor);
   OpeningLines opening;
   opening.lines = {
       fmt::format("scans   {}; stamps {}, {:.4g} Hz", recording.scans, recording.stamps,
@@ -173,7 +172,8 @@ OpeningLines DescribeOpening(const ScanSource& source, const FrameRange& range,
       fmt::format("sensor  {}, {:.0f} to {:.0f} deg up, {:.0f} deg around, up to {:.0f} m; {}",
                   sensor.rings > 0 ? fmt::format("{} rings", sensor.rings) : "no clear rings",
                   sensor.lowest_deg, sensor.highest_deg, sensor.around_deg, sensor.farthest_m,
-                  DescribeConfig(source, sensor, config_name))};
+                  DescribeConfig(fit, config_name))};
+  opening.fitting_config = fit.name;
   opening.doubts = recording.doubts;
   constexpr double kOverlap = 1.5;
   if (deskew != Deskew::kOff && deskew != Deskew::kAzimuth &&

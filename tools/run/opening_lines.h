@@ -25,9 +25,12 @@ SensorGuess GuessSensor(const std::vector<ScanPoint>& points);
 struct OpeningLines {
   std::vector<std::string> lines;   // three
   std::vector<std::string> doubts;  // what contradicts, each with what to do
+  // The shipped configuration that is for such a recording; empty if there is none.
+  std::string fitting_config;
 };
 
-// `config_name` is what --config gave; empty for none. Reads the first readable of a few scans.
+// `config_name` is what --config gave; empty for none. Reads the first readable of a few
+// scans.
 OpeningLines DescribeOpening(const ScanSource& source, const FrameRange& range,
                              const LaminaConfig& config, const std::string& config_name);
 

@@ -1,0 +1,86 @@
+#include "tools/info/command.h"
+
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include "config/config.h"
+#include "core/base/error.h"
+#include "core/base/printable_text.h"
+#include "io/container/message_container.h"
+#include "io/message/lidar_message.h"
+#include "tools/cli/options.h"
+#include "tools/info/recording_info.h"
+
+namespace lamina {
+namespace {
+
+struct InfoArguments {
+  std::string scans;
+  ConfigArguments config;
+};
+
+// Frame and fields of the first message that can be read.
+std::string DescribeMessages(const MessageContainer& container, std::size_t topic) {
+  constexpr std::size_t kTries = 5;
+  const std::vector<MessagePlace>& places = container.Messages(topic);
+  for (std::size_t i = 0; i < std::min(kTries, places.size()); ++i) {
+    try {
+      LidarMessageInfo info;
+      ScanFromMessage(container.topics()[topic], container.Read(places[i]), PointTimeUnit::kAuto,
+                      "message", &info);
+      return fmt::format("frame   {}\nfields  {}\n", Printable(info.frame_id),
+                         Printable(info.fields));
+    } catch (const InputError&) {
+      // The next one may be readable.
+    }
+  }
+  return "";
+}
+
+int DescribeContainer(const InfoArguments& arguments, LaminaConfig config) {
+  const auto container = OpenMessageContainer(arguments.scans, IsLidarTopic);
+  fmt::print("path    {}: {}\n{}", Printable(arguments.scans), container->kind(),
+             DescribeTopics(*container));
+  std::vector<std::size_t> lidar;
+  for (std::size_t t = 0; t < container->topics().size(); ++t) {
+    const MessageTopic& topic = container->topics()[t];
+    const bool asked = config.scans.topic.empty() || config.scans.topic == topic.name;
+    if (IsLidarTopic(topic) && asked && !container->Messages(t).empty()) lidar.push_back(t);
+  }
+  // Says what is missing.
+  if (lidar.empty()) OpenScans(arguments.scans, config.scans);
+  for (const std::size_t t : lidar) {
+    const std::string& topic = container->topics()[t].name;
+    config.scans.topic = topic;
+    fmt::print("\n{}{}", DescribeMessages(*container, t),
+               DescribeScans(*OpenScans(arguments.scans, config.scans), config, arguments.scans,
+                             lidar.size() > 1 ? topic : ""));
+  }
+  return 0;
+}
+
+int RunInfo(const InfoArguments& arguments) {
+  const LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
+  if (HoldsMessages(arguments.scans)) return DescribeContainer(arguments, config);
+  fmt::print("path    {}\n{}", Printable(arguments.scans),
+             DescribeScans(*OpenScans(arguments.scans, config.scans), config, arguments.scans, ""));
+  return 0;
+}
+
+}  // namespace
+
+void AddInfoCommand(CLI::App* app, std::function<int()>* run) {
+  auto arguments = std::make_shared<InfoArguments>();
+  CLI::App* command = app->add_subcommand(
+      "info", "What is in a recording: topics, scans, rate, gaps, sensor, and how to map it");
+  command->add_option("PATH", arguments->scans, "Recording, as for `lamina run`")->required();
+  AddTopicOption(command, &arguments->config);
+  AddConfigOptions(command, "; what counts is how scans are read", &arguments->config);
+  command->callback([arguments, run] { *run = [arguments] { return RunInfo(*arguments); }; });
+}
+
+}  // namespace lamina
