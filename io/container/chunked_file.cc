@@ -34,10 +34,6 @@ void ChunkedFile::Fail(std::uint64_t at, const std::string& what) const {
   throw InputError(fmt::format("{}: byte {}: {}", file_.path(), at, what));
 }
 
-void ChunkedFile::NoIndex(const std::string& why) {
-  Doubt(fmt::format("{}: {}; it was read through as far as it goes", file_.path(), why));
-}
-
 void ChunkedFile::Clear() {
   topics_.clear();
   connections_.clear();
@@ -128,6 +124,14 @@ void ChunkedFile::Finish() {
         return std::tie(a.log_ns, a.chunk, a.offset) < std::tie(b.log_ns, b.chunk, b.offset);
       });
     }
+  }
+  if (!read_through_.empty()) {
+    std::string text = file_.path() + ": " + read_through_;
+    if (!ended_by_.empty()) text += " as far as it goes: " + ended_by_;
+    if (damaged_ > 0) {
+      text += fmt::format("; {} chunks are damaged, at least in part: {}", damaged_, first_damage_);
+    }
+    Doubt(std::move(text));
   }
   if (left_out_ > 0) {
     Doubt(fmt::format("{}: the last {} messages are left out, no more than {} are read",

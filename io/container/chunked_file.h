@@ -43,7 +43,12 @@ class ChunkedFile : public MessageContainer {
 
   const RandomFile& file() const { return file_; }
   void Doubt(std::string text) { doubts_.push_back(std::move(text)); }
-  void NoIndex(const std::string& why);
+  // Why the file was read through, and what stopped that or was passed over: one line of doubts.
+  void NoIndex(const std::string& why) { read_through_ = why + "; it was read through"; }
+  void EndedBy(const std::string& what) { ended_by_ = what; }
+  void Damaged(const std::string& what) {
+    if (damaged_++ == 0) first_damage_ = what;
+  }
   // Throws InputError with the place in the file.
   [[noreturn]] void Fail(std::uint64_t at, const std::string& what) const;
 
@@ -90,6 +95,8 @@ class ChunkedFile : public MessageContainer {
   std::size_t all_messages_ = 0, left_out_ = 0;
   std::deque<Chunk> chunks_;
   std::vector<std::string> doubts_;
+  std::string read_through_, ended_by_, first_damage_;
+  std::size_t damaged_ = 0;
   // Places of those too large for the cache whose sum was found right.
   mutable std::mutex summed_mutex_;
   mutable std::set<std::uint64_t> summed_;

@@ -289,8 +289,6 @@ class Mcap final : public ChunkedFile {
     const std::uint32_t loose = AddChunk(whole);
     FileStream stream(file(), 0, file().size());
     stream.Skip(kMagic.size());
-    std::size_t damaged = 0;
-    std::string first_damage;
     try {
       while (stream.position() < file().size()) {
         const std::uint64_t place = stream.position();
@@ -303,7 +301,7 @@ class Mcap final : public ChunkedFile {
             const Chunk chunk = ReadChunkHead(content, place);
             WalkChunk(AddChunk(chunk), chunk.bytes);
           } catch (const InputError& error) {
-            if (damaged++ == 0) first_damage = error.what();
+            Damaged(error.what());
           }
         } else {
           ReadDataRecord(record.opcode, content, loose, place);
@@ -311,10 +309,7 @@ class Mcap final : public ChunkedFile {
         content.SkipRest();
       }
     } catch (const InputError& error) {
-      Doubt(fmt::format("the file ends, or is damaged: {}", error.what()));
-    }
-    if (damaged > 0) {
-      Doubt(fmt::format("{} chunks are damaged, at least in part: {}", damaged, first_damage));
+      EndedBy(error.what());
     }
   }
 

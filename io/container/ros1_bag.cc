@@ -203,8 +203,6 @@ class Ros1Bag final : public ChunkedFile {
   // Chunk by chunk, without the index.
   void Walk(std::uint64_t first) {
     FileStream stream(file(), first, file().size());
-    std::size_t damaged = 0;
-    std::string first_damage;
     try {
       while (first + stream.position() < file().size()) {
         const Record record = NextRecord(&stream);
@@ -218,16 +216,13 @@ class Ros1Bag final : public ChunkedFile {
           try {
             WalkChunk(AddChunk(chunk), chunk.bytes);
           } catch (const InputError& error) {
-            if (damaged++ == 0) first_damage = error.what();
+            Damaged(error.what());
           }
         }
         stream.Skip(record.data_bytes);
       }
     } catch (const InputError& error) {
-      Doubt(fmt::format("the file ends, or is damaged: {}", error.what()));
-    }
-    if (damaged > 0) {
-      Doubt(fmt::format("{} chunks are damaged, at least in part: {}", damaged, first_damage));
+      EndedBy(error.what());
     }
   }
 

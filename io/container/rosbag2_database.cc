@@ -11,6 +11,7 @@
 
 #include "core/base/error.h"
 #include "io/container/packed_stream.h"
+#include "io/container/whole_pages.h"
 #include "io/file/sqlite_file.h"
 
 namespace lamina {
@@ -25,9 +26,8 @@ class Rosbag2Database final : public MessageContainer {
  public:
   Rosbag2Database(const std::string& path, const TopicFilter& wanted) : path_(path) {
     try {
-      database_ = std::make_unique<SQLite::Database>(OpenUntouched(path));
+      Open();
       Prepare();
-      CheckSize();
       ReadTopics();
     } catch (const SQLite::Exception& error) {
       throw InputError(fmt::format("{}: cannot be read: {}", path, error.what()));
@@ -35,8 +35,10 @@ class Rosbag2Database final : public MessageContainer {
     try {
       ReadMessages(wanted);
     } catch (const SQLite::Exception& error) {
-      doubts_.push_back(
-          fmt::format("{}: is damaged and was read as far as it goes: {}", path, error.what()));
+      if (doubts_.empty()) {
+        doubts_.push_back(
+            fmt::format("{}: is damaged and was read as far as it goes: {}", path, error.what()));
+      }
     }
     for (std::vector<MessagePlace>& places : messages_) {
       std::sort(places.begin(), places.end(), [](const MessagePlace& a, const MessagePlace& b) {
@@ -71,6 +73,19 @@ class Rosbag2Database final : public MessageContainer {
   // What is asked for if only the beginning of a message is wanted.
   static constexpr std::size_t kFirstBytes = 4096;
 
+  void Open() {
+    const std::uint64_t bytes = RandomFile(path_).size(), declared = DeclaredSqliteBytes(path_);
+    if (bytes >= declared) {
+      database_ = std::make_unique<SQLite::Database>(OpenUntouched(path_));
+      return;
+    }
+    doubts_.push_back(
+        fmt::format("{}: is cut off: has {} of {} bytes; it is read as far as it goes", path_,
+                    bytes, declared));
+    database_ = std::make_unique<SQLite::Database>(
+        UntouchedUri(path_), SQLite::OPEN_READONLY | SQLite::OPEN_URI, 0, WholePagesVfs());
+  }
+
   void Prepare() const {
     // What a file says of itself runs nothing, and its pages take no memory to speak of.
     for (const char* pragma :
@@ -87,26 +102,6 @@ class Rosbag2Database final : public MessageContainer {
     if (tables.getColumn(0).getInt() != 2) {
       throw InputError(path_ + ": has no tables `topics` and `messages`: no ROS 2 bag");
     }
-  }
-
-  // Rows may be there although what they hold is behind the end of the file.
-  void CheckSize() {
-    const RandomFile file(path_);
-    unsigned char head[100] = {};
-    file.ReadAt(0, reinterpret_cast<char*>(head), sizeof(head));
-    const auto number = [&](std::size_t at, std::size_t bytes) {
-      std::uint64_t value = 0;
-      for (std::size_t i = 0; i < bytes; ++i) value = value << 8U | head[at + i];
-      return value;
-    };
-    // Of the file format: size of a page (1 means 65536), number of pages, and two counters that
-    // are equal if that number is kept.
-    const std::uint64_t page = number(16, 2) == 1 ? 65536 : number(16, 2);
-    const std::uint64_t whole = page * number(28, 4);
-    if (number(24, 4) != number(92, 4) || whole <= file.size()) return;
-    doubts_.push_back(
-        fmt::format("{}: is cut off: has {} of {} bytes; it is read as far as it goes", path_,
-                    file.size(), whole));
   }
 
   void ReadTopics() {

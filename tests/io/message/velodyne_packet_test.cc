@@ -55,7 +55,8 @@ TEST(VelodynePacket, OtherSensors) {
   const Scan puck = Decode({VelodynePacket(blocks, kVlp32cId, 0x37, 0)});
   ASSERT_THAT(puck.points, SizeIs(1));
   EXPECT_NEAR(puck.points[0].z, -4.0 * std::sin(15.639 * M_PI / 180.0), 1e-5);
-  EXPECT_NEAR(std::atan2(-puck.points[0].y, -puck.points[0].x), -1.4 * M_PI / 180.0, 1e-4);
+  // 1.4 deg before straight behind.
+  EXPECT_NEAR(std::atan2(-puck.points[0].y, -puck.points[0].x), 1.4 * M_PI / 180.0, 1e-4);
   EXPECT_NEAR(puck.time_s[0], (2 * 55.296 + 2.304) * 1e-6, 1e-9);
   const Scan hdl = Decode({VelodynePacket(blocks, kHdl32eId, 0x37, 0)});
   EXPECT_NEAR(hdl.points.at(0).z, -2.0 * std::sin(8.0 * M_PI / 180.0), 1e-5);

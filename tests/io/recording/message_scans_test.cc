@@ -104,7 +104,8 @@ TEST_F(MessageScansTest, WithoutScansItSaysWhatThereIs) {
   recorded.messages = {{0, 5, "imu"}};
   EXPECT_THAT(Error(Write("a.mcap", McapBytes(recorded, {}))),
               AllOf(HasSubstr("holds no scans"), HasSubstr("/imu (sensor_msgs/Imu, 1 messages)")));
-  EXPECT_THAT(Error(Write("a.txt", "text")), HasSubstr("not a folder that holds scans, and no ROS 1 bag"));
+  EXPECT_THAT(Error(Write("a.txt", "text")),
+              HasSubstr("not a folder that holds scans, and no ROS 1 bag"));
 }
 
 TEST_F(MessageScansTest, TimesOfRecordingWhereMessagesHaveNone) {
