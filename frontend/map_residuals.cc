@@ -4,6 +4,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "core/base/parallel.h"
 #include "core/geometry/robust_kernel.h"
@@ -53,8 +54,12 @@ NormalEquations MapResiduals::At(const SE3& T, double kernel_sigma, const Matrix
   return total;
 }
 
-std::vector<MapResiduals::Block> MapResiduals::Blocks(const SE3& T, double kernel_sigma) {
+VoxelKey MapResiduals::BlockAround(const Eigen::Vector3d& p) {
   constexpr double kTogetherM = 4.0;
+  return VoxelKeyOf(p, 1.0 / kTogetherM);
+}
+
+std::vector<MapResiduals::Block> MapResiduals::Blocks(const SE3& T, double kernel_sigma) {
   const Eigen::Matrix3d R = T.R();
   Associate(T, R);
   watching_ = false;
@@ -68,19 +73,35 @@ std::vector<MapResiduals::Block> MapResiduals::Blocks(const SE3& T, double kerne
     one.weight = 0.0;
     AddCluster(i, R, T.t, kernel_sigma, &one);
     if (one.weight == 0.0) continue;
-    const VoxelKey key = VoxelKeyOf(R * clusters_[i].mean + T.t, 1.0 / kTogetherM);
+    const VoxelKey key = BlockAround(R * clusters_[i].mean + T.t);
     const auto at =
         static_cast<std::size_t>(index.FindOrInsert(key, static_cast<std::int32_t>(blocks.size())));
-    if (at == blocks.size()) blocks.emplace_back();
+    if (at == blocks.size()) blocks.push_back({key, Matrix6d::Zero(), Vector6d::Zero()});
     blocks[at].H += one.H;
     blocks[at].g += one.g;
   }
   return blocks;
 }
 
+Matrix6d MapResiduals::SurfaceScatter(const SE3& T, double kernel_sigma, VoxelKey block) const {
+  const Eigen::Matrix3d R = T.R();
+  std::map<VoxelMap::NodeId, Vector6d> gradients;
+  NormalEquations one;
+  for (std::size_t i = 0; i < clusters_.size(); ++i) {
+    if (surfaces_[i] == VoxelMap::kNoNode || BlockAround(R * clusters_[i].mean + T.t) != block)
+      continue;
+    one.g.setZero();
+    AddCluster(i, R, T.t, kernel_sigma, &one);
+    gradients.try_emplace(surfaces_[i], Vector6d::Zero()).first->second += one.g;
+  }
+  Matrix6d scatter = Matrix6d::Zero();
+  for (const auto& [surface, g] : gradients) scatter += g * g.transpose();
+  return scatter;
+}
+
 Matrix6d MapResiduals::GradientScatter(const SE3& T, double kernel_sigma) {
   // A block that determines a direction nearly alone says nothing of how well.
-  constexpr double kMostShare = 0.9, kSmallShare = 0.02;
+  constexpr double kMostShare = 0.9, kSmallShare = 0.02, kLargeShare = 0.5;
   const std::vector<Block> blocks = Blocks(T, kernel_sigma);
   Matrix6d H = Matrix6d::Zero();
   for (const Block& block : blocks) H += block.H;
@@ -96,8 +117,26 @@ Matrix6d MapResiduals::GradientScatter(const SE3& T, double kernel_sigma) {
     if (shares.trace() > kSmallShare) {
       const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(shares);
       const Vector6d left = 1.0 - eigen.eigenvalues().array().min(kMostShare).max(0.0);
-      const Vector6d along = eigen.eigenvectors().transpose() * L.solve(g);
-      g = L * Vector6d(eigen.eigenvectors() * along.cwiseQuotient(left.cwiseSqrt()));
+      Vector6d along =
+          (eigen.eigenvectors().transpose() * L.solve(g)).cwiseQuotient(left.cwiseSqrt());
+      if (eigen.eigenvalues()(5) > kLargeShare) {
+        // Where the block determines a direction, its residuals as a whole are fitted away; those
+        // of its surfaces are not, and the larger scatter counts.
+        const Matrix6d to_tangent = L * eigen.eigenvectors();
+        const Matrix6d from_tangent = to_tangent.inverse();
+        Matrix6d apart =
+            from_tangent * SurfaceScatter(T, kernel_sigma, block.key) * from_tangent.transpose();
+        for (int i = 0; i < 6; ++i) {
+          if (eigen.eigenvalues()(i) > kLargeShare && apart(i, i) > along(i) * along(i)) {
+            along(i) = 0.0;
+          } else {
+            apart.row(i).setZero();
+            apart.col(i).setZero();
+          }
+        }
+        scatter += to_tangent * apart * to_tangent.transpose();
+      }
+      g = L * Vector6d(eigen.eigenvectors() * along);
     }
     scatter += g * g.transpose();
   }

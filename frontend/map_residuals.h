@@ -6,6 +6,7 @@
 
 #include "core/geometry/point_cluster.h"
 #include "core/geometry/se3.h"
+#include "core/map/voxel_key.h"
 #include "core/map/voxel_map.h"
 #include "frontend/degeneracy.h"
 
@@ -59,10 +60,15 @@ class MapResiduals {
  private:
   // H and gradient of the clusters in a block of space, where errors are alike.
   struct Block {
+    VoxelKey key = 0;
     Matrix6d H = Matrix6d::Zero();
     Vector6d g = Vector6d::Zero();
   };
   std::vector<Block> Blocks(const SE3& T, double kernel_sigma);
+  static VoxelKey BlockAround(const Eigen::Vector3d& p);
+  // Sum of g g' over the surfaces that a block's clusters meet, g being the gradient of a surface's
+  // own. At the pose of the last At.
+  Matrix6d SurfaceScatter(const SE3& T, double kernel_sigma, VoxelKey block) const;
   // Looks up the surface around each cluster, unless the pose is still so near the one of the last
   // look-up that a cluster at 30 m has moved by less than a small part of a leaf.
   void Associate(const SE3& T, const Eigen::Matrix3d& R);

@@ -33,9 +33,11 @@
 // several planes, the pose of the scan that made most of the planes there), which count once, and
 // those of different blocks are taken for independent (cluster-robust covariance). C_s makes up for
 // what fitting the pose has taken from the residuals of a block, the more the larger its share
-// (CR2; Bell and McCaffrey 2002): in a room a few blocks determine it. Motion within the scan that
-// is not steady comes on top (sweep_error.h). It is the error of the pose relative to the map
-// around it; what the map has drifted by before is not in it.
+// (CR2; Bell and McCaffrey 2002): in a room a few blocks determine it. Along what one block
+// determines by more than half, fitting leaves hardly anything of its residuals as a whole; there
+// the surfaces in it count as independent, if that is more. Motion within the scan that is not
+// steady comes on top (sweep_error.h). It is the error of the pose relative to the map around it;
+// what the map has drifted by before is not in it.
 #pragma once
 
 #include <vector>

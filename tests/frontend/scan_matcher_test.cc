@@ -110,6 +110,22 @@ TEST(ScanMatcher, TheCovarianceHoldsWhereFewBlocksDetermineThePose) {
   EXPECT_LT(nees, 2.0);
 }
 
+World Scaled(World world, double factor) {
+  for (Facet& facet : world.facets) {
+    for (Eigen::Vector3d* v : {&facet.centre, &facet.edge1, &facet.edge2}) *v *= factor;
+  }
+  return world;
+}
+
+TEST(ScanMatcher, TheCovarianceHoldsWhereOneBlockDeterminesThePose) {
+  for (const World& small :
+       {Scaled(World::Room(), 0.6), Scaled(World::Room(), 0.8), Scaled(World::Corner(), 0.8)}) {
+    const double nees = NeesPerDof(small, 0.0);
+    EXPECT_GT(nees, 0.5);
+    EXPECT_LT(nees, 2.0);
+  }
+}
+
 TEST(ScanMatcher, ACorridorLeavesItsAxisToThePrediction) {
   Stage stage(World::Corridor(), 2);
   const ScanMatcher matcher{ScanMatcherOptions()};
