@@ -25,6 +25,7 @@ namespace lamina {
 // Rotations count by what they move at this distance, in metres.
 inline constexpr double kRotationArmM = 3.0;
 
+// A gradient or a matrix of information in the scaled tangent.
 inline Vector6d DividedByArm(Vector6d v) {
   v.head<3>() /= kRotationArmM;
   return v;
@@ -32,6 +33,17 @@ inline Vector6d DividedByArm(Vector6d v) {
 inline Matrix6d DividedByArm(Matrix6d m) {
   m.topRows<3>() /= kRotationArmM;
   m.leftCols<3>() /= kRotationArmM;
+  return m;
+}
+
+// A step or a covariance in the scaled tangent.
+inline Vector6d TimesArm(Vector6d v) {
+  v.head<3>() *= kRotationArmM;
+  return v;
+}
+inline Matrix6d TimesArm(Matrix6d m) {
+  m.topRows<3>() *= kRotationArmM;
+  m.leftCols<3>() *= kRotationArmM;
   return m;
 }
 

@@ -4,6 +4,9 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <vector>
+
+#include "core/base/median.h"
 
 namespace lamina {
 namespace {
@@ -20,6 +23,12 @@ double SigmaM(const PosePrediction& prediction) {
   return std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
 }
 
+// 0 if there are none.
+double MedianOf(const std::deque<double>& values) {
+  std::vector<double> copy(values.begin(), values.end());
+  return copy.empty() ? 0.0 : UpperMedian(&copy);
+}
+
 // Differences in evidence that say nothing.
 constexpr double kAlike = 0.01;
 
@@ -28,10 +37,8 @@ constexpr double kLikelySigmas = 2.0;
 
 // Largest standard deviation over all directions of the scaled tangent, metres.
 double WorstSigma(const Matrix6d& covariance) {
-  Matrix6d scaled = covariance;
-  scaled.topRows<3>() *= kRotationArmM;
-  scaled.leftCols<3>() *= kRotationArmM;
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(scaled, Eigen::EigenvaluesOnly);
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(TimesArm(covariance),
+                                                       Eigen::EigenvaluesOnly);
   return std::sqrt(std::max(0.0, solver.eigenvalues()(5)));
 }
 
@@ -188,6 +195,8 @@ void Odometry::Judge(const SearchedScan& scan, const PoseHypotheses& hypotheses,
   }
 }
 
+double Odometry::RecentInliers() const { return MedianOf(recent_inliers_); }
+
 bool Odometry::StoodStill(const MatchResult& match) const {
   // It may have gone on by a scan's way.
   constexpr double kStoodM = 0.5, kGoneOnS = 0.15, kStoodRad = 0.1, kStoodInliers = 0.9;
@@ -279,7 +288,7 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
   if (match.status != MatchResult::Status::kConverged) return false;
   // What fits no better than chance fits badly, whatever went before.
   constexpr double kLeastFit = 0.65;
-  if (match.fit() < std::max(kLeastFit, options_.doubtful_fit_ratio * Median(recent_fits_)))
+  if (match.fit() < std::max(kLeastFit, options_.doubtful_fit_ratio * MedianOf(recent_fits_)))
     return false;
   if (gap && !StoodStill(match)) {
     // Beyond the reach of the search there may be a better place.
@@ -288,13 +297,6 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
   }
   if (gap && WorstSigma(match.covariance) > options_.max_sigma_m) return false;
   return unique();
-}
-
-double Odometry::Median(const std::deque<double>& values) {
-  if (values.empty()) return 0.0;
-  std::vector<double> sorted(values.begin(), values.end());
-  std::sort(sorted.begin(), sorted.end());
-  return sorted[sorted.size() / 2];
 }
 
 void Odometry::Accept(const OdometryFrame& frame) {
@@ -319,11 +321,21 @@ void Odometry::Accept(const OdometryFrame& frame) {
   }
 }
 
-void Odometry::StartAt(const SE3& T_world_lidar) {
-  motion_.StartAt(T_world_lidar);
+void Odometry::StartOver() {
+  motion_ = MotionModel(options_.motion);
   acceleration_.Clear();
   recent_inliers_.clear();
   recent_fits_.clear();
+  lost_ = false;
+}
+
+void Odometry::Accept(StampNs stamp_ns, const SE3& T_world_lidar) {
+  motion_.Accept(stamp_ns, T_world_lidar, motion_.started());
+}
+
+void Odometry::StartAt(const SE3& T_world_lidar) {
+  StartOver();
+  motion_.StartAt(T_world_lidar);
 }
 
 void Odometry::Archive(StateArchive& a) {

@@ -102,6 +102,9 @@ class Odometry {
   void TrustClock(bool trusted) { motion_.TrustClock(trusted); }
   // A body twist of the last frame that is known better than from the way since the frame before.
   void Assume(const Vector6d& twist) { motion_.Assume(twist); }
+  // Begins anew with poses that are known otherwise: forgets all, then takes one after the other.
+  void StartOver();
+  void Accept(StampNs stamp_ns, const SE3& T_world_lidar);
   // Makes this pose the last one: the next scan is expected there.
   void StartAt(const SE3& T_world_lidar);
 
@@ -113,8 +116,7 @@ class Odometry {
   Vector6d Twist(StampNs stamp_ns) const { return motion_.Twist(stamp_ns); }
 
  private:
-  double RecentInliers() const { return Median(recent_inliers_); }
-  static double Median(const std::deque<double>& values);  // 0 if there are none
+  double RecentInliers() const;  // the median; 0 if there are none
   // Whether a match is farther from the prediction than its uncertainty explains.
   bool Surprising(const MatchResult& match, const PosePrediction& prediction) const;
   // Whether a match is farther from the prediction than matching alone may carry it.

@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/geometry/robust_kernel.h"
 #include "frontend/map_residuals.h"
+#include "frontend/plane_score.h"
 
 namespace lamina {
 namespace {
@@ -21,6 +21,12 @@ struct Held {
   Vector6d prior = Vector6d::Zero();       // information of the prediction
   int count = 0;
 };
+
+// A normal matrix (scaled) in which these directions carry that information and nothing else.
+Matrix6d WithHeld(const Matrix6d& H, const Matrix6d& directions, const Vector6d& information) {
+  const Matrix6d keep = Matrix6d::Identity() - directions * directions.transpose();
+  return keep * H * keep + directions * information.asDiagonal() * directions.transpose();
+}
 
 Matrix6d EigenvectorsOf(const NormalEquations& eq, double* smallest) {
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(DividedByArm(eq.H));
@@ -124,17 +130,13 @@ class Descent {
 
   // Normal matrix (scaled) in which a held direction carries what counts and the prediction.
   Matrix6d Information() const {
-    const Matrix6d keep = Matrix6d::Identity() - held_.directions * held_.directions.transpose();
-    const Vector6d held = held_.facing + held_.prior;
-    return keep * DividedByArm(eq_.H) * keep +
-           held_.directions * held.asDiagonal() * held_.directions.transpose();
+    return WithHeld(DividedByArm(eq_.H), held_.directions, held_.facing + held_.prior);
   }
 
   Vector6d Step() const {
     const Matrix6d keep = Matrix6d::Identity() - held_.directions * held_.directions.transpose();
     const Vector6d gradient = DividedByArm(eq_.g);
-    Vector6d off = LocalDelta(prediction_.T_world_lidar, T_);
-    off.head<3>() *= kRotationArmM;
+    const Vector6d off = TimesArm(LocalDelta(prediction_.T_world_lidar, T_));
     Vector6d g = keep * gradient;
     for (int k = 0; k < held_.count; ++k) {
       const Vector6d v = held_.directions.col(k);
@@ -182,36 +184,6 @@ class Descent {
   Held held_;
 };
 
-// How well a cluster fits the plane around it at a pose.
-class PlaneScore {
- public:
-  static constexpr double kNone = -1.0;
-
-  PlaneScore(const SE3& T_world_lidar, const VoxelMap& map, double scale_m)
-      : R_(T_world_lidar.R()),
-        t_(T_world_lidar.t),
-        map_(map),
-        inverse2_(1.0 / (scale_m * scale_m)) {}
-
-  // In (0, 1]; kNone where there is no plane.
-  double Of(const PointCluster& cluster) const {
-    const Eigen::Vector3d p = R_ * cluster.mean + t_;
-    if (!map_.CanHold(p)) return kNone;
-    const VoxelMap::NodeId id = map_.FindSurface(p);
-    if (id == VoxelMap::kNoNode) return kNone;
-    const Surface& surface = map_.surface(id);
-    if (surface.kind != Surface::Kind::kPlane) return kNone;
-    const double distance = surface.normal.cast<double>().dot(p - surface.mean);
-    return GemanMcClureWeight(distance * distance * inverse2_);
-  }
-
- private:
-  Eigen::Matrix3d R_;
-  Eigen::Vector3d t_;
-  const VoxelMap& map_;
-  double inverse2_;
-};
-
 }  // namespace
 
 void ScanMatcherOptions::Visit(OptionVisitor& v) {
@@ -230,10 +202,7 @@ void ScanMatcherOptions::Visit(OptionVisitor& v) {
 }
 
 double PosePrediction::Information(const Vector6d& direction) const {
-  Matrix6d scaled = covariance;
-  scaled.topRows<3>() *= kRotationArmM;
-  scaled.leftCols<3>() *= kRotationArmM;
-  const double variance = direction.dot(scaled * direction);
+  const double variance = direction.dot(TimesArm(covariance) * direction);
   constexpr double kLeast = 1e-6;  // m^2: nothing is predicted to a millimetre
   return 1.0 / std::max(variance, kLeast);
 }
@@ -278,8 +247,7 @@ Matrix6d ScanMatcher::SweepCovariance(const std::vector<PointCluster>& deskewed,
   to_tangent.bottomRightCorner<3, 3>() = match.T_world_lidar.R();
   const Matrix6d& V = match.degenerate_directions;
   const Matrix6d keep = Matrix6d::Identity() - V * V.transpose();
-  const Matrix6d information = keep * DividedByArm(sums.H) * keep +
-                               V * match.degenerate_information.asDiagonal() * V.transpose() +
+  const Matrix6d information = WithHeld(DividedByArm(sums.H), V, match.degenerate_information) +
                                1e-9 * sums.H.trace() * Matrix6d::Identity();
   const Matrix6d moved = information.ldlt().solve(keep * DividedByArm(sums.shared) * to_tangent);
   return DividedByArm(Matrix6d(moved * acceleration_moment * moved.transpose()));

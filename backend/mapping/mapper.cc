@@ -47,7 +47,8 @@ Mapper::Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
       T_world_start_(T_world_start),
       odometry_(options.odometry),
       window_(options.backend.window, map),
-      lost_track_(options.odometry, options.map) {
+      lost_track_(options.odometry, options.map),
+      start_(options.odometry, options.map) {
   CheckOptions(options.backend, "backend");
   options.backend.CheckTogether();
 }
@@ -61,6 +62,7 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   if (odometry_.started()) RecallAround(odometry_.Predict(stamp_ns), *clusters);
   result.odometry = Register(stamp_ns, *clusters);
   OdometryFrame& frame = result.odometry;
+  if (start_.open()) FollowStart(scan, &frame);
   if (frame.status == OdometryFrame::Status::kLost) {
     if (!odometry_.lost()) lost_track_.Add(stamp_ns, *clusters, frame.twist);
     odometry_.Lose();
@@ -86,6 +88,45 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
         {scan.number, stamp_ns, NextId() - 1, keyframes_.back().Inverse() * frame.T_world_lidar});
   }
   return result;
+}
+
+void Mapper::FollowStart(const MapperScan& scan, OdometryFrame* frame) {
+  // Only as long as all that the scans have left can be taken back.
+  if (localising_ || window_.full() || open_.size() != start_.scans().size()) start_.Clear();
+  if (!start_.open()) return;
+  start_.Add(*frame, scan.stamp_made_up, *scan.clusters);
+  if (start_.overruled()) {
+    StartOver(frame);
+    start_.Clear();
+  }
+  frame->match.covariance += start_.Spread(frame->T_world_lidar);
+}
+
+void Mapper::StartOver(OdometryFrame* frame) {
+  map_->Refresh();
+  DropWindow();
+  map_->BeginPiece(piece_);
+  window_ = SlidingWindow(options_.backend.window, map_);
+  odometry_.StartOver();
+  lost_track_.Clear();
+  keyframes_.clear();
+  keyframes_since_solve_ = frames_since_keyframe_ = 0;
+  OdometryFrame taken;
+  for (std::size_t k = 0; k < start_.scans().size(); ++k) {
+    const StartTrack::Scan& scan = start_.scans()[k];
+    taken.status = k == 0 ? OdometryFrame::Status::kFirst : OdometryFrame::Status::kTracked;
+    taken.stamp_ns = scan.stamp_ns;
+    taken.T_world_lidar = taken.T_world_predicted = scan.T_world_lidar;
+    taken.twist = scan.twist;
+    if (k + 1 == start_.scans().size()) break;
+    odometry_.Accept(scan.stamp_ns, scan.T_world_lidar);
+    if (IsKeyframe(scan.T_world_lidar)) AddKeyframe(taken, scan.clusters);
+    open_[k].keyframe_id = NextId() - 1;
+    open_[k].T_keyframe_lidar = keyframes_.back().Inverse() * scan.T_world_lidar;
+  }
+  taken.match = start_.match();
+  taken.searched = true;
+  *frame = taken;
 }
 
 OdometryFrame Mapper::FindAgain(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) {
@@ -189,7 +230,8 @@ bool Mapper::SolvePossible() const {
 }
 
 bool Mapper::SolveDue() const {
-  return SolvePossible() && keyframes_since_solve_ >= options_.backend.solve_every_keyframes;
+  return SolvePossible() && !start_.contested() &&
+         keyframes_since_solve_ >= options_.backend.solve_every_keyframes;
 }
 
 BundleProblem Mapper::PrepareSolve() {
@@ -287,7 +329,8 @@ std::vector<Eigen::Vector3d> Mapper::NewestKeyframe() const {
 
 void Mapper::Archive(StateArchive& a) {
   a(&T_world_start_, &odometry_, &window_, &keyframes_, &first_id_, &keyframes_since_solve_,
-    &frames_since_keyframe_, &solving_, &lost_in_a_row_, &lost_track_, &matched_, &localising_);
+    &frames_since_keyframe_, &solving_, &lost_in_a_row_, &lost_track_, &start_, &matched_,
+    &localising_);
   open_.resize(a.Size(open_.size(), 1));
   for (OpenFrame& frame : open_) {
     a(&frame.scan, &frame.stamp_ns, &frame.keyframe_id, &frame.T_keyframe_lidar);

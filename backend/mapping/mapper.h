@@ -26,6 +26,7 @@
 #include "core/map/voxel_map.h"
 #include "frontend/lost_track.h"
 #include "frontend/odometry.h"
+#include "frontend/start_track.h"
 
 namespace lamina {
 
@@ -144,6 +145,10 @@ class Mapper {
   void AddKeyframe(const OdometryFrame& frame, std::vector<TimedCluster> clusters);
   // The same for a scan that follows a lost one.
   OdometryFrame FindAgain(StampNs stamp_ns, const std::vector<TimedCluster>& clusters);
+  // While the first scans have several explanations. *frame is what odometry made of this one.
+  void FollowStart(const MapperScan& scan, OdometryFrame* frame);
+  // Takes back all scans so far and takes them again as start_ has them; *frame is of the newest.
+  void StartOver(OdometryFrame* frame);
   // Whether a lost scan is to begin a map anew.
   bool MayRestart() const;
   // Deskews the last keyframe again, now that the motion after it is known too. False if it makes
@@ -173,6 +178,7 @@ class Mapper {
   std::vector<std::int64_t> solving_;  // ids of the frames of the problem under way
   int lost_in_a_row_ = 0;
   LostTrack lost_track_;
+  StartTrack start_;
   bool matched_ = false;  // any scan, ever
   bool localising_ = false;
 };

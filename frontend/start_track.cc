@@ -1,0 +1,274 @@
+#include "frontend/start_track.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <utility>
+
+#include "core/geometry/robust_kernel.h"
+#include "core/map/voxel_key.h"
+#include "frontend/odometry.h"
+#include "frontend/plane_score.h"
+
+namespace lamina {
+namespace {
+
+// Half the distance at which two minima are told apart.
+constexpr double kScaleM = 0.06;
+constexpr double kSameM = 0.1;
+// Scans farther apart leave more open than matching from a prediction can bridge.
+constexpr double kMostGapS = 0.25;
+constexpr std::size_t kMostHypotheses = 6, kMostScans = 8;
+
+// Hypotheses are minima already: a wide kernel would lead all of them into one.
+ScanMatcherOptions Narrow(ScanMatcherOptions options) {
+  options.kernel_start_sigma = options.kernel_end_sigma;
+  return options;
+}
+
+// How much a cluster at p that meets this plane counts along u, as far as it fits.
+double FitAlong(const Surface& plane, const Eigen::Vector3d& p, const Eigen::Vector3d& u) {
+  const Eigen::Vector3d normal = plane.normal.cast<double>();
+  const double facing = normal.dot(u), distance = normal.dot(p - plane.mean);
+  return facing * facing * GemanMcClureWeight(distance * distance / (kScaleM * kScaleM));
+}
+
+// The direction that the fewest planes face.
+Eigen::Vector3d LeastFaced(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
+                           const VoxelMap& map) {
+  Eigen::Matrix3d faced = Eigen::Matrix3d::Zero();
+  for (const PointCluster& cluster : clusters) {
+    const Surface* plane = PlaneAt(map, T_world_lidar * cluster.mean);
+    if (plane == nullptr) continue;
+    const Eigen::Vector3d normal = plane->normal.cast<double>();
+    faced += normal * normal.transpose();
+  }
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(faced).eigenvectors().col(0);
+}
+
+}  // namespace
+
+StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& map_options)
+    : map_options_(map_options),
+      matcher_(Narrow(options.matcher)),
+      reach_m_s_(2.0 * options.motion.start_speed_sigma_m_s) {}
+
+void StartTrack::Clear() {
+  open_ = overruled_ = false;
+  scans_.clear();
+  hypotheses_.clear();
+}
+
+void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
+                     const std::vector<TimedCluster>& clusters) {
+  if (!scans_.empty()) {
+    const double gap_s = SecondsBetween(scans_.back().stamp_ns, frame.stamp_ns);
+    if (stamp_made_up || gap_s <= 0.0 || gap_s > kMostGapS) return Clear();
+  }
+  scans_.push_back({frame.stamp_ns, clusters, frame.T_world_lidar, Vector6d::Zero()});
+  if (scans_.size() == 1) return;
+  if (scans_.size() == 2) {
+    Begin(frame);
+  } else {
+    const bool followed = followed_ && Follow(&hypotheses_.front());
+    std::vector<Hypothesis> left;
+    for (std::size_t i = 0; i < hypotheses_.size(); ++i) {
+      const bool first = i == 0 && followed_;
+      if (first ? followed : Follow(&hypotheses_[i])) left.push_back(std::move(hypotheses_[i]));
+    }
+    hypotheses_ = std::move(left);
+    followed_ = followed;
+  }
+  Decide();
+}
+
+VoxelMap StartTrack::MapOf(const std::vector<SE3>& poses, std::size_t scans) const {
+  VoxelMap map(map_options_);
+  for (std::size_t k = 0; k < scans; ++k) {
+    const std::vector<PointCluster> clusters =
+        DeskewClusters(scans_[k].clusters, Twist(poses, std::max<std::size_t>(k, 1)));
+    for (const PointCluster& cluster : clusters) {
+      const PointCluster moved = cluster.Moved(poses[k]);
+      if (map.CanHold(moved.mean))
+        map.AddWindow(map.LeafAt(moved.mean), moved, static_cast<std::int64_t>(k));
+    }
+  }
+  map.Refresh();
+  return map;
+}
+
+Vector6d StartTrack::Twist(const std::vector<SE3>& poses, std::size_t scan) const {
+  if (scan >= poses.size()) return Vector6d::Zero();
+  const double gap_s = SecondsBetween(scans_[scan - 1].stamp_ns, scans_[scan].stamp_ns);
+  return TwistLog(poses[scan - 1].Inverse() * poses[scan]) / gap_s;
+}
+
+std::vector<SE3> StartTrack::Minima(const std::vector<PointCluster>& clusters,
+                                    const SE3& T_world_lidar, const VoxelMap& map) const {
+  constexpr double kStepM = 0.5 * kScaleM, kLeastFacing = 0.3, kLeastShare = 0.3;
+  const double gap_s = SecondsBetween(scans_[0].stamp_ns, scans_[1].stamp_ns);
+  const double reach_m = reach_m_s_ * gap_s + kStepM;
+  // The clusters that may meet a plane facing u at all.
+  std::vector<Eigen::Vector3d> points;
+  const double voxel_m = map.options().LeafSize();
+  // Along u the sensor may have moved so far to either side of where it was.
+  const double middle_m = u_.dot(scans_[0].T_world_lidar.t - T_world_lidar.t);
+  for (const PointCluster& cluster : clusters) {
+    const Eigen::Vector3d p = T_world_lidar * cluster.mean;
+    bool faces = false;
+    for (double way_m = -reach_m; !faces && way_m < reach_m; way_m += 0.5 * voxel_m) {
+      const Surface* plane = PlaneAt(map, p + (middle_m + way_m) * u_);
+      faces = plane != nullptr && std::abs(plane->normal.cast<double>().dot(u_)) > kLeastFacing;
+    }
+    if (faces) points.push_back(p);
+  }
+  const int steps = static_cast<int>(std::ceil(reach_m / kStepM));
+  std::vector<std::pair<double, double>> profile;  // evidence, way
+  for (int i = -steps; i <= steps; ++i) {
+    const double way_m = middle_m + kStepM * i;
+    double sum = 0.0;
+    for (const Eigen::Vector3d& point : points) {
+      const Eigen::Vector3d p = point + way_m * u_;
+      const Surface* plane = PlaneAt(map, p);
+      if (plane != nullptr) sum += FitAlong(*plane, p, u_);
+    }
+    profile.emplace_back(sum, way_m);
+  }
+  std::vector<std::pair<double, double>> minima;
+  for (std::size_t i = 1; i + 1 < profile.size(); ++i) {
+    if (profile[i].first > profile[i - 1].first && profile[i].first >= profile[i + 1].first)
+      minima.push_back(profile[i]);
+  }
+  std::stable_sort(minima.begin(), minima.end(),
+                   [](const auto& a, const auto& b) { return a.first > b.first; });
+  if (minima.size() > kMostHypotheses) minima.resize(kMostHypotheses);
+  std::vector<SE3> poses;
+  for (const auto& [evidence, way_m] : minima) {
+    if (evidence < kLeastShare * minima.front().first) break;
+    poses.emplace_back(T_world_lidar.q, T_world_lidar.t + way_m * u_);
+  }
+  return poses;
+}
+
+double StartTrack::Better(const Hypothesis& a, const Hypothesis& b) const {
+  constexpr double kTogetherM = 4.0;
+  std::map<VoxelKey, double> differences;
+  std::size_t i = 0;
+  for (std::size_t k = 1; k < scans_.size(); ++k) {
+    for (const TimedCluster& cluster : scans_[k].clusters) {
+      if (a.fits[i] >= 0.0F && b.fits[i] >= 0.0F) {
+        differences[VoxelKeyOf(cluster.points.mean, 1.0 / kTogetherM)] +=
+            static_cast<double>(a.fits[i] - b.fits[i]);
+      }
+      ++i;
+    }
+  }
+  double sum = 0.0, squares = 0.0;
+  for (const auto& [block, difference] : differences) {
+    const double vote = difference / std::hypot(1.0, difference);
+    sum += vote;
+    squares += vote * vote;
+  }
+  return squares > 0.0 ? sum / std::sqrt(squares) : 0.0;
+}
+
+void StartTrack::Begin(const OdometryFrame& frame) {
+  if (frame.match.status == MatchResult::Status::kTooFewMatches) return;
+  const SE3& T_first = scans_[0].T_world_lidar;
+  const SE3& T = frame.match.T_world_lidar;
+  const VoxelMap map = MapOf({T_first, T}, 1);
+  const std::vector<PointCluster> clusters =
+      DeskewClusters(scans_[1].clusters, Twist({T_first, T}, 1));
+  u_ = LeastFaced(clusters, T, map);
+  std::vector<SE3> starts = {T};
+  for (const SE3& minimum : Minima(clusters, T, map)) {
+    if ((minimum.t - T.t).norm() > kSameM) starts.push_back(minimum);
+  }
+  if (starts.size() == 1) return;
+  for (const SE3& start : starts) {
+    Hypothesis hypothesis;
+    hypothesis.poses = {T_first, start};
+    if (!Match(&hypothesis)) continue;
+    const SE3& end = hypothesis.poses.back();
+    const bool known = std::any_of(
+        hypotheses_.begin(), hypotheses_.end(),
+        [&](const Hypothesis& other) { return (other.poses.back().t - end.t).norm() < kSameM; });
+    if (!known) hypotheses_.push_back(std::move(hypothesis));
+  }
+  // Where odometry has found no minimum, there is nothing to compare with.
+  followed_ = !hypotheses_.empty() && (hypotheses_.front().poses.back().t - T.t).norm() < kSameM;
+  if (!followed_) hypotheses_.clear();
+}
+
+bool StartTrack::Follow(Hypothesis* hypothesis) const {
+  std::vector<SE3>& poses = hypothesis->poses;
+  const std::size_t last = poses.size() - 1;
+  const double gap_s = SecondsBetween(scans_[last].stamp_ns, scans_[last + 1].stamp_ns);
+  poses.push_back(poses[last] * TwistExp(gap_s * Twist(poses, last)));
+  return Match(hypothesis);
+}
+
+bool StartTrack::Match(Hypothesis* hypothesis) const {
+  constexpr double kOpenM = 1.0;
+  std::vector<SE3>& poses = hypothesis->poses;
+  const std::size_t newest = poses.size() - 1;
+  const std::vector<TimedCluster>& timed = scans_[newest].clusters;
+  // The first two scans are deskewed by the motion that their match finds.
+  const int rounds = newest == 1 && AnyTimed(timed) ? 3 : 1;
+  PosePrediction prediction;
+  prediction.covariance.diagonal().setConstant(kOpenM * kOpenM);
+  for (int round = 0; round < rounds; ++round) {
+    const VoxelMap map = MapOf(poses, newest);
+    const std::vector<PointCluster> clusters = DeskewClusters(timed, Twist(poses, newest));
+    prediction.T_world_lidar = poses.back();
+    hypothesis->match = matcher_.Match(clusters, prediction, map);
+    if (hypothesis->match.status == MatchResult::Status::kTooFewMatches) return false;
+    poses.back() = hypothesis->match.T_world_lidar;
+    if (round + 1 < rounds) continue;
+    const PlaneScore score(poses.back(), map, kScaleM);
+    for (const PointCluster& cluster : clusters)
+      hypothesis->fits.push_back(static_cast<float>(score.Of(cluster)));
+  }
+  return true;
+}
+
+void StartTrack::Decide() {
+  if (hypotheses_.empty()) return Clear();
+  constexpr double kClearSigmas = 3.0;
+  Hypothesis best = hypotheses_.front();
+  for (const Hypothesis& h : hypotheses_) {
+    if (Better(h, best) > 0.0) best = h;
+  }
+  const auto refuted = [&](const Hypothesis& h) { return Better(best, h) > kClearSigmas; };
+  followed_ = followed_ && !refuted(hypotheses_.front());
+  hypotheses_.erase(std::remove_if(hypotheses_.begin(), hypotheses_.end(), refuted),
+                    hypotheses_.end());
+  if (hypotheses_.size() > 1 && scans_.size() < kMostScans) return;
+  // Of several that are left at the end the best is followed.
+  if (followed_ && Better(best, hypotheses_.front()) <= 0.0) return Clear();
+  open_ = false;
+  overruled_ = true;
+  for (std::size_t k = 0; k < scans_.size(); ++k) {
+    scans_[k].T_world_lidar = best.poses[k];
+    scans_[k].twist = Twist(best.poses, std::max<std::size_t>(k, 1));
+  }
+  match_ = best.match;
+  hypotheses_.clear();
+}
+
+Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
+  Matrix6d spread = Matrix6d::Zero();
+  if (!contested()) return spread;
+  for (const Hypothesis& hypothesis : hypotheses_) {
+    const Vector6d delta = LocalDelta(T_world_lidar, hypothesis.poses.back());
+    spread += delta * delta.transpose();
+  }
+  return spread;
+}
+
+void StartTrack::Archive(StateArchive& a) {
+  a(&open_, &overruled_, &scans_, &hypotheses_, &followed_, &u_);
+}
+
+}  // namespace lamina
