@@ -1,5 +1,7 @@
-// Residuals of a scan's clusters against the voxel map, summed into normal equations. Private to
-// frontend; the cost is described in scan_matcher.h.
+// Residuals of a scan's clusters against the voxel map, summed into normal equations.
+// The cost is described in scan_matcher.h.
+//
+// Private to frontend.
 #pragma once
 
 #include <vector>

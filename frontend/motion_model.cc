@@ -63,7 +63,7 @@ PosePrediction MotionModel::Predict(StampNs stamp_ns) const {
             kRadPerDeg * options_.start_turn_sigma_deg_s, known, last_gap_s_, open_s);
   const double way = Sigma(options_.acceleration_sigma_m_s2, options_.start_speed_sigma_m_s, known,
                            last_gap_s_, open_s);
-  // What steps that nobody timed may differ by.
+  // What steps without recorded stamps may differ by.
   const double uneven_turn = clock_trusted_ ? 0.0 : kUneven * long_step_rad_;
   const double uneven_way = clock_trusted_ ? 0.0 : kUneven * long_step_m_;
   PosePrediction prediction;

@@ -1,4 +1,6 @@
-// How well clusters of a scan fit the map's planes at one pose. Private to frontend.
+// How well clusters of a scan fit the map's planes at one pose.
+//
+// Private to frontend.
 #pragma once
 
 #include "core/geometry/point_cluster.h"

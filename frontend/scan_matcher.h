@@ -140,7 +140,7 @@ struct FitDifference {
   double evidence = 0.0;
 };
 
-// Stateless; thread-safe as long as nobody writes to the map. Same input, same bits, at any number
+// Stateless; thread-safe while the map does not change. Same input, same bits, at any number
 // of threads.
 class ScanMatcher {
  public:

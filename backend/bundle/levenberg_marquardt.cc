@@ -78,7 +78,7 @@ class StepSolver {
                         : sparse_  ? SolveSparse(damping, step)
                                    : SolveDense(damping, step);
     if (!solved || !step->allFinite()) return false;
-    // The stiffness leaves a whisper of motion along held directions: none is wanted.
+    // The stiffness leaves a little motion along held directions: none is wanted.
     for (std::size_t k = 0; k < held_.size(); ++k) {
       auto part = step->segment<6>(static_cast<Eigen::Index>(6 * k));
       if (held_[k].cols() == 6) part.setZero();

@@ -12,6 +12,8 @@
 // Where the frames decouple (no rows, no priors), a step is N systems of 6x6; otherwise one
 // Cholesky factorisation of 6N x 6N: sparse where the problem is large and few frames see planes
 // together, else dense.
+//
+// Private to backend/bundle.
 #pragma once
 
 #include "backend/bundle/adjuster.h"

@@ -19,6 +19,8 @@
 //
 // What a beam has wrong for itself is the same in all scans, so its shares are not independent, and
 // it is sums by beam whose spread tells how well the unknowns are known.
+//
+// Private to backend/calibration.
 #pragma once
 
 #include <Eigen/Core>

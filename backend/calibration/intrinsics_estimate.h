@@ -8,6 +8,8 @@
 //     H^-1 (G / (G - 2) sum_i g_i g_i') H^-1,   G groups, four or more
 //
 // The last is what decides on a real sensor, each of whose beams is off by something of its own.
+//
+// Private to backend/calibration.
 #pragma once
 
 #include <array>

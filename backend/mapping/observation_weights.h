@@ -1,4 +1,4 @@
-// Robust weight of each cluster of the window on the plane that it lies on. Private to backend.
+// Robust weight of each cluster of the window on the plane that it lies on.
 //
 // Whatever stands before a wall for a few frames shares the wall's voxels, draws the plane towards
 // itself and thickens it. So neither the plane nor its thickness may be taken from the map as they
@@ -8,6 +8,8 @@
 //
 // The weights are applied to the clusters before aggregation, held during a solve, and kept when
 // the frame is marginalised.
+//
+// Private to backend/mapping.
 #pragma once
 
 #include <cstdint>

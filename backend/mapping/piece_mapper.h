@@ -24,8 +24,8 @@ class PieceMapper {
   // Before Mapper::Process: takes in the solve whose time has come.
   void TakeInDueSolve();
   RegisteredScan Process(const MapperScan& scan, bool may_restart);
-  // After it, when nobody waits for the pose any more: starts the next solve, and takes one in that
-  // is due before the next scan if it is there already.
+  // After it, when no caller waits for the pose any more: starts the next solve, and takes one in
+  // that is due before the next scan if it is there already.
   void StartDueSolve();
   // What is under way, then one last solve that includes the newest frames.
   void FinishSolves();

@@ -7,7 +7,7 @@
 // clusters of their leaves at the final pose, with the robust weights that they had in the last
 // bundle adjustment: what that let go of does not become an anchor.
 //
-// Not thread-safe. The map must outlive the window and be changed by nobody else.
+// Not thread-safe. The map must outlive the window and be changed by the window alone.
 #pragma once
 
 #include <cstdint>

@@ -1,5 +1,7 @@
 // Checkpoints in the folder of a session: their names, and how they are read
 // (backend/session/session.h has the format).
+//
+// Private to backend/session.
 #pragma once
 
 #include <cstdint>

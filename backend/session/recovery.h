@@ -1,5 +1,7 @@
 // How a session goes on: from its newest checkpoint that can be used, or from the map of another
 // session, or from nothing.
+//
+// Private to backend/session.
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,7 @@
 // Room that the disk of a session must have.
 //
 // A session without room loses nothing: what was durable stays, a file that finds no room is not
-// left in part, and the session can be opened again. But it cannot map. So whoever drives it looks
+// left in part, and the session can be opened again. But it cannot map. So its caller looks
 // at the room first: below kWorkingRoomBytes it waits, from RoomToContinue() on it goes on.
 #pragma once
 

@@ -2,7 +2,7 @@
 //
 // Loops are cut into chunks of a FIXED size, whatever the machine; each chunk is done by one
 // thread, and partial results are joined in the order of the chunks. Floating-point sums therefore
-// come out the same, bit for bit, at 1, 2 or 16 threads. Built on TBB, which nobody else needs to
+// come out the same, bit for bit, at 1, 2 or 16 threads. Built on TBB, which no other file needs to
 // see; nested calls are fine.
 //
 // What a call throws is thrown again to the caller when all calls have ended. If several throw, it

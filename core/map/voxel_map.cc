@@ -284,7 +284,8 @@ PointCluster VoxelMap::SumTree(NodeId id, std::vector<TreeSum>* sums) {
     if (child == kNoNode) continue;
     const std::size_t child_slot = sums->size();
     sum += SumTree(child, sums);
-    // Frames of the children overlap in ways that nobody counts; the largest is a sure lower bound.
+    // Frames of the children overlap in ways that are not counted; the largest is a sure lower
+    // bound.
     frames = std::max(frames, (*sums)[child_slot].frames);
   }
   (*sums)[slot].cluster = sum;
@@ -297,7 +298,7 @@ void VoxelMap::RefreshTree(NodeId root, std::vector<TreeSum>* sums) {
   SumTree(root, sums);
   for (const TreeSum& sum : *sums) {
     Node& n = node(sum.id);
-    // Below a planar node nobody looks: its eigenvalues are saved.
+    // Below a planar node no query looks: its eigenvalues are saved.
     const NodeId parent = n.parent;
     const bool covered = parent != kNoNode && node(parent).surface.covered;
     if (!covered) n.surface = SurfaceOf(sum.cluster, sum.frames);

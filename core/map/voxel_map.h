@@ -106,7 +106,7 @@ class VoxelMap {
   bool RoomForPiece() const;
   // A new one, numbered so, and selects it. There must be room.
   void BeginPiece(std::int64_t piece);
-  // Of a piece that nothing is to be kept of: takes out these roots, which nobody holds, and are
+  // Of a piece that nothing is to be kept of: takes out these roots, which are not held, and are
   // all that it has; gives its room to another.
   void DropPiece(std::int64_t piece, const std::vector<VoxelKey>& roots);
 
@@ -146,8 +146,8 @@ class VoxelMap {
   // Whether the store has a part of a tile, so that showing it waits for the disk.
   bool IsStored(VoxelKey tile) const { return store_ != nullptr && store_->Has(tile); }
 
-  // Has the processor fetch a node that is soon to be read or written. Whoever walks many leaves in
-  // an order of its own waits for memory more than for anything else.
+  // Has the processor fetch a node that is soon to be read or written. Code that walks many
+  // leaves in an order of its own waits for memory more than for anything else.
   void Prefetch(NodeId id) const {
     if (id == kNoNode) return;
     const char* bytes = reinterpret_cast<const char*>(&node(id));

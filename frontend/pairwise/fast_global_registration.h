@@ -8,6 +8,8 @@
 //
 // by Gauss-Newton with the weights l_k = (mu / (mu + x_k^2))^2 of their line process (eq. 4-6), mu
 // (m^2) lowered from the square of the scene's size to that of the noise every fourth step.
+//
+// Private to frontend/pairwise.
 #pragma once
 
 #include <memory>

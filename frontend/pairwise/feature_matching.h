@@ -1,4 +1,6 @@
 // Correspondences between two scans by their features: what fgr and teaser both start from.
+//
+// Private to frontend/pairwise.
 #pragma once
 
 #include <vector>

@@ -1,4 +1,6 @@
 // A largest set of matches all of which agree with one another.
+//
+// Private to frontend/pairwise.
 #pragma once
 
 #include <cstddef>

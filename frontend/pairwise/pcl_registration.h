@@ -1,5 +1,7 @@
-// The registration methods and features of PCL, and the neighbourhoods of points. Private to
-// frontend; of PCL, others see nothing.
+// The registration methods and features of PCL, and the neighbourhoods of points: nothing of PCL is
+// seen by others.
+//
+// Private to frontend/pairwise.
 #pragma once
 
 #include <memory>

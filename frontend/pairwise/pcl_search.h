@@ -3,7 +3,7 @@
 // PCL's own k-d tree asks FLANN, which opens an OpenMP region for every query: a third of the time
 // of an ICP whose queries come one by one. nanoflann finds the same neighbours.
 //
-// Private to frontend, as PCL is.
+// Private to frontend/pairwise.
 #pragma once
 
 #include <pcl/point_types.h>

@@ -17,6 +17,8 @@
 //      the estimate, and the one of least truncated cost wins.
 //
 // The certificate of the paper is not computed.
+//
+// Private to frontend/pairwise.
 #pragma once
 
 #include <memory>

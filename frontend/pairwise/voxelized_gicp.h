@@ -11,6 +11,8 @@
 // (1, 1, 1e-3) of a plane. Where the paper takes a point's covariance from its nearest neighbours,
 // here it is that of the point cluster of its voxel: one hash look-up again, and no tree at all.
 // n_v is capped, or near and dense voxels would outvote all others.
+//
+// Private to frontend/pairwise.
 #pragma once
 
 #include <memory>

@@ -1,4 +1,6 @@
-// Unpacked chunks that were read last. Private to io.
+// Unpacked chunks that were read last.
+//
+// Private to io/container.
 #pragma once
 
 #include <condition_variable>

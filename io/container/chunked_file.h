@@ -1,5 +1,7 @@
 // What ROS 1 bags and MCAP files have in common: messages in chunks of a file, compressed or not,
-// of connections (channels) that belong to topics. Private to io.
+// of connections (channels) that belong to topics.
+//
+// Private to io/container.
 #pragma once
 
 #include <deque>

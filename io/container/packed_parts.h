@@ -1,5 +1,7 @@
 // Files of a container that are compressed as a whole (rosbag2's compression_mode FILE): unpacked
-// into a temporary file (in TMPDIR) while they are read. Private to io.
+// into a temporary file (in TMPDIR) while they are read.
+//
+// Private to io/container.
 #pragma once
 
 #include <functional>

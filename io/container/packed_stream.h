@@ -1,5 +1,7 @@
 // Compressed bytes as a stream: lz4 frames, zstd frames, bz2; several one after the other count as
-// one. Checksums that are in the data are checked. Private to io.
+// one. Checksums that are in the data are checked.
+//
+// Private to io/container.
 #pragma once
 
 #include <functional>

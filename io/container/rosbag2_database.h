@@ -1,4 +1,6 @@
-// The sqlite3 files of ROS 2 bags: tables `topics` and `messages`. Private to io.
+// The sqlite3 files of ROS 2 bags: tables `topics` and `messages`.
+//
+// Private to io/container.
 #pragma once
 
 #include <memory>

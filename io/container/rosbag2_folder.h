@@ -1,4 +1,6 @@
-// Which files in a folder are a recording. Private to io.
+// Which files in a folder are a recording.
+//
+// Private to io/container.
 #pragma once
 
 #include <string>

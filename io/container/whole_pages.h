@@ -1,6 +1,8 @@
 // SQLite files whose end is missing. SQLite takes what is behind the end of a file for zeros, so
 // that rows come out wrong without a word. Opened through this, such a file ends with its last
-// whole page and says so itself: what is not there is an error. Private to io.
+// whole page and says so itself: what is not there is an error.
+//
+// Private to io/container.
 #pragma once
 
 #include <cstdint>

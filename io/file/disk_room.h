@@ -8,8 +8,8 @@
 
 namespace lamina {
 
-// Something could not be written because its file system, or the quota on it, is full. Whoever
-// waits until there is room (FreeBytes) can do the same again.
+// Something could not be written because its file system, or the quota on it, is full. The caller
+// that waits until there is room (FreeBytes) can do the same again.
 struct DiskFullError : OutputError {
   using OutputError::OutputError;
 };

@@ -1,9 +1,11 @@
-// Clouds as LAS 1.4 (ASPRS, LAS specification 1.4 R15), for GIS and CAD. Private to io.
+// Clouds as LAS 1.4 (ASPRS, LAS specification 1.4 R15), for GIS and CAD.
 //
 // Point record format 6: coordinates as whole numbers of 0.1 mm from an offset near the first
 // point, so that they stay exact at large coordinates; intensity in 16 bits; the stamp of each
 // point, in seconds, as GPS time. The coordinate system is a local one, in metres. No date of
 // creation: the same points give the same bytes.
+//
+// Private to io/file.
 #pragma once
 
 #include <Eigen/Core>

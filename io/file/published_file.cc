@@ -36,7 +36,7 @@ bool CopyRange(int from, int to, std::uint64_t begin, std::uint64_t end) {
         pread(from, block.data(), std::min<std::uint64_t>(end - begin, block.size()),
               static_cast<off_t>(begin));
     if (read < 0 && errno == EINTR) continue;
-    if (read == 0) errno = EIO;  // somebody has cut it
+    if (read == 0) errno = EIO;  // another process has cut it
     if (read <= 0) return false;
     if (!WriteAt(to, begin, {block.data(), static_cast<std::size_t>(read)})) return false;
     begin += static_cast<std::uint64_t>(read);
@@ -101,7 +101,7 @@ void PublishedFile::Show() {
   if (!exchanged) {
     close(std::exchange(next_, {}).file);
   } else if (!IsAt(next_.file, next_path_)) {
-    DropNext();  // somebody has put another file there, which now has the name of the next copy
+    DropNext();  // another process has put a file there, which now has the name of the next copy
   }
 }
 

@@ -6,7 +6,7 @@
 //
 // Two copies take turns. The one that is not shown is brought up to date, from the other and with
 // what is new, is flushed to disk, and the names of the two are exchanged in one step. So each
-// publication writes twice what is new and the tail, however long the file is; whoever looks finds
+// publication writes twice what is new and the tail, however long the file is; a reader finds
 // it as it was or as it is, even after a power cut; and who has opened it may read on until the
 // publication after the next. Costs the disk twice the file.
 #pragma once

@@ -84,7 +84,7 @@ void LogLimit::Keep() {
   const int timeout_ms = database_->execAndGet("PRAGMA busy_timeout").getInt();
   database_->setBusyTimeout(0);
   try {
-    // A row tells whether somebody was in the way.
+    // A row tells whether another connection was in the way.
     database_->execAndGet("PRAGMA wal_checkpoint(RESTART)");
   } catch (...) {
     database_->setBusyTimeout(timeout_ms);

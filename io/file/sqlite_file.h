@@ -38,13 +38,13 @@ auto OnSqlite(const std::string& path, const char* doing, const Work& work) {
 }
 
 // Opens a database to be read without a trace. SQLite makes a log and an index of it beside each
-// file that it opens, unless told that nobody writes; which holds for a file without a log.
+// file that it opens, unless told that no process writes; which holds for a file without a log.
 SQLite::Database OpenUntouched(const std::string& path);
 // The name by which ATTACH does so.
 std::string UntouchedUri(const std::string& path);
 
-// Brings the write-ahead log into the file, as far as nobody needs it. The log begins anew only if
-// nobody writes while it does: under a writer that never pauses it grows on. See LogLimit.
+// Brings the write-ahead log into the file, as far as no reader needs it. The log begins anew only
+// if no process writes while it does: under a writer that never pauses it grows on. See LogLimit.
 void BringLogIntoFile(SQLite::Database* database);
 
 // Bounds the write-ahead log that the only writer of a database makes. Not thread-safe: for the

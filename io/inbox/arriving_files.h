@@ -1,5 +1,7 @@
 // The files of the inbox that are not complete yet: who they are, and when to look at them again.
-// The rules are those of io/inbox/inbox.h. Private to io.
+// The rules are those of io/inbox/inbox.h.
+//
+// Private to io/inbox.
 #pragma once
 
 #include <cstddef>

@@ -1,4 +1,6 @@
-// What stands behind a name in the inbox, and whether it is all there. Private to io.
+// What stands behind a name in the inbox, and whether it is all there.
+//
+// Private to io/inbox.
 #pragma once
 
 #include <cstdint>
@@ -25,8 +27,8 @@ struct FileLook {
 // Looks at root/name. `root` must be canonical. Never throws and opens nothing.
 FileLook LookAtFile(const std::string& root, const std::string& name);
 
-// Whether a file of `size` bytes, of which nobody knows that it is still written, holds what its
-// format says it does: a .bin whole points, a PCD or PLY header the data that it declares. True
+// Whether a file of `size` bytes, of which it is not known whether it is still written, holds what
+// its format says it does: a .bin whole points, a PCD or PLY header the data that it declares. True
 // also for files that no further bytes will heal: their reader says what is wrong.
 bool IsWhole(const std::string& path, std::uint64_t size);
 

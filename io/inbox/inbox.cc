@@ -179,7 +179,7 @@ void Inbox::Impl::FileSeen(const std::string& folder, const std::string& file, H
   const std::string name = folder.empty() ? file : folder + "/" + file;
   if (KindOfName(file) == ScanName::kNone) return LinkSeen(name);
   if (seen_.Contains(name)) {
-    // It stays where it is when it is kept; made again, it is another file that nobody will map.
+    // It stays where it is when it is kept; made again, it is another file that no run will map.
     const bool made = how == How::kCreated || how == How::kMovedIn;
     if (made && LookAtFile(root_, name).what == FileLook::What::kFile) {
       Refuse(name, "a file of this name was taken before");

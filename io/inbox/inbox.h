@@ -59,7 +59,7 @@ struct InboxOptions {
   double reorder_wait_s = 0.2;
   // Time between two looks at the whole inbox, when polling, and at an incomplete file.
   double poll_period_s = 0.5;
-  // A file that nobody was seen to close is complete when it has not changed for so long.
+  // A file whose closing was not seen is complete when it has not changed for so long.
   double settle_s = 1.0;
   // How long an incomplete file that does not change holds up those behind it.
   double incomplete_wait_s = 10.0;
@@ -121,7 +121,7 @@ class Inbox {
   // stamp among others with one, names that were taken before. Folders that cannot be read, too.
   std::vector<InboxNotice> TakeRefused();
 
-  // From now on nothing more arrives: what is there is complete, and nobody waits for anything.
+  // From now on nothing more arrives: what is there is complete, and no file waits for another.
   // Next() then gives nothing only when all is handed out.
   void Drain();
 

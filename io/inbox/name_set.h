@@ -1,4 +1,6 @@
-// A set of names by their 64-bit hashes: 10 to 15 bytes a name, however long. Private to io.
+// A set of names by their 64-bit hashes: 10 to 15 bytes a name, however long.
+//
+// Private to io/inbox.
 #pragma once
 
 #include <cstddef>

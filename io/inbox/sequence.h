@@ -1,5 +1,7 @@
 // The order of one sequence in the inbox: which of its waiting files comes next, when, and with
-// which stamp. The rules are those of io/inbox/inbox.h. Private to io.
+// which stamp. The rules are those of io/inbox/inbox.h.
+//
+// Private to io/inbox.
 #pragma once
 
 #include <chrono>

@@ -1,5 +1,6 @@
-// The stamps of a times.txt or timestamps.txt that may still grow while scans arrive. Private to
-// io.
+// The stamps of a times.txt or timestamps.txt that may still grow while scans arrive.
+//
+// Private to io/inbox.
 #pragma once
 
 #include <sys/types.h>

@@ -16,7 +16,7 @@
 
 namespace lamina {
 
-// Reading is thread-safe as long as nobody calls Append or Forget.
+// Reading is thread-safe while neither Append nor Forget runs.
 class StreamedScans final : public ScanSource {
  public:
   // How many scans of its recording before the next one must be known.

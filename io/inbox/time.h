@@ -1,4 +1,6 @@
-// Points in time for the waits of the inbox. Private to io.
+// Points in time for the waits of the inbox.
+//
+// Private to io/inbox.
 #pragma once
 
 #include <chrono>

@@ -1,5 +1,6 @@
 // Whose turn it is in the inbox, among the sequences that have a file ready (io/inbox/inbox.h).
-// Private to io.
+//
+// Private to io/inbox.
 #pragma once
 
 #include <map>

@@ -1,8 +1,10 @@
-// Sees what happens in a folder and all folders below. Private to io.
+// Sees what happens in a folder and all folders below.
 //
 // Linux' inotify reports files as they are closed by their writer or renamed into place; where it
 // cannot be had (no watches left) or is blind (network file systems, where other machines write)
 // the caller has to Scan() from time to time: see polls().
+//
+// Private to io/inbox.
 #pragma once
 
 #include <sys/types.h>
@@ -42,7 +44,7 @@ class InboxWatcher {
   InboxWatcher(const InboxWatcher&) = delete;
   InboxWatcher& operator=(const InboxWatcher&) = delete;
 
-  // Why somebody must call Scan() now and then; empty if events tell all.
+  // Why Scan() must be called now and then; empty if events tell all.
   const std::string& polls() const { return polls_; }
 
   // Looks at everything. Folders are watched before they are listed, so that nothing that arrives

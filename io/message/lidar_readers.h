@@ -1,4 +1,6 @@
-// The readers in the table of lidar_message.cc. Private to io.
+// The readers in the table of lidar_message.cc.
+//
+// Private to io/message.
 #pragma once
 
 #include <string>

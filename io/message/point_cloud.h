@@ -1,5 +1,4 @@
 // Points as clouds of PCL and ROS hold them: any number of fields at any place in each point.
-// Private to io.
 #pragma once
 
 #include <cstdint>

@@ -1,4 +1,4 @@
-// Per-point time fields of point files, which come in any unit and on any clock. Private to io.
+// Per-point time fields of point files, which come in any unit and on any clock.
 #pragma once
 
 #include <limits>

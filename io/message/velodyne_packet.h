@@ -2,7 +2,7 @@
 // returns of distance and intensity), the time in us of the hour, return mode and sensor.
 //
 // A sensor is a VelodyneModel, in a file of its own; to add one, write such a file and give it a
-// line in the table of velodyne_packet.cc. Private to io.
+// line in the table of velodyne_packet.cc.
 #pragma once
 
 #include <cstddef>

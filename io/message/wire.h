@@ -1,8 +1,10 @@
-// Fields of a message out of its bytes, as ROS 1 writes them or as CDR (ROS 2). Private to io.
+// Fields of a message out of its bytes, as ROS 1 writes them or as CDR (ROS 2).
 //
 //   ROS 1  little-endian, one after the other; texts and lists behind their length in 4 bytes
 //   CDR    4 bytes that tell the byte order; then each number at a multiple of its size, counted
 //          from there (of 4 for longer ones in version 2); texts end with a zero that is counted
+//
+// Private to io/message.
 #pragma once
 
 #include <algorithm>

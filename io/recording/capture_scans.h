@@ -1,4 +1,6 @@
-// The sweeps of one sensor in a capture of its packets. Private to io.
+// The sweeps of one sensor in a capture of its packets.
+//
+// Private to io/recording.
 #pragma once
 
 #include <string>

@@ -1,5 +1,5 @@
 // The layout of the ETHZ registration data set ("Challenging data sets for point cloud registration
-// algorithms", Pomerleau et al., IJRR 2012). Private to io.
+// algorithms", Pomerleau et al., IJRR 2012).
 //
 //   Hokuyo_N.csv            a scan: a header that names the columns, then a line for each point
 //   pose_scanner_leica.csv  a header, then a line for each scan: T00 ... T33, row-major, p_world =
@@ -8,6 +8,8 @@
 // Columns are parted by commas or semicolons, whichever the header has, and found by their names:
 // case, blanks and quotes make no difference, other columns are passed over. The scanner stood
 // still: points are without time.
+//
+// Private to io/recording.
 #pragma once
 
 #include <filesystem>

@@ -1,4 +1,6 @@
-// The scans of one topic in a container of messages. Private to io.
+// The scans of one topic in a container of messages.
+//
+// Private to io/recording.
 #pragma once
 
 #include <atomic>

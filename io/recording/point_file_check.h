@@ -1,28 +1,33 @@
-// Checks of PCD and PLY files before a library reads them. Private to io.
+// Headers of PCD and PLY files: what they say of the points, held against the file's bytes.
 //
-// PCL trusts a header: a POINTS beyond the file's size makes it allocate or read without bounds,
-// and words in ASCII data that are no numbers become zeros. So the header and, for ASCII, every
-// word of the data are held against the file's bytes first. All throw InputError naming file, line
-// and rule.
+// For ASCII every word of the data is looked at as well: none but numbers may stand there. All
+// throw InputError naming file, line and rule.
 #pragma once
 
 #include <cstddef>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
+
+#include "io/message/point_cloud.h"
 
 namespace lamina {
 
-struct PcdLayout {
+struct CloudFileLayout {
   enum class Data { kAscii, kBinary, kCompressed };
   Data data = Data::kAscii;
-  std::size_t points = 0;
-  std::size_t data_offset = 0;  // of the first byte behind the header
+  PointCloudLayout cloud;  // of the rows; for ASCII, of the rows that they are made to
+  // For ASCII: the type of each number of a row.
+  std::vector<PointCloudField> columns;
+  std::size_t data_offset = 0;    // of the first row, or of the packed bytes
+  std::size_t packed_bytes = 0;   // of compressed data
+  std::size_t skipped_lines = 0;  // ASCII: of other things than points, from data_offset on
+  std::size_t points() const { return static_cast<std::size_t>(cloud.width * cloud.height); }
 };
 
-PcdLayout CheckPcd(const std::string& path, std::string_view bytes);
-
-void CheckPly(const std::string& path, std::string_view bytes);
+CloudFileLayout CheckPcd(const std::string& path, std::string_view bytes);
+CloudFileLayout CheckPly(const std::string& path, std::string_view bytes);
 
 // How long a file must be, at least, by the header that its first bytes `head` hold: for binary
 // data header and points, for ASCII a lower bound. Nothing if the header (or the sizes behind it,

@@ -6,7 +6,7 @@
 #include "core/base/error.h"
 #include "io/file/text_input.h"
 #include "io/recording/ethz_csv.h"
-#include "io/recording/pcl_scan_reader.h"
+#include "io/recording/point_cloud_files.h"
 #include "io/recording/scan_source.h"
 
 namespace lamina {

@@ -1,5 +1,4 @@
 // Where the parts of a recording are on disk: see io/recording/scan_source.h for the layouts.
-// Private to io.
 #pragma once
 
 #include <cstddef>

@@ -1,4 +1,4 @@
-// File names and stamp files of recordings. Private to io.
+// File names and stamp files of recordings.
 #pragma once
 
 #include <cstdint>

@@ -11,8 +11,8 @@
 #include "io/file/checksum.h"
 #include "io/file/disk_room.h"
 #include "io/file/file_writer.h"
-#include "io/store/session_rows.h"
 #include "io/file/sqlite_file.h"
+#include "io/store/session_rows.h"
 
 namespace lamina {
 namespace {
@@ -77,7 +77,7 @@ struct SessionDatabase::Impl {
         path, get.getColumn(0).getString(), kVersion));
   }
 
-  // Before anything is made in it: a database of somebody else's must stay as it is.
+  // Before anything is made in it: the database of another program must stay as it is.
   void RefuseForeign() const {
     SQLite::Statement others(
         database,

@@ -1,4 +1,6 @@
 // Rows of the session's database: the tables, and how their columns are written and read.
+//
+// Private to io/store.
 #pragma once
 
 #include <SQLiteCpp/SQLiteCpp.h>

@@ -26,7 +26,7 @@ constexpr const char* kSchema =
     "CREATE INDEX IF NOT EXISTS taken ON voxels(taken_at, stored_at) WHERE taken_at IS NOT NULL;"
     "CREATE TABLE IF NOT EXISTS totals(rows INTEGER NOT NULL, bytes INTEGER NOT NULL);"
     "INSERT INTO totals SELECT 0, 0 WHERE NOT EXISTS(SELECT 1 FROM totals);";
-// With the journal in memory a crash may leave a scratch file in pieces, which nobody will miss.
+// With the journal in memory a crash may leave a scratch file in pieces, which is no loss.
 constexpr const char* kScratch =
     "PRAGMA journal_mode=MEMORY; PRAGMA synchronous=OFF; PRAGMA locking_mode=EXCLUSIVE;";
 // The journal is brought into the file by TileStore::SyncToDisk(), on a thread that has time.

@@ -12,6 +12,8 @@
 // each page is full before the next begins. Rows that go leave holes; where these are more than a
 // ninth, the rows that came first are written once more at the end, and pages that are free go back
 // to the system, both in portions (Tidy).
+//
+// Private to io/store.
 #pragma once
 
 #include <SQLiteCpp/SQLiteCpp.h>
@@ -38,7 +40,7 @@ class TileFile {
   // To be told of each change of `voxels`.
   void CountAdded(std::size_t bytes) { ++rows_, bytes_ += bytes; }
   void CountRemoved(std::size_t bytes) { --rows_, bytes_ -= bytes; }
-  // Counts rows and bytes anew, after changes that nobody has told.
+  // Counts rows and bytes anew, after changes that were not counted.
   void Recount();
   // To be called before a transaction ends: the totals are part of it.
   void WriteTotals();

@@ -45,7 +45,7 @@ struct TileStore::Impl {
     show_root.emplace(database,
                       "SELECT crc, record FROM voxels WHERE tile = ? AND root = ? AND taken_at IS "
                       "NULL");
-    // Nobody goes back in a scratch file: what is taken goes at once.
+    // A scratch file is never gone back to: what is taken goes at once.
     const std::string leave =
         keeps_taken ? "UPDATE voxels SET taken_at = ?3" : "DELETE FROM voxels";
     const std::string of_tile = " WHERE tile = ?1 AND taken_at IS NULL";

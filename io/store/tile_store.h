@@ -7,7 +7,7 @@
 // at once.) The form of the file, and how it stays small: io/store/tile_file.h.
 //
 // A damaged record is left out and counted, by its CRC-32; where the file itself is damaged,
-// whoever meets that fails, and the next one who opens it is told.
+// the call that meets that fails, and the next that opens it is told.
 #pragma once
 
 #include <cstdint>

@@ -6,6 +6,7 @@
 #include <fstream>
 #include <map>
 #include <regex>
+#include <set>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -122,6 +123,67 @@ TEST(Layers, EveryFileHasARoom) {
       EXPECT_GE(StepOf(folder, room), 0) << entry.path();
     }
   }
+}
+
+// A header is private to its room if it says so at its head; what is used by that room alone has
+// to.
+struct Header {
+  std::string room;
+  bool is_private = false;
+  std::set<std::string> includers;  // in the tree, but for tests
+};
+
+std::map<std::string, Header> Headers() {
+  static const std::regex kInclude(R"re(^\s*#\s*include\s*"([^"]*)")re");
+  const std::filesystem::path root = LAMINA_SOURCE_DIR;
+  std::map<std::string, Header> headers;
+  std::map<std::string, std::vector<std::string>> includes;  // of each file
+  for (const auto& [folder, allowed] : kMayInclude) {
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(root / folder)) {
+      const std::string file = entry.path().lexically_relative(root).string();
+      const std::string extension = entry.path().extension().string();
+      if (extension != ".h" && extension != ".cc") continue;
+      std::ifstream lines(entry.path());
+      bool head = true;
+      for (std::string line; std::getline(lines, line);) {
+        std::smatch match;
+        head = head && line.rfind("//", 0) == 0;
+        if (head && extension == ".h" && kRooms.count(folder) > 0) {
+          Header& header = headers[file];
+          header.room = RoomOf(file);
+          header.is_private |= line == "// Private to " + header.room + ".";
+        }
+        if (std::regex_search(line, match, kInclude)) includes[file].push_back(match[1]);
+      }
+    }
+  }
+  for (const auto& [file, targets] : includes) {
+    for (const std::string& target : targets) {
+      const auto header = headers.find(target);
+      if (header != headers.end()) header->second.includers.insert(file);
+    }
+  }
+  return headers;
+}
+
+TEST(Layers, WhatOneRoomUsesAloneIsMarkedPrivateAndStaysSo) {
+  const std::map<std::string, Header> headers = Headers();
+  int found = 0;
+  for (const auto& [name, header] : headers) {
+    // What a public header includes is not private.
+    const bool used_here_alone =
+        !header.includers.empty() &&
+        std::all_of(header.includers.begin(), header.includers.end(), [&](const std::string& file) {
+          const auto other = headers.find(file);
+          return RoomOf(file) == header.room &&
+                 (other == headers.end() || other->second.is_private);
+        });
+    EXPECT_EQ(header.is_private, used_here_alone)
+        << name << (header.is_private ? " is private to " : " should say: Private to ")
+        << header.room;
+    found += header.is_private ? 1 : 0;
+  }
+  EXPECT_GT(found, 20);
 }
 
 TEST(Layers, TheCheckCatchesWrongRooms) {

@@ -88,7 +88,7 @@ CompareSequence OpenSequence(const std::string& name, const std::string& scans,
   if (source->size() < 2) {
     throw InputError(fmt::format("{}: holds one scan, two at least are needed", scans));
   }
-  sequence.identity = fs::weakly_canonical(scans).string() + config.scans.topic;
+  sequence.identity = fs::weakly_canonical(scans).string() + config.lamina.scans.topic;
   for (std::size_t i = 0; i < source->size(); ++i) {
     std::error_code ignored;
     sequence.identity += fmt::format(" {}", fs::file_size(source->Name(i), ignored));

@@ -29,7 +29,7 @@ void RunTask(const CompareTask& task, const std::function<void(CompareRow)>& on_
   }
   const auto progress = [] {
     const char step = '.';
-    // Nobody to read it is no reason to stop.
+    // A closed pipe is no reason to stop.
     static_cast<void>(!write(kProgressFd, &step, 1));
   };
   RunCompareJob(task.methods, input, progress, on_row);

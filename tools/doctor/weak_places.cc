@@ -127,7 +127,7 @@ void WeakPlaces::FindMotions() {
   for (std::size_t i = 0; i < table_.scans.size(); ++i) {
     const RunScan& scan = table_.scans[i];
     std::vector<std::size_t>& chain = last[scan.record.piece];
-    // Steps that nobody timed tell no speed.
+    // Steps without recorded stamps tell no speed.
     if (!scan.has_pose || rules::IsLost(scan.record) || !scan.record.recorded_stamp) {
       chain.clear();
       continue;

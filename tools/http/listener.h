@@ -64,7 +64,7 @@ class Connection {
 
 class HttpListener {
  public:
-  // Binds and listens, but serves nobody yet. Throws OptionError for an address that cannot be
+  // Binds and listens, but answers no client yet. Throws OptionError for an address that cannot be
   // (unknown host), OutputError for one that is not to be had (in use, no permission).
   explicit HttpListener(const HttpAddress& address);
   ~HttpListener() { Stop(); }

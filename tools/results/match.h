@@ -17,7 +17,7 @@ struct ComparedTrajectory {
   Trajectory truth;
 };
 
-// Stamps that differ by no more belong together, unless somebody wants it otherwise.
+// Stamps that differ by no more belong together, unless the caller wants it otherwise.
 constexpr double kStampToleranceS = 0.01;
 
 // Poses of the camera as poses of the LiDAR, by the file `calib` (calib.txt of KITTI odometry); as

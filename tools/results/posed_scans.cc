@@ -19,7 +19,7 @@ std::vector<PosedScan> PoseScans(const ScanSource& scans, const Trajectory& traj
   std::vector<std::pair<StampNs, size_t>> by_stamp(scans.size());
   for (size_t i = 0; i < by_stamp.size(); ++i) by_stamp[i] = {scans.Stamp(i), i};
   std::sort(by_stamp.begin(), by_stamp.end());
-  // Of scans with one stamp only the first was usable to whoever made the trajectory.
+  // Of scans with one stamp only the first was usable to the maker of the trajectory.
   by_stamp.erase(std::unique(by_stamp.begin(), by_stamp.end(),
                              [](const auto& a, const auto& b) { return a.first == b.first; }),
                  by_stamp.end());

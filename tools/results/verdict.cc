@@ -127,7 +127,7 @@ void VerdictCounter::Add(const SessionScan& scan) {
 }
 
 void VerdictCounter::CountJump(const SessionScan& scan) {
-  // Steps that nobody timed tell no speed.
+  // Steps without recorded stamps tell no speed.
   if (!scan.recorded_stamp) return last_.clear();
   if (last_piece_ != scan.piece) last_.clear();
   last_piece_ = scan.piece;

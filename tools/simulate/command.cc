@@ -232,7 +232,7 @@ void AddStudyOptions(CLI::App* command, SimulateArguments* a) {
       ->capture_default_str();
   AddThreadsOption(command, ". Times differ, all else is the same", &a->threads);
   command->add_flag("--nees", a->nees,
-                    "instead: is the covariance of condensed honest? Mean of the normalised "
+                    "instead: is the covariance of condensed consistent? Mean of the normalised "
                     "estimation error squared, against its 95 % interval");
   AddProgressOption(command, &a->progress);
 }

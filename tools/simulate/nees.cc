@@ -122,9 +122,9 @@ std::string DescribeNees(const NeesSummary& s) {
       SweepNames().at(static_cast<std::size_t>(s.sweep)), s.value, s.mean, s.runs,
       s.degrees_of_freedom, s.mean / s.degrees_of_freedom, s.mean_interval.low,
       s.mean_interval.high,
-      s.honest()                      ? "honest"
-      : s.mean > s.mean_interval.high ? "NOT honest, errors are larger than claimed"
-                                      : "NOT honest, errors are smaller than claimed",
+      s.consistent()                  ? "consistent"
+      : s.mean > s.mean_interval.high ? "NOT consistent, errors are larger than claimed"
+                                      : "NOT consistent, errors are smaller than claimed",
       s.median, s.largest, 100.0 * s.share_in_95);
 }
 

@@ -1,4 +1,5 @@
-// Whether the covariance of an adjustment is honest: the normalised estimation error squared
+// Whether the covariance of an adjustment is consistent with its errors: the normalised estimation
+// error squared
 //
 //     NEES = e' H e,     e = LocalDelta(estimate, truth), all poses but the held first
 //
@@ -33,7 +34,7 @@ struct NeesTrial {
 // NEES of one scene; `trial` keeps what says where it comes from.
 void MeasureNees(const SimulatedScene& scene, int max_iterations, NeesTrial* trial);
 
-// Throws OptionError for scenes without noise: there is no covariance to be honest about.
+// Throws OptionError for scenes without noise: there are no errors to hold a covariance against.
 void CheckNeesStudy(const StudyOptions& options);
 // As RunStudy, with `condensed` alone; checks as the above.
 void RunNeesStudy(const StudyOptions& options, const std::function<void(const NeesTrial&)>& sink,
@@ -52,7 +53,7 @@ struct NeesSummary {
   double mean = 0.0, median = 0.0, largest = 0.0;
   Interval mean_interval;    // 95 %
   double share_in_95 = 0.0;  // of the runs, in the 95 % interval of a single one
-  bool honest() const { return mean_interval.low <= mean && mean <= mean_interval.high; }
+  bool consistent() const { return mean_interval.low <= mean && mean <= mean_interval.high; }
 };
 
 // In the order in which values first appear.

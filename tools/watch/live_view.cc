@@ -16,7 +16,7 @@ constexpr std::size_t kPagePoses = 8192;
 constexpr std::chrono::seconds kInterest{5};
 constexpr double kRateSpanS = 10.0;
 
-// Whether somebody asked within the last seconds.
+// Whether a request came within the last seconds.
 bool AskedLately(const std::atomic<std::chrono::steady_clock::rep>& asked) {
   using Clock = std::chrono::steady_clock;
   const Clock::rep at = asked.load(std::memory_order_relaxed);
@@ -125,7 +125,7 @@ void LiveView::RevisePoses(const std::vector<LivePose>& poses) {
 
 void LiveView::SetScan(LiveScan scan) {
   auto shared = std::make_shared<const LiveScan>(std::move(scan));
-  // Swapped, not assigned: an older scan that nobody else holds is freed outside of the lock.
+  // Swapped, not assigned: an older scan that has no other owner is freed outside of the lock.
   const std::lock_guard lock(mutex_);
   scan_.swap(shared);
 }

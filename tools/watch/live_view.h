@@ -1,5 +1,5 @@
-// The board between the mapping thread and whoever watches it: what the daemon is doing now, in
-// bounded memory however long it runs.
+// The state that the mapping thread shows to the threads of the page: what the daemon is doing now,
+// in bounded memory however long it runs.
 //
 // The mapping thread writes (SetStatus, AddFrame, RevisePoses, SetScan), any number of threads
 // read. All members are thread-safe; a lock is held for microseconds, so a slow reader costs the

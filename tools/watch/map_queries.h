@@ -1,5 +1,5 @@
 // Questions about the map, asked by any thread and answered by the mapping thread between two
-// scans, when nobody changes the map.
+// scans, when the map does not change.
 //
 // The mapping thread answers in slices of a millisecond or two, one after a scan, more while it has
 // nothing to map: no question makes a scan wait for a whole page, however large its sphere. An

@@ -7,6 +7,8 @@
 // during a step and refreshed after it, so the frames decouple (no rows W): a step is cheap, and
 // there are many of them. Its weights are l1, l2; the eigenvalue cost that `condensed` minimises
 // has l1 - l3, l2 - l3, and the two optima differ by a little where the clusters are noisy.
+//
+// Private to backend/bundle/formulations.
 #pragma once
 
 #include "backend/bundle/cost.h"

@@ -16,6 +16,8 @@
 // S_k = L_k L_k' by Cholesky (by the symmetric root where S_k is singular, as for the points of an
 // exact plane), holds pi during a step as Huang et al. do for their comparison, and so gives
 // Levenberg-Marquardt residuals: its frames decouple.
+//
+// Private to backend/bundle/formulations.
 #pragma once
 
 #include "backend/bundle/cost.h"

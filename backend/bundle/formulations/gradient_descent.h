@@ -3,6 +3,8 @@
 //
 // Rotations and translations are brought to one unit by a fixed arm length, the root mean square
 // range of the points. Needs no Hessian and takes hundreds to thousands of steps.
+//
+// Private to backend/bundle/formulations.
 #pragma once
 
 #include "backend/bundle/formulation.h"

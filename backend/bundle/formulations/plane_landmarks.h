@@ -12,6 +12,8 @@
 // plane's own anchor lies likewise off its mean at the start values.
 //
 // Ceres estimates planes and poses together; its Schur solver eliminates the planes.
+//
+// Private to backend/bundle/formulations.
 #pragma once
 
 #include "backend/bundle/formulation.h"

@@ -12,6 +12,8 @@
 //
 // run over the points of a frame once: linear in the points, which is what this formulation is here
 // to show. It needs BundleProblem::points.
+//
+// Private to backend/bundle/formulations.
 #pragma once
 
 #include "backend/bundle/cost.h"

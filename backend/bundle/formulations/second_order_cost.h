@@ -13,6 +13,8 @@
 // which is the eigenvalue perturbation formula of that paper, regrouped so that a plane costs no
 // more than in `condensed`. Far from the optimum the Hessian is indefinite, and the solver damps
 // until it is not.
+//
+// Private to backend/bundle/formulations.
 #pragma once
 
 #include "backend/bundle/cost.h"

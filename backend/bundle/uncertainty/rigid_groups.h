@@ -12,6 +12,8 @@
 //
 // A frame's own open directions are held (BundleProblem::holds): they keep no frame out of a group
 // that determines the rest of it.
+//
+// Private to backend/bundle/uncertainty.
 #pragma once
 
 #include <vector>

@@ -16,6 +16,8 @@
 // several times over with each column. Therefore each Z_jj is made symmetric when it is found; a
 // symmetric error grows no faster than Z does. What is left is seen in A Z - I, of which the blocks
 // on the diagonal take no other blocks of Z than those at hand.
+//
+// Private to backend/bundle/uncertainty.
 #pragma once
 
 #include <cstdint>

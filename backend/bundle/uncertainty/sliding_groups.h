@@ -13,6 +13,8 @@
 // follows, is open if what counts of its information (tied_planes.h) leaves it less certain than
 // `max_sigma_m`. It is then held, so that it is found once; there are as many of them as there are
 // open directions in all.
+//
+// Private to backend/bundle/uncertainty.
 #pragma once
 
 #include <vector>

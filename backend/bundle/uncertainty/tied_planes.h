@@ -20,6 +20,8 @@
 //     weight * max(0, E_n - a^2 (E_n + E_1 + E_2))
 //
 // Twists are scaled: rotations count by what they move at kRotationArmM, so all is in metres.
+//
+// Private to backend/bundle/uncertainty.
 #pragma once
 
 #include <Eigen/Core>

@@ -117,7 +117,7 @@ TEST_F(PublishedFileTest, IsWholeWheneverTheProcessIsKilled) {
   }
 }
 
-// Whoever has it open may read on until the publication after the next.
+// A reader that has it open may read on until the publication after the next.
 TEST_F(PublishedFileTest, AReaderSeesTheFileThatItOpened) {
   PublishedFile file(File());
   file.Append("one ");

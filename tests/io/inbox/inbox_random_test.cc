@@ -89,7 +89,7 @@ TEST_F(InboxRandomTest, ArrivalInAnyOrderWithinTheWaitChangesNothing) {
     }
     Open();
     std::vector<std::string> taken;
-    // Nobody comes later than a second after one behind it: chunks of the order, each shuffled.
+    // No file comes later than a second after one behind it: chunks of the order, each shuffled.
     std::vector<std::string> order = wanted;
     for (std::size_t begin = 0; begin < order.size();) {
       const std::size_t end = std::min(order.size(), begin + 1 + static_cast<std::size_t>(Draw(6)));

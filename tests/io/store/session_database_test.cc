@@ -268,7 +268,7 @@ TEST_F(SessionDatabaseTest, WhatIsNotCommittedIsUndone) {
     database->SetAside("undone", "");
     database->Finalise({0, SE3(), false});
     EXPECT_TRUE(database->Knows("undone"));
-    // Nobody else sees it.
+    // No other connection sees it.
     EXPECT_EQ(SessionDatabase(File(), false).scans(), 2);
   }
   const auto database = Open();

@@ -117,7 +117,7 @@ TEST_F(GuardsTest, ReplacedResultsAreSaidAndStaleOnesRemoved) {
   EXPECT_EQ(Bytes(Path("out/notes.txt")), "mine");
   EXPECT_EQ(Bytes(Path("out/map_surfels_pieces.ply")), "mine");
   EXPECT_EQ(Summary()["frames"], 3);
-  // Without results of ours, such names are somebody else's.
+  // Without results of ours, such names are another program's.
   Write("other/cloud.ply", "mine");
   EXPECT_THAT(Run(scans, {}, 0, "other").err, Not(HasSubstr("removed")));
   EXPECT_EQ(Bytes(Path("other/cloud.ply")), "mine");

@@ -175,7 +175,7 @@ TEST(SimulateNees, CovarianceOfCondensedIsHonest) {
   ASSERT_EQ(summaries.size(), 1U);
   EXPECT_EQ(summaries[0].degrees_of_freedom, 24);
   EXPECT_EQ(summaries[0].runs, 60);
-  EXPECT_TRUE(summaries[0].honest()) << DescribeNees(summaries[0]);
+  EXPECT_TRUE(summaries[0].consistent()) << DescribeNees(summaries[0]);
   study.sweeps[0].values = {0.0};
   EXPECT_THROW(RunNeesStudy(
                    study, [](const NeesTrial&) {}, nullptr),

@@ -105,7 +105,7 @@ class SyntheticScene {
   std::size_t cached_blocks() const;
 
  private:
-  // Made by whoever needs it first; the others wait.
+  // Made by the thread that needs it first; the others wait.
   struct Slot {
     std::once_flag once;
     std::shared_ptr<const Block> block;

@@ -1,4 +1,9 @@
-// PCD and PLY files, read by PCL. Private to io; the one door through which PCL comes in.
+// PCD and PLY files as scans.
+//
+// Headers and, for ASCII, every word are held against the file's bytes first
+// (io/recording/point_file_check.h); what fields mean is for io/message/point_cloud.h.
+//
+// Private to io/recording.
 #pragma once
 
 #include <string>
@@ -8,7 +13,7 @@
 
 namespace lamina {
 
-// Fields and times as in io/message/point_cloud.h. Throw InputError, also for a file of no points.
+// Any set of fields, as ScanFromCloud has it. Throw InputError, also for a file of no points.
 // `times` may be null, as for ReadScanFile.
 Scan ReadPcd(const std::string& path, const ScanSourceOptions& options, PointTimeField* times);
 Scan ReadPly(const std::string& path, const ScanSourceOptions& options, PointTimeField* times);
