@@ -7,9 +7,9 @@
 
 #include "core/base/error.h"
 #include "io/file/disk_room.h"
+#include "io/file/sqlite_file.h"
 #include "io/store/session_database.h"
 #include "io/store/session_rows.h"
-#include "io/file/sqlite_file.h"
 
 namespace lamina {
 namespace {
