@@ -235,7 +235,7 @@ bool StartTrack::Match(Hypothesis* hypothesis) const {
 
 void StartTrack::Decide() {
   if (hypotheses_.empty()) return Clear();
-  constexpr double kClearSigmas = 3.0;
+  constexpr double kClearSigmas = 3.0, kLikelySigmas = 1.0;
   Hypothesis best = hypotheses_.front();
   for (const Hypothesis& h : hypotheses_) {
     if (Better(h, best) > 0.0) best = h;
@@ -245,8 +245,8 @@ void StartTrack::Decide() {
   hypotheses_.erase(std::remove_if(hypotheses_.begin(), hypotheses_.end(), refuted),
                     hypotheses_.end());
   if (hypotheses_.size() > 1 && scans_.size() < kMostScans) return;
-  // Of several that are left at the end the best is followed.
-  if (followed_ && Better(best, hypotheses_.front()) <= 0.0) return Clear();
+  // Of several that are left at the end one that is likely better is followed.
+  if (followed_ && Better(best, hypotheses_.front()) < kLikelySigmas) return Clear();
   open_ = false;
   overruled_ = true;
   for (std::size_t k = 0; k < scans_.size(); ++k) {
