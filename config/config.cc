@@ -18,6 +18,7 @@ void LaminaConfig::VisitResultOptions(OptionVisitor& v) {
   v.Group("frontend", &frontend);
   v.Group("backend", &backend);
   v.Group("pipeline", &pipeline);
+  v.Group("loops", &loops);
 }
 
 void LaminaConfig::Visit(OptionVisitor& v) {

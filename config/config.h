@@ -9,6 +9,7 @@
 #include "backend/mapping/options.h"
 #include "backend/registration/batch_registration.h"
 #include "backend/session/options.h"
+#include "backend/submaps/loop_options.h"
 #include "core/options/options.h"
 #include "io/inbox/inbox.h"
 
@@ -35,6 +36,7 @@ struct LaminaConfig {
   OdometryOptions frontend;
   BackendOptions backend;
   PipelineOptions pipeline;
+  LoopOptions loops;
   SessionOptions session;
   LogOptions log;
   RegistrationOptions registration;

@@ -8,6 +8,7 @@
 #include "tools/doctor/command.h"
 #include "tools/eval/command.h"
 #include "tools/export/command.h"
+#include "tools/graph/command.h"
 #include "tools/info/command.h"
 #include "tools/plot/command.h"
 #include "tools/register/command.h"
@@ -29,6 +30,7 @@ void AddProductCommands(CLI::App* app, std::function<int()>* run) {
   AddPlotCommand(app, run);
   AddReportCommand(app, run);
   AddDoctorCommand(app, run);
+  AddSolveGraphCommand(app, run);
 }
 
 const char* PurposeOfLabCommand(const std::string& name) {

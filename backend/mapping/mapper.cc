@@ -204,7 +204,7 @@ bool Mapper::RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar) {
 }
 
 void Mapper::AddKeyframe(const OdometryFrame& odometry, std::vector<TimedCluster> clusters) {
-  if (window_.full()) window_.PopOldest();
+  if (window_.full()) PopOldest();
   WindowFrame frame;
   frame.id = NextId();
   frame.stamp_ns = odometry.stamp_ns;
@@ -280,9 +280,16 @@ void Mapper::Close() {
   if (!localising_ && !matched_) {
     DropWindow();
   } else {
-    while (!window_.frames().empty()) window_.PopOldest();
+    while (!window_.frames().empty()) PopOldest();
   }
   map_->Refresh();
+}
+
+void Mapper::PopOldest() {
+  if (!on_final_keyframe_) return window_.PopOldest();
+  FinalKeyframe keyframe;
+  window_.PopOldest(&keyframe);
+  on_final_keyframe_(piece_, keyframe);
 }
 
 void Mapper::DropWindow() {

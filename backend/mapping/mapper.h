@@ -17,6 +17,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <utility>
 #include <vector>
 
 #include "backend/bundle/adjuster.h"
@@ -113,6 +114,9 @@ class Mapper {
   // False if nothing of it could be used: it failed, or all of its frames have left the window.
   bool ApplySolve(const BundleResult& result);
 
+  // To be told of each keyframe that leaves the window.
+  void TellFinalKeyframes(OnFinalKeyframe tell) { on_final_keyframe_ = std::move(tell); }
+
   // From now on scans are matched to the map and leave it as it is, the first one near this pose.
   // Before any scan.
   void StartLocalising(const SE3& T_world_lidar);
@@ -141,6 +145,7 @@ class Mapper {
  private:
   OdometryFrame Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters);
   void DropWindow();
+  void PopOldest();
   bool IsKeyframe(const SE3& T_world_lidar) const;
   void AddKeyframe(const OdometryFrame& frame, std::vector<TimedCluster> clusters);
   // The same for a scan that follows a lost one.
@@ -179,6 +184,7 @@ class Mapper {
   int lost_in_a_row_ = 0;
   LostTrack lost_track_;
   StartTrack start_;
+  OnFinalKeyframe on_final_keyframe_;
   bool matched_ = false;  // any scan, ever
   bool localising_ = false;
 };

@@ -134,6 +134,7 @@ std::unique_ptr<PieceMapper> Mapping::BeginPiece(const SE3& T_world_start) {
   }
   auto mapper =
       std::make_unique<PieceMapper>(options_.mapper, &map_, piece, next_stream_++, T_world_start);
+  mapper->mapper().TellFinalKeyframes(callbacks_.on_final_keyframe);
   if (localise_from_) mapper->mapper().StartLocalising(*localise_from_);
   return mapper;
 }
@@ -277,6 +278,7 @@ void Mapping::Archive(StateArchive& a) {
     if (a.reading()) {
       recording.mapper =
           std::make_unique<PieceMapper>(options_.mapper, &map_, piece, stream, SE3());
+      recording.mapper->mapper().TellFinalKeyframes(callbacks_.on_final_keyframe);
     }
     a(recording.mapper.get());
   }

@@ -7,6 +7,7 @@
 #include <map>
 
 #include "backend/bundle/adjuster.h"
+#include "backend/mapping/final_keyframe.h"
 #include "backend/mapping/final_poses.h"
 #include "backend/mapping/mapped_scan.h"
 #include "core/geometry/state_archive.h"
@@ -41,6 +42,7 @@ struct MappingCallbacks {
   std::function<void()> on_settled;
   std::function<void(const FinalPose&)> on_final_pose;  // each scan, in order, somewhat later
   std::function<void(const SolveReport&)> on_solve;
+  OnFinalKeyframe on_final_keyframe;  // each keyframe that leaves the window of its piece
 };
 
 }  // namespace lamina

@@ -165,12 +165,15 @@ void SlidingWindow::Push(WindowFrame frame) {
   frames_.push_back(std::move(frame));
 }
 
-void SlidingWindow::PopOldest() {
+void SlidingWindow::PopOldest(FinalKeyframe* leaves) {
   const WindowFrame& frame = frames_.front();
+  if (leaves != nullptr) *leaves = {frame.id, frame.stamp_ns, frame.T_world_lidar, {}};
   for (std::size_t i = 0; i < frame.in_map.size(); ++i) {
     if (frame.leaves[i] == VoxelMap::kNoNode) continue;
-    map_->FixWindow(frame.leaves[i], frame.in_map[i], MarginalWeight(frame, i), frame.id);
+    const double weight = MarginalWeight(frame, i);
+    map_->FixWindow(frame.leaves[i], frame.in_map[i], weight, frame.id);
     map_->Release(frame.leaves[i]);
+    if (leaves != nullptr) leaves->clusters.push_back(frame.in_map[i].Scaled(weight));
   }
   frames_.pop_front();
 }

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "backend/bundle/problem.h"
+#include "backend/mapping/final_keyframe.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"
@@ -77,8 +78,8 @@ class SlidingWindow {
   // Puts a frame into window and map. id, stamp, pose, twist and `measured` must be set.
   void Push(WindowFrame frame);
 
-  // Marginalises the oldest frame.
-  void PopOldest();
+  // Marginalises the oldest frame. *leaves, if asked for, gets what it leaves to the map.
+  void PopOldest(FinalKeyframe* leaves = nullptr);
 
   // Sets the pose of frame i and leaves its clusters to a later Move.
   void SetPose(std::size_t i, const SE3& T_world_lidar) {

@@ -1,53 +1,15 @@
 #include "backend/registration/pose_graph.h"
 
-#include <ceres/ceres.h>
-
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 #include <optional>
 #include <stdexcept>
 
+#include "backend/registration/relative_pose_residual.h"
+
 namespace lamina {
 namespace {
-
-class GemanMcClureLoss final : public ceres::LossFunction {
- public:
-  explicit GemanMcClureLoss(double scale) : scale2_(scale * scale) {}
-  // rho(s) = s / (1 + s / c^2), that of core/geometry/robust_kernel.h for s = c^2 e^2.
-  void Evaluate(double s, double out[3]) const override {
-    const double d = 1.0 / (1.0 + s / scale2_);
-    out[0] = s * d;
-    out[1] = d * d;
-    out[2] = -2.0 * d * d * d / scale2_;
-  }
-
- private:
-  double scale2_;
-};
-
-struct EdgeResidual {
-  SE3 T_to_from;  // measured, inverse
-  double rotation_weight, translation_weight;
-
-  template <typename T>
-  bool operator()(const T* q_from, const T* t_from, const T* q_to, const T* t_to, T* r) const {
-    using Quaternion = Eigen::Quaternion<T>;
-    using Vector = Eigen::Matrix<T, 3, 1>;
-    const Eigen::Map<const Quaternion> qa(q_from), qb(q_to);
-    const Eigen::Map<const Vector> ta(t_from), tb(t_to);
-    const Quaternion q_between = qa.conjugate() * qb;
-    const Vector t_between = qa.conjugate() * Vector(tb - ta);
-    Quaternion dq = T_to_from.q.cast<T>() * q_between;
-    if (dq.w() < T(0.0)) dq.coeffs() = -dq.coeffs();
-    const Vector dt = T_to_from.q.cast<T>() * t_between + T_to_from.t.cast<T>();
-    Eigen::Map<Eigen::Matrix<T, 6, 1>> out(r);
-    // 2 vec(dq) is Log(dR) up to its third order, and has derivatives at zero.
-    out.template head<3>() = T(2.0 * rotation_weight) * dq.vec();
-    out.template tail<3>() = T(translation_weight) * dt;
-    return true;
-  }
-};
 
 double Distance(const PoseGraphEdge& edge, const std::vector<SE3>& poses, double rotation_weight,
                 double translation_weight) {
@@ -117,8 +79,10 @@ PoseGraphResult SolvePoseGraph(std::size_t poses, const std::vector<PoseGraphEdg
     problem.AddParameterBlock(pose.t.data(), 3);
   }
   for (const PoseGraphEdge& e : edges) {
-    auto* cost = new ceres::AutoDiffCostFunction<EdgeResidual, 6, 4, 3, 4, 3>(new EdgeResidual{
-        e.T_from_to.Inverse(), weight(e, rotation_sigma), weight(e, options.translation_sigma_m)});
+    Vector6d root;
+    root << Eigen::Vector3d::Constant(weight(e, rotation_sigma)),
+        Eigen::Vector3d::Constant(weight(e, options.translation_sigma_m));
+    ceres::CostFunction* cost = RelativePoseResidual::Cost(e.T_from_to, root.asDiagonal());
     SE3 &from = result.poses[e.from], &to = result.poses[e.to];
     problem.AddResidualBlock(cost, new GemanMcClureLoss(options.kernel_sigma),
                              from.q.coeffs().data(), from.t.data(), to.q.coeffs().data(),

@@ -250,6 +250,18 @@ void VoxelMap::FixWindow(NodeId leaf, const PointCluster& cluster, double weight
   }
 }
 
+void VoxelMap::AddFixed(NodeId leaf, const PointCluster& cluster, int frames,
+                        std::int64_t last_frame) {
+  Mark(leaf);
+  Node& n = node(leaf);
+  n.last_added = std::max(n.last_added, static_cast<std::int32_t>(last_frame));
+  n.fixed_frames = SaturatingAdd(n.fixed_frames, frames);
+  n.fixed += cluster;
+  if (n.fixed.count > options_.max_fixed_weight) {
+    n.fixed = n.fixed.Scaled(options_.max_fixed_weight / n.fixed.count);
+  }
+}
+
 void VoxelMap::Hold(NodeId leaf) { ++node(RootOf(leaf)).holds; }
 
 void VoxelMap::Release(NodeId leaf) { --node(RootOf(leaf)).holds; }

@@ -185,6 +185,10 @@ class VoxelMap {
   // is then capped. Frames leave in the order in which they came.
   void FixWindow(NodeId leaf, const PointCluster& cluster, double weight, std::int64_t frame);
 
+  // Adds to the fixed part of a leaf what `frames` frames, the last of them `last_frame`, have
+  // gathered elsewhere, and caps its weight.
+  void AddFixed(NodeId leaf, const PointCluster& cluster, int frames, std::int64_t last_frame);
+
   // While a leaf is held, its root is not evicted. Calls add up.
   void Hold(NodeId leaf);
   void Release(NodeId leaf);

@@ -35,7 +35,8 @@ const std::map<std::string, std::vector<std::vector<std::string>>> kRooms = {
      {{"backend/bundle"},
       {"backend/bundle/uncertainty"},
       {"backend/bundle/formulations", "backend/mapping"},
-      {"backend/registration", "backend/calibration", "backend/session"}}},
+      {"backend/registration", "backend/calibration", "backend/session"},
+      {"backend/submaps"}}},
 };
 
 std::string RoomOf(const std::string& file) { return file.substr(0, file.rfind('/')); }

@@ -73,6 +73,10 @@ void RemoveStaleResults(const std::string& out, const std::vector<std::string>& 
                                                    "cloud.pcd",
                                                    "map.png",
                                                    "doctor.html",
+                                                   "loops.csv",
+                                                   "graph.g2o",
+                                                   "trajectory_odometry_tum.txt",
+                                                   "trajectory_odometry_kitti.txt",
                                                    "summary.json"};
     const bool ours = std::find(kResults.begin(), kResults.end(), name) != kResults.end() ||
                       PieceOfFile(name, MapFileName) || PieceOfFile(name, PieceTrajectoryName);

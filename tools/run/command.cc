@@ -10,12 +10,14 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "backend/mapping/deskew_choice.h"
 #include "backend/mapping/pipeline.h"
 #include "backend/session/scan_record.h"
+#include "backend/submaps/piece_loops.h"
 #include "config/config.h"
 #include "core/base/error.h"
 #include "core/base/printable_text.h"
@@ -27,6 +29,7 @@
 #include "tools/results/piece_trajectories.h"
 #include "tools/results/process_report.h"
 #include "tools/results/recording_part.h"
+#include "tools/run/loop_results.h"
 #include "tools/run/opening_lines.h"
 
 namespace lamina {
@@ -38,6 +41,7 @@ struct RunArguments {
   std::string scans, out, frames, truth;
   std::string progress = "auto";
   ConfigArguments config;
+  std::string loops;  // on, off, or as the configuration has it
   int threads = 0;
 };
 
@@ -87,6 +91,11 @@ void PrintSummary(const std::string& out, const MappingCounts& counts, const Pie
     fmt::print("degenerate on {} frames: motion along unobservable directions is predicted\n",
                counts.degenerate);
   }
+  if (json.contains("loops")) {
+    const nlohmann::json& loops = json["loops"];
+    fmt::print("{} submaps, {} loops accepted, {} that no other agrees with\n",
+               loops["submaps"].dump(), loops["accepted"].dump(), loops["waiting"].dump());
+  }
   if (!errors.empty()) fmt::print("{}", DescribePieceErrors(errors));
   fmt::print("verdict: {}\n", ToString(verdict));
   PrintOutputs(out);
@@ -100,6 +109,12 @@ class RunOutput {
 
   FrameTable& table() { return table_; }
   void Add(const FinalPose& pose) { poses_.push_back(pose); }
+  // Moves all poses with their submaps; what they were goes to files of its own.
+  void Correct(const PieceLoops& loops) {
+    odometry_ = poses_;
+    if (!loops.AnyAccepted()) return;
+    for (FinalPose& pose : poses_) pose.pose.T_world_lidar = loops.Corrected(pose);
+  }
   // By piece, without the scans that were skipped.
   std::map<std::int64_t, Trajectory> Pieces() const {
     std::map<std::int64_t, Trajectory> pieces;
@@ -111,18 +126,19 @@ class RunOutput {
 
   nlohmann::json Finish(const MappingCounts& counts, const VoxelMap& map,
                         const LaminaConfig& config, const RecordingPart& part, RunFigures figures,
-                        const PieceErrors& errors) {
+                        const PieceErrors& errors, const PieceLoops* loops) {
     // Not before now: until here the results of an earlier run are whole.
-    RemoveStaleResults(directory_, {"trajectory_kitti.txt", "trajectory_tum.txt", "frames.csv",
-                                    "map_surfels.ply"});
-    // First what cannot be made again: poses, then the map.
-    Trajectory all_scans, frames;
-    for (const FinalPose& pose : poses_) {
-      all_scans.push_back(pose.pose);
-      if (!pose.skipped) frames.push_back(pose.pose);
+    std::vector<std::string> written = {"trajectory_kitti.txt", "trajectory_tum.txt", "frames.csv",
+                                        "map_surfels.ply"};
+    if (loops != nullptr) {
+      written.insert(written.end(), {"trajectory_odometry_tum.txt", "trajectory_odometry_kitti.txt",
+                                     "loops.csv", "graph.g2o"});
     }
-    WriteKittiTrajectory(Path("trajectory_kitti.txt"), all_scans);
-    WriteTumTrajectory(Path("trajectory_tum.txt"), frames);
+    RemoveStaleResults(directory_, written);
+    // First what cannot be made again: poses, then the map.
+    WriteTrajectories(poses_, "trajectory");
+    if (loops != nullptr) WriteTrajectories(odometry_, "trajectory_odometry");
+    if (loops != nullptr) WriteLoopFiles(directory_, *loops);
     WritePieceTrajectories(directory_, table_.pieces(), [&](const FinalPoses::Visit& visit) {
       for (const FinalPose& pose : poses_) visit(pose);
     });
@@ -133,18 +149,43 @@ class RunOutput {
     nlohmann::json summary = Summarise(counts, map, figures);
     summary["pieces"] = ToJson(table_.pieces());
     if (!errors.empty()) AddErrors(errors, &summary);
+    if (loops != nullptr) summary["loops"] = LoopSummary(*loops);
     summary["recording"] = ToJson(part);
     summary["verdict"] = ToJson(table_.Judge());
     WriteTextFile(Path("summary.json"), SummaryText(summary));
     return summary;
   }
 
-  std::string Path(const char* name) const { return (fs::path(directory_) / name).string(); }
+  std::string Path(const std::string& name) const { return (fs::path(directory_) / name).string(); }
 
  private:
+  void WriteTrajectories(const std::vector<FinalPose>& poses, const std::string& name) const {
+    Trajectory all_scans, frames;
+    for (const FinalPose& pose : poses) {
+      all_scans.push_back(pose.pose);
+      if (!pose.skipped) frames.push_back(pose.pose);
+    }
+    WriteKittiTrajectory(Path(name + "_kitti.txt"), all_scans);
+    WriteTumTrajectory(Path(name + "_tum.txt"), frames);
+  }
+
   std::string directory_;
   FrameTable table_;
-  std::vector<FinalPose> poses_;
+  std::vector<FinalPose> poses_, odometry_;
+};
+
+// The map of the corrected submaps.
+class CorrectedMap {
+ public:
+  CorrectedMap(const PieceLoops& loops, const VoxelMapOptions& options, const std::string& scratch)
+      : tiles_(scratch, TileStore::Lifetime::kScratch), map_(options, &tiles_) {
+    loops.AddCorrectedTo(&map_);
+  }
+  const VoxelMap& map() const { return map_; }
+
+ private:
+  TileStore tiles_;
+  VoxelMap map_;
 };
 
 // Says what was understood of the recording, and settles what it decides of the configuration:
@@ -180,6 +221,7 @@ PieceErrors JudgeByTruth(const std::map<std::int64_t, Trajectory>& pieces, const
 int Run(const RunArguments& arguments) {
   const auto limit = LimitThreads(arguments.threads);
   LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
+  if (!arguments.loops.empty()) config.loops.enabled = arguments.loops == "on";
   const auto source = OpenScans(arguments.scans, config.scans);
   const FrameRange range = ParseFrameRange(arguments.frames, source->size());
   RecordingPart part = PartOf(*source, range);
@@ -206,11 +248,25 @@ int Run(const RunArguments& arguments) {
     progress.Step();
   };
   callbacks.on_final_pose = [&](const FinalPose& pose) { output.Add(pose); };
+  std::unique_ptr<PieceLoops> loops;
+  if (config.loops.enabled) {
+    loops = std::make_unique<PieceLoops>(config.loops, config.Mapping().mapper);
+    callbacks.on_final_keyframe = [&](std::int64_t piece, const FinalKeyframe& keyframe) {
+      loops->Add(piece, keyframe);
+    };
+  }
   Mapping mapping(config.Mapping(), callbacks, &tiles);
   running = &mapping;
   const std::size_t processed =
       MapScans(*source, {range.begin, range.begin, range.end}, &mapping, &stop);
   mapping.Finish();
+  std::optional<CorrectedMap> corrected;
+  if (loops != nullptr) {
+    loops->Finish();
+    output.Correct(*loops);
+    if (loops->AnyAccepted())
+      corrected.emplace(*loops, config.map, output.Path("map_corrected.scratch"));
+  }
   figures.interrupted = processed < range.end - range.begin;
   progress.Finish();
   figures.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -222,7 +278,8 @@ int Run(const RunArguments& arguments) {
   // Of an interrupted run, the scans until then.
   if (processed > 0) part.end = part.begin + processed;
   const nlohmann::json summary =
-      output.Finish(mapping.counts(), mapping.map(), config, part, figures, errors);
+      output.Finish(mapping.counts(), corrected ? corrected->map() : mapping.map(), config, part,
+                    figures, errors, loops.get());
   const std::string interruption =
       fmt::format("{} of {} scans were mapped; the results are those of these", processed,
                   range.end - range.begin);
@@ -261,6 +318,12 @@ void AddRunCommand(CLI::App* app, std::function<int()>* run) {
   command->add_option("--truth", a.truth,
                       "True trajectory, KITTI or TUM form, to report errors against. KITTI "
                       "odometry's poses/NN.txt may be given as it is: calib.txt's Tr is applied");
+  command
+      ->add_option(
+          "--loops", a.loops,
+          "on: find places that are visited again, and correct map and trajectory by them; "
+          "else as loops.enabled of the configuration")
+      ->check(CLI::IsMember({"on", "off"}));
   AddProgressOption(command, &a.progress);
   command->callback([arguments, run] { *run = [arguments] { return Run(*arguments); }; });
 }

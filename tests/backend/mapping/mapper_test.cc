@@ -28,6 +28,8 @@ class Walk {
       EXPECT_TRUE(frame.keyframe);
     }
   }
+  Mapper& mapper() { return mapper_; }
+  const VoxelMap& map() const { return map_; }
   // A solve's result that moves every frame of the window by kShift.
   BundleResult Shifted() {
     BundleResult result;
@@ -81,6 +83,32 @@ TEST(Mapper, FramesThatLeftDuringASolveStayWhereTheMapHasThem) {
   for (std::size_t i = 0; i < moved.size(); ++i) {
     EXPECT_NEAR(moved[i], i < 2 ? 0.0 : kShift.norm(), 1e-9) << "frame " << i;
   }
+}
+
+TEST(Mapper, KeyframesAreToldWhenTheyLeaveTheWindow) {
+  Walk walk;
+  std::vector<FinalKeyframe> told;
+  walk.mapper().TellFinalKeyframes([&](std::int64_t piece, const FinalKeyframe& keyframe) {
+    EXPECT_EQ(piece, 0);
+    told.push_back(keyframe);
+  });
+  walk.Process(kWindow + 2);
+  ASSERT_EQ(told.size(), 2U);
+  walk.Apply(walk.Shifted());
+  walk.Process(1);
+  walk.mapper().Close();
+  ASSERT_EQ(told.size(), kWindow + 3U);
+  const Trajectory final = walk.mapper().TakeFinal(1000);
+  double most = 0.0;
+  for (std::size_t i = 0; i < told.size(); ++i) {
+    EXPECT_EQ(told[i].id, static_cast<std::int64_t>(i));
+    EXPECT_EQ(told[i].stamp_ns, final[i].stamp_ns);
+    EXPECT_EQ(told[i].T_world_lidar.t, final[i].T_world_lidar.t);
+    for (const PointCluster& cluster : told[i].clusters) most = std::max(most, cluster.count);
+    // What it leaves lies where the map has it.
+    EXPECT_NE(walk.map().FindSurface(told[i].clusters[0].mean), VoxelMap::kNoNode);
+  }
+  EXPECT_LE(most, 8.0);
 }
 
 TEST(Mapper, ASolveOfFramesThatHaveAllLeftChangesNothingAndSaysSo) {

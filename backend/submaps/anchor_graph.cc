@@ -1,0 +1,277 @@
+#include "backend/submaps/anchor_graph.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/SparseCholesky>
+#include <algorithm>
+#include <cmath>
+
+#include "backend/registration/relative_pose_residual.h"
+
+namespace lamina {
+namespace {
+
+Vector6d Difference(const AnchorEdge& edge, const std::vector<SE3>& poses) {
+  const SE3 d = edge.T_from_to.Inverse() * (poses.at(edge.from).Inverse() * poses.at(edge.to));
+  Vector6d difference;
+  difference << 2.0 * (d.q.w() < 0.0 ? -1.0 : 1.0) * d.q.vec(), d.t;
+  return difference;
+}
+
+// W with W'W = information, which may be singular.
+Matrix6d SquareRoot(const Matrix6d& information) {
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(information);
+  return eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal() *
+         eigen.eigenvectors().transpose();
+}
+
+// A loss under which an edge says nothing.
+class NoSay final : public ceres::LossFunction {
+ public:
+  void Evaluate(double, double out[3]) const override { out[0] = out[1] = out[2] = 0.0; }
+};
+
+// What a loop says that is not in it: of one that counts, what it would say had it been left out.
+struct Innovation {
+  double square = 0.0;       // in its own sigmas and those of the prediction together
+  double uncertainty = 0.0;  // log determinant of that covariance, in sigmas of the loop alone
+};
+
+// The graph as Ceres has it.
+class CeresGraph {
+ public:
+  CeresGraph(const AnchorGraph& graph, const AnchorGraphOptions& options, std::vector<SE3>* poses)
+      : graph_(graph), poses_(*poses) {
+    for (SE3& pose : poses_) {
+      problem_.AddParameterBlock(pose.q.coeffs().data(), 4, new ceres::EigenQuaternionManifold);
+      problem_.AddParameterBlock(pose.t.data(), 3);
+    }
+    for (const AnchorEdge& edge : graph.odometry) Add(edge, nullptr);
+    for (const AnchorEdge& edge : graph.loops) {
+      losses_.push_back(new ceres::LossFunctionWrapper(nullptr, ceres::TAKE_OWNERSHIP));
+      Add(edge, losses_.back());
+    }
+    Hold();
+    solver_.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+    solver_.max_num_iterations = options.max_iterations;
+    solver_.logging_type = ceres::SILENT;
+    solver_.num_threads = 1;
+    solver_.function_tolerance = 1e-9;
+  }
+
+  // By least squares of odometry and the loops kept.
+  bool Solve(AnchorGraphResult* result) {
+    for (std::size_t i = 0; i < losses_.size(); ++i)
+      losses_[i]->Reset(result->kept[i] ? nullptr : new NoSay, ceres::TAKE_OWNERSHIP);
+    ceres::Solver::Summary summary;
+    ceres::Solve(solver_, &problem_, &summary);
+    for (SE3& pose : poses_) pose.q.normalize();
+    result->iterations += static_cast<int>(summary.iterations.size());
+    if (!summary.IsSolutionUsable()) result->reason = summary.message;
+    return summary.IsSolutionUsable();
+  }
+
+  // Of all loops at the present poses, those in `kept` counting. Linearised: with A the normal
+  // matrix and J, r a loop's, H = J A^-1 J', it is r' (I + H)^-1 r, and r' (I - H)^-1 r of one that
+  // is in A.
+  std::vector<Innovation> Innovations(const std::vector<bool>& kept) {
+    std::vector<double> residuals;
+    const SparseRows J = Jacobian(&residuals);
+    SparseRows weighted = J;
+    const auto first_loop = static_cast<Eigen::Index>(6 * graph_.odometry.size());
+    for (Eigen::Index row = first_loop; row < J.rows(); ++row) {
+      if (kept[static_cast<std::size_t>((row - first_loop) / 6)]) continue;
+      for (SparseRows::InnerIterator it(weighted, row); it; ++it) it.valueRef() = 0.0;
+    }
+    // What no edge holds yet is known to some kilometres.
+    constexpr double kDamping = 1e-8;
+    Eigen::SparseMatrix<double> A = SparseRows(weighted.transpose()) * weighted;
+    Eigen::SparseMatrix<double> identity(A.rows(), A.cols());
+    identity.setIdentity();
+    A += kDamping * identity;
+    const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(A);
+    std::vector<Innovation> innovations(graph_.loops.size());
+    for (std::size_t i = 0; i < innovations.size(); ++i) {
+      const auto row = first_loop + static_cast<Eigen::Index>(6 * i);
+      const Eigen::MatrixXd Ji = J.middleRows(row, 6).toDense();
+      const Matrix6d H = Ji * factor.solve(Ji.transpose());
+      const Matrix6d S = Matrix6d::Identity() + (kept[i] ? Matrix6d(-H) : H);
+      const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(0.5 * (S + S.transpose()));
+      const Vector6d r =
+          eigen.eigenvectors().transpose() * Eigen::Map<const Vector6d>(residuals.data() + row);
+      // Along what nothing else determines, a loop that counts cannot be contradicted.
+      constexpr double kLeast = 1e-9;
+      for (int k = 0; k < 6; ++k) {
+        if (eigen.eigenvalues()(k) < kLeast) continue;
+        innovations[i].square += r(k) * r(k) / eigen.eigenvalues()(k);
+        innovations[i].uncertainty += std::log(eigen.eigenvalues()(k));
+      }
+    }
+    return innovations;
+  }
+
+ private:
+  using SparseRows = Eigen::SparseMatrix<double, Eigen::RowMajor>;
+
+  void Add(const AnchorEdge& edge, ceres::LossFunction* loss) {
+    SE3 &from = poses_.at(edge.from), &to = poses_.at(edge.to);
+    edges_.push_back(problem_.AddResidualBlock(
+        RelativePoseResidual::Cost(edge.T_from_to, SquareRoot(edge.information)), loss,
+        from.q.coeffs().data(), from.t.data(), to.q.coeffs().data(), to.t.data()));
+  }
+
+  // Of all edges, odometry first, whatever their losses.
+  SparseRows Jacobian(std::vector<double>* residuals) {
+    ceres::Problem::EvaluateOptions options;
+    options.apply_loss_function = false;
+    options.residual_blocks = edges_;
+    for (SE3& pose : poses_) {
+      if (problem_.IsParameterBlockConstant(pose.t.data())) continue;
+      options.parameter_blocks.push_back(pose.q.coeffs().data());
+      options.parameter_blocks.push_back(pose.t.data());
+    }
+    ceres::CRSMatrix crs;
+    problem_.Evaluate(options, nullptr, residuals, nullptr, &crs);
+    return Eigen::Map<const SparseRows>(crs.num_rows, crs.num_cols,
+                                        static_cast<Eigen::Index>(crs.values.size()),
+                                        crs.rows.data(), crs.cols.data(), crs.values.data());
+  }
+
+  // The first pose of each part that edges join.
+  void Hold() {
+    std::vector<std::size_t> part(poses_.size());
+    for (std::size_t i = 0; i < part.size(); ++i) part[i] = i;
+    const auto first = [&](std::size_t i) {
+      while (part[i] != i) i = part[i] = part[part[i]];
+      return i;
+    };
+    for (const auto* edges : {&graph_.odometry, &graph_.loops}) {
+      for (const AnchorEdge& edge : *edges) {
+        const std::size_t a = first(edge.from), b = first(edge.to);
+        part[std::max(a, b)] = std::min(a, b);
+      }
+    }
+    for (std::size_t i = 0; i < part.size(); ++i) {
+      if (first(i) != i) continue;
+      problem_.SetParameterBlockConstant(poses_[i].q.coeffs().data());
+      problem_.SetParameterBlockConstant(poses_[i].t.data());
+    }
+  }
+
+  const AnchorGraph& graph_;
+  std::vector<SE3>& poses_;
+  std::vector<ceres::LossFunctionWrapper*> losses_;  // owned by the problem
+  ceres::Problem problem_;
+  std::vector<ceres::ResidualBlockId> edges_;  // odometry, then loops
+  ceres::Solver::Options solver_;
+};
+
+// One round: the worst contradicted loop goes, or the surest of those that fit come. False when
+// nothing changes.
+bool ChangeKept(const std::vector<Innovation>& innovations, const std::vector<bool>& excluded,
+                double gate2, std::vector<bool>* kept) {
+  std::size_t worst = innovations.size();
+  std::vector<std::size_t> fitting;
+  for (std::size_t i = 0; i < innovations.size(); ++i) {
+    const double square = innovations[i].square;
+    if (!(*kept)[i]) {
+      if (square <= gate2 && !excluded[i]) fitting.push_back(i);
+    } else if (square > gate2 &&
+               (worst == innovations.size() || square > innovations[worst].square)) {
+      worst = i;
+    }
+  }
+  if (worst < innovations.size()) {
+    (*kept)[worst] = false;
+    return true;
+  }
+  std::stable_sort(fitting.begin(), fitting.end(), [&](std::size_t a, std::size_t b) {
+    return innovations[a].uncertainty < innovations[b].uncertainty;
+  });
+  constexpr std::size_t kShare = 4;
+  if (!fitting.empty()) fitting.resize((fitting.size() + kShare - 1) / kShare);
+  for (const std::size_t i : fitting) (*kept)[i] = true;
+  return !fitting.empty();
+}
+
+// Rounds until nothing changes, from the loops that are kept.
+bool SolveRounds(const std::vector<bool>& excluded, double gate2, CeresGraph* ceres_graph,
+                 AnchorGraphResult* result) {
+  bool good = ceres_graph->Solve(result);
+  // A loop that has come and gone may come again once: no rounds without end.
+  const std::size_t most = 2 * excluded.size() + 2;
+  for (std::size_t round = 0; round < most && good && !excluded.empty(); ++round) {
+    if (!ChangeKept(ceres_graph->Innovations(result->kept), excluded, gate2, &result->kept)) break;
+    good = ceres_graph->Solve(result);
+  }
+  return good;
+}
+
+// Over odometry and the loops kept.
+double Cost(const AnchorGraph& graph, const AnchorGraphResult& result) {
+  double cost = 0.0;
+  for (const AnchorEdge& edge : graph.odometry) cost += SquaredResidual(edge, result.poses);
+  for (std::size_t i = 0; i < graph.loops.size(); ++i) {
+    if (result.kept[i]) cost += SquaredResidual(graph.loops[i], result.poses);
+  }
+  return cost;
+}
+
+// Wrong loops that agree may have come first and kept the right ones out. What was kept out tries
+// without them; what has the lower cost, each loop left out counting as the gate, stays.
+bool TryWithout(const AnchorGraph& graph, double gate2, CeresGraph* ceres_graph,
+                AnchorGraphResult* result) {
+  const auto score = [&] {
+    const auto out = std::count(result->kept.begin(), result->kept.end(), false);
+    return Cost(graph, *result) + gate2 * static_cast<double>(out);
+  };
+  const std::vector<SE3> poses = result->poses;
+  const std::vector<bool> kept = result->kept;
+  const double first = score();
+  std::copy(graph.poses.begin(), graph.poses.end(), result->poses.begin());
+  result->kept.assign(kept.size(), false);
+  const std::vector<bool> none(kept.size(), false);
+  if (!SolveRounds(kept, gate2, ceres_graph, result) ||
+      !SolveRounds(none, gate2, ceres_graph, result))
+    return false;
+  if (score() < first) return true;
+  std::copy(poses.begin(), poses.end(), result->poses.begin());
+  result->kept = kept;
+  return true;
+}
+
+}  // namespace
+
+void AnchorGraphOptions::Visit(OptionVisitor& v) {
+  v.Integer("max_iterations", &max_iterations, 1, 100000);
+  v.Number("gate_sigmas", &gate_sigmas, 0.1, 1000.0);
+}
+
+double SquaredResidual(const AnchorEdge& edge, const std::vector<SE3>& poses) {
+  const Vector6d d = Difference(edge, poses);
+  return d.dot(edge.information * d);
+}
+
+AnchorGraphResult SolveAnchorGraph(const AnchorGraph& graph, const AnchorGraphOptions& options) {
+  CheckOptions(options, "loops.graph");
+  AnchorGraphResult result;
+  result.poses = graph.poses;
+  result.kept = graph.kept_before;
+  result.kept.resize(graph.loops.size(), false);
+  for (const auto* edges : {&graph.odometry, &graph.loops}) {
+    for (const AnchorEdge& edge : *edges) result.cost_before += SquaredResidual(edge, result.poses);
+  }
+  result.good = true;
+  if (graph.odometry.empty() && graph.loops.empty()) return result;
+  CeresGraph ceres_graph(graph, options, &result.poses);
+  const double gate2 = options.gate_sigmas * options.gate_sigmas;
+  const std::vector<bool> none(graph.loops.size(), false);
+  result.good = SolveRounds(none, gate2, &ceres_graph, &result);
+  const auto out = std::count(result.kept.begin(), result.kept.end(), false);
+  constexpr std::ptrdiff_t kFew = 3, kShare = 5;
+  if (result.good && out > kFew && kShare * out > static_cast<std::ptrdiff_t>(result.kept.size()))
+    result.good = TryWithout(graph, gate2, &ceres_graph, &result);
+  result.cost = Cost(graph, result);
+  return result;
+}
+
+}  // namespace lamina

@@ -1,0 +1,391 @@
+#include "backend/submaps/loop_closure.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <list>
+#include <queue>
+#include <utility>
+
+#include "core/base/parallel.h"
+
+namespace lamina {
+namespace {
+
+// What an edge is off by however short the way: submaps are not quite rigid.
+constexpr double kInnerSigmaM = 0.05, kInnerSigmaDeg = 0.1;
+// What the bounds on drift allow on top of their share of the way.
+constexpr double kSlackM = 1.5, kSlackDeg = 3.0;
+// Loops agree within this and the drift between them, which must be short enough to tell.
+constexpr double kAgreeM = 0.5, kAgreeDeg = 1.5, kMostAgreeM = 3.0;
+// Beside a corrected map the prediction is a hypothesis of its own.
+constexpr double kPredictedWithinM = 6.0;
+constexpr std::size_t kPredictions = 3;
+
+double Degrees(double degrees) { return degrees * M_PI / 180.0; }
+
+Matrix6d Isotropic(double rotation_sigma, double translation_sigma) {
+  Vector6d variances;
+  variances << Eigen::Vector3d::Constant(rotation_sigma * rotation_sigma),
+      Eigen::Vector3d::Constant(translation_sigma * translation_sigma);
+  return variances.asDiagonal();
+}
+
+}  // namespace
+
+const char* ToString(Loop::Status status) {
+  switch (status) {
+    case Loop::Status::kAccepted:
+      return "accepted";
+    case Loop::Status::kWaiting:
+      return "waiting";
+    case Loop::Status::kRefused:
+      break;
+  }
+  return "refused";
+}
+
+void LoopOptions::Visit(OptionVisitor& v) {
+  v.Flag("enabled", &enabled);
+  v.Number("min_way_m", &min_way_m, 0.0, 1e6);
+  v.Number("max_drift_percent", &max_drift_percent, 0.0, 100.0);
+  v.Number("max_drift_deg_per_100m", &max_drift_deg_per_100m, 0.0, 180.0);
+  v.Number("drift_sigma_percent", &drift_sigma_percent, 1e-3, 100.0);
+  v.Number("drift_sigma_deg_per_100m", &drift_sigma_deg_per_100m, 1e-3, 180.0);
+  v.Integer("registrations", &registrations, 1, 100);
+  v.Group("submap", &submap);
+  v.Group("place", &place);
+  v.Group("verification", &verification);
+  v.Group("graph", &graph);
+}
+
+// The voxel maps of the submaps that were registered against last.
+class LoopClosure::Targets {
+ public:
+  explicit Targets(const VoxelMapOptions& map) : map_(map) {}
+
+  // For all of these, made in parallel where they are not there.
+  std::vector<const SubmapTarget*> Of(const std::vector<std::size_t>& ids,
+                                      const std::vector<Submap>& submaps) {
+    std::vector<std::size_t> missing;
+    for (const std::size_t id : ids) {
+      const auto found =
+          std::find_if(kept_.begin(), kept_.end(), [&](const Kept& kept) { return kept.id == id; });
+      if (found != kept_.end()) {
+        kept_.splice(kept_.begin(), kept_, found);
+      } else {
+        kept_.push_front({id, nullptr});
+        missing.push_back(id);
+      }
+    }
+    std::vector<std::unique_ptr<SubmapTarget>> made(missing.size());
+    ParallelChunks(missing.size(), 1, [&](std::size_t i, std::size_t) {
+      made[i] = std::make_unique<SubmapTarget>(submaps[missing[i]], map_);
+    });
+    for (std::size_t i = 0; i < missing.size(); ++i) Find(missing[i]).target = std::move(made[i]);
+    while (kept_.size() > std::max(kMost, ids.size())) kept_.pop_back();
+    std::vector<const SubmapTarget*> targets;
+    for (const std::size_t id : ids) targets.push_back(Find(id).target.get());
+    return targets;
+  }
+
+ private:
+  static constexpr std::size_t kMost = 16;
+  struct Kept {
+    std::size_t id;
+    std::unique_ptr<SubmapTarget> target;
+  };
+  Kept& Find(std::size_t id) {
+    return *std::find_if(kept_.begin(), kept_.end(),
+                         [&](const Kept& kept) { return kept.id == id; });
+  }
+
+  VoxelMapOptions map_;
+  std::list<Kept> kept_;  // the last used first
+};
+
+LoopClosure::LoopClosure(const LoopOptions& options, const VoxelMapOptions& map,
+                         const ScanMatcherOptions& matcher)
+    : options_(options), registration_(matcher), targets_(std::make_unique<Targets>(map)) {
+  CheckOptions(options, "loops");
+}
+LoopClosure::~LoopClosure() = default;
+
+double LoopClosure::DriftM(double way_m) const {
+  return kSlackM + 0.01 * options_.max_drift_percent * way_m;
+}
+double LoopClosure::DriftRad(double way_m) const {
+  return Degrees(kSlackDeg + 0.01 * options_.max_drift_deg_per_100m * way_m);
+}
+
+AnchorEdge LoopClosure::OdometryEdge(std::size_t to) const {
+  const Submap &a = submaps_[to - 1], &b = submaps_[to];
+  AnchorEdge edge{to - 1, to, a.T_world_submap.Inverse() * b.T_world_submap, {}};
+  const double rotation =
+      Degrees(std::hypot(kInnerSigmaDeg, 0.01 * options_.drift_sigma_deg_per_100m * a.way_m));
+  const double translation =
+      std::hypot(kInnerSigmaM, 0.01 * options_.drift_sigma_percent * a.way_m);
+  edge.information = Isotropic(rotation, translation).inverse();
+  return edge;
+}
+
+AnchorEdge LoopClosure::LoopEdge(const Loop& loop) const {
+  AnchorEdge edge{loop.from, loop.to, loop.match.T_other_query, {}};
+  // The translation of a match is perturbed in the frame of the other submap.
+  Matrix6d J = Matrix6d::Identity();
+  J.bottomRightCorner<3, 3>() = edge.T_from_to.R().transpose();
+  edge.information =
+      (J * loop.match.covariance * J.transpose() + Isotropic(Degrees(kInnerSigmaDeg), kInnerSigmaM))
+          .inverse();
+  edge.information = 0.5 * (edge.information + edge.information.transpose().eval());
+  return edge;
+}
+
+AnchorGraph LoopClosure::graph() const {
+  AnchorGraph graph;
+  graph.poses = anchors_;
+  for (std::size_t i = 1; i < submaps_.size(); ++i) graph.odometry.push_back(OdometryEdge(i));
+  for (const Loop& loop : loops_) {
+    if (loop.status != Loop::Status::kAccepted) continue;
+    graph.loops.push_back(LoopEdge(loop));
+    graph.kept_before.push_back(loop.solved);
+  }
+  return graph;
+}
+
+void LoopClosure::Add(Submap submap) {
+  const std::size_t id = submaps_.size();
+  Eigen::Vector3d up = submap.T_world_submap.q.conjugate() * Eigen::Vector3d::UnitZ();
+  double tilt_deg = options_.place.max_tilt_deg;
+  SE3 anchor = submap.T_world_submap;
+  Place place;
+  if (id > 0) {
+    const SE3 T_this_last = submap.T_world_submap.Inverse() * submaps_.back().T_world_submap;
+    const Eigen::Quaterniond& level = places_.back().image.T_level_submap.q;
+    up = T_this_last.q * (level.conjugate() * Eigen::Vector3d::UnitZ());
+    // The one before has told it, but for what a short way can turn it by.
+    constexpr double kChangeDeg = 12.0;
+    tilt_deg = std::min(tilt_deg, kChangeDeg);
+    if (corrected_) anchor = anchors_.back() * T_this_last.Inverse();
+    place.way_m = places_.back().way_m + submaps_.back().way_m;
+  }
+  std::vector<LeafPlane> planes = LeafPlanes(submap);
+  PlaceOptions options = options_.place;
+  options.max_tilt_deg = tilt_deg;
+  place.image = MakePlaceImage(submap, planes, options, up);
+  up = place.image.T_level_submap.q.conjugate() * Eigen::Vector3d::UnitZ();
+  const SubmapQuery query = MakeQuery(submap, std::move(planes), up);
+  submaps_.push_back(std::move(submap));
+  places_.push_back(std::move(place));
+  anchors_.push_back(anchor);
+  FindLoops(query);
+  if (AcceptAgreeing()) Correct();
+}
+
+std::vector<double> LoopClosure::Ways() const {
+  std::vector<std::vector<std::size_t>> joined(submaps_.size());
+  for (const Loop& loop : loops_) {
+    if (loop.status != Loop::Status::kAccepted) continue;
+    joined[loop.from].push_back(loop.to);
+    joined[loop.to].push_back(loop.from);
+  }
+  std::vector<double> ways(submaps_.size(), std::numeric_limits<double>::infinity());
+  std::priority_queue<std::pair<double, std::size_t>> open;
+  const auto reach = [&](double way, std::size_t id) {
+    if (way >= ways[id]) return;
+    ways[id] = way;
+    open.push({-way, id});
+  };
+  reach(0.0, submaps_.size() - 1);
+  while (!open.empty()) {
+    const auto [negative, id] = open.top();
+    open.pop();
+    if (-negative > ways[id]) continue;
+    if (id > 0) reach(ways[id] + submaps_[id - 1].way_m, id - 1);
+    if (id + 1 < submaps_.size()) reach(ways[id] + submaps_[id].way_m, id + 1);
+    for (const std::size_t other : joined[id]) reach(ways[id], other);
+  }
+  return ways;
+}
+
+std::vector<LoopClosure::Hypothesis> LoopClosure::Hypotheses(
+    const std::vector<double>& ways) const {
+  const std::size_t query = submaps_.size() - 1;
+  const auto middle = [&](std::size_t id) {
+    return Eigen::Vector3d(anchors_[id] * places_[id].image.T_level_submap.Inverse().t);
+  };
+  const Eigen::Vector3d here = middle(query);
+  const double reach_m = PlaceImage::kRadius * options_.place.cell_size_m;
+  std::vector<std::size_t> others;
+  std::vector<const PlaceImage*> images;
+  std::vector<std::pair<double, std::size_t>> near;
+  for (std::size_t id = 0; id < query; ++id) {
+    if (places_[query].way_m - places_[id].way_m - submaps_[id].way_m < options_.min_way_m)
+      continue;
+    const double distance = (middle(id) - here).norm(), drift = DriftM(ways[id]);
+    if (distance > drift + reach_m) continue;
+    others.push_back(id);
+    images.push_back(&places_[id].image);
+    if (drift < kPredictedWithinM && distance < options_.submap.length_m + drift)
+      near.emplace_back(distance, id);
+  }
+  std::vector<Hypothesis> hypotheses;
+  if (others.empty()) return hypotheses;
+  for (const PlaceHypothesis& found : LookUpPlace(places_[query].image, images, options_.place)) {
+    if (hypotheses.size() == static_cast<std::size_t>(options_.registrations)) break;
+    hypotheses.push_back({others[found.other], found.T_other_query, found.score, false});
+  }
+  std::sort(near.begin(), near.end());
+  for (std::size_t i = 0; i < std::min(near.size(), kPredictions); ++i) {
+    const std::size_t id = near[i].second;
+    hypotheses.push_back({id, anchors_[id].Inverse() * anchors_[query], 0.0, true});
+  }
+  return hypotheses;
+}
+
+void LoopClosure::FindLoops(const SubmapQuery& query) {
+  const std::size_t to = submaps_.size() - 1;
+  const std::vector<double> ways = Ways();
+  const std::vector<Hypothesis> hypotheses = Hypotheses(ways);
+  std::vector<std::size_t> ids;
+  for (const Hypothesis& hypothesis : hypotheses) {
+    if (std::find(ids.begin(), ids.end(), hypothesis.other) == ids.end())
+      ids.push_back(hypothesis.other);
+  }
+  const std::vector<const SubmapTarget*> targets = targets_->Of(ids, submaps_);
+  std::vector<Loop> found(hypotheses.size());
+  ParallelChunks(hypotheses.size(), 1, [&](std::size_t i, std::size_t) {
+    const Hypothesis& hypothesis = hypotheses[i];
+    const auto at = std::find(ids.begin(), ids.end(), hypothesis.other) - ids.begin();
+    Loop& loop = found[i];
+    loop.from = hypothesis.other;
+    loop.to = to;
+    loop.score = hypothesis.score;
+    loop.way_m = ways[hypothesis.other];
+    loop.match = registration_.Register(query, *targets[static_cast<std::size_t>(at)],
+                                        hypothesis.T_other_query);
+    loop.reason = Refusal(loop.match, options_.verification);
+    if (loop.reason.empty()) loop.reason = DriftRefusal(loop);
+    if (loop.reason.empty()) loop.status = Loop::Status::kWaiting;
+  });
+  // The best of each other submap: what is not refused, then what more planes speak for.
+  std::stable_sort(found.begin(), found.end(), [](const Loop& a, const Loop& b) {
+    if (a.from != b.from) return a.from < b.from;
+    if (a.status != b.status) return a.status == Loop::Status::kWaiting;
+    return a.match.planes * a.match.overlap > b.match.planes * b.match.overlap;
+  });
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    if (i == 0 || found[i].from != found[i - 1].from) loops_.push_back(found[i]);
+  }
+}
+
+std::string LoopClosure::DriftRefusal(const Loop& loop) const {
+  const SE3 predicted = anchors_[loop.from].Inverse() * anchors_[loop.to];
+  // Where the two middles meet, so that a rotation moves nothing.
+  const Eigen::Vector3d middle = places_[loop.to].image.T_level_submap.Inverse().t;
+  const double off_m = (predicted * middle - loop.match.T_other_query * middle).norm();
+  const double off_rad = RotationAngle(predicted, loop.match.T_other_query);
+  if (off_m > DriftM(loop.way_m) || off_rad > DriftRad(loop.way_m))
+    return "farther off than odometry drifts";
+  return "";
+}
+
+bool LoopClosure::Agree(const Loop& a, const Loop& b) const {
+  // What one submap finds is found by its errors, too.
+  if (a.to == b.to) return false;
+  const double way = std::abs(places_[a.from].way_m - places_[b.from].way_m) +
+                     std::abs(places_[a.to].way_m - places_[b.to].way_m);
+  const double most_m = kAgreeM + 0.01 * options_.max_drift_percent * way;
+  if (most_m > kMostAgreeM) return false;
+  const auto between = [&](std::size_t i, std::size_t j) {
+    return submaps_[i].T_world_submap.Inverse() * submaps_[j].T_world_submap;
+  };
+  const SE3 around = between(a.from, b.from) * b.match.T_other_query * between(b.to, a.to);
+  const double off_rad = RotationAngle(around, a.match.T_other_query);
+  const Eigen::Vector3d middle = places_[a.to].image.T_level_submap.Inverse().t;
+  const double off_m = (around * middle - a.match.T_other_query * middle).norm();
+  return off_m <= most_m &&
+         off_rad <= Degrees(kAgreeDeg + 0.01 * options_.max_drift_deg_per_100m * way);
+}
+
+bool LoopClosure::AcceptAgreeing() {
+  std::vector<bool> agrees(loops_.size(), false);
+  for (std::size_t i = 0; i < loops_.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      const Loop &a = loops_[i], &b = loops_[j];
+      if (a.status == Loop::Status::kRefused || b.status == Loop::Status::kRefused) continue;
+      if (a.status == b.status && a.status == Loop::Status::kAccepted) continue;
+      if (Agree(a, b)) agrees[i] = agrees[j] = true;
+    }
+  }
+  bool any = false;
+  for (std::size_t i = 0; i < loops_.size(); ++i) {
+    if (loops_[i].status != Loop::Status::kWaiting) continue;
+    loops_[i].reason = agrees[i] ? "" : "no other loop agrees";
+    if (!agrees[i]) continue;
+    loops_[i].status = Loop::Status::kAccepted;
+    any = true;
+  }
+  return any;
+}
+
+void LoopClosure::Correct() {
+  const AnchorGraph graph = this->graph();
+  const AnchorGraphResult result = SolveAnchorGraph(graph, options_.graph);
+  if (!result.good) return;
+  anchors_ = result.poses;
+  corrected_ = true;
+  std::vector<SE3> start;
+  for (const Submap& submap : submaps_) start.push_back(submap.T_world_submap);
+  cost_before_ = 0.0;
+  cost_ = result.cost;
+  std::size_t kept = 0;
+  for (Loop& loop : loops_) {
+    if (loop.status != Loop::Status::kAccepted) continue;
+    const std::size_t i = kept++;
+    loop.solved = result.kept[i];
+    if (loop.solved) {
+      cost_before_ += SquaredResidual(graph.loops[i], start);
+    } else {
+      loop.status = Loop::Status::kRefused;
+      loop.reason = "contradicts the other loops";
+    }
+  }
+}
+
+AnchorCorrection::AnchorCorrection(const std::vector<Submap>& submaps,
+                                   const std::vector<SE3>& anchors) {
+  for (std::size_t i = 0; i < submaps.size(); ++i) {
+    middles_.push_back(submaps[i].keyframes[submaps[i].keyframes.size() / 2].stamp_ns);
+    corrections_.push_back(anchors[i] * submaps[i].T_world_submap.Inverse());
+  }
+}
+
+SE3 AnchorCorrection::Corrected(StampNs stamp_ns, const SE3& T_world_lidar) const {
+  if (middles_.empty()) return T_world_lidar;
+  const auto after = static_cast<std::size_t>(
+      std::lower_bound(middles_.begin(), middles_.end(), stamp_ns) - middles_.begin());
+  if (after == 0) return corrections_.front() * T_world_lidar;
+  if (after == middles_.size()) return corrections_.back() * T_world_lidar;
+  const double share = static_cast<double>(stamp_ns - middles_[after - 1]) /
+                       static_cast<double>(middles_[after] - middles_[after - 1]);
+  return Interpolate(corrections_[after - 1] * T_world_lidar, corrections_[after] * T_world_lidar,
+                     share);
+}
+
+void AddToMap(const std::vector<Submap>& submaps, const std::vector<SE3>& anchors, VoxelMap* map) {
+  for (std::size_t i = 0; i < submaps.size(); ++i) {
+    const Eigen::Matrix3d R = anchors[i].R();
+    for (const SubmapLeaf& leaf : submaps[i].leaves) {
+      const PointCluster cluster = submaps[i].Cluster(leaf).Moved(R, anchors[i].t);
+      if (map->CanHold(cluster.mean))
+        map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes,
+                      submaps[i].keyframes.back().id);
+    }
+    map->Refresh();
+    map->EvictToBudget();
+  }
+}
+
+}  // namespace lamina

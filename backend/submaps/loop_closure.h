@@ -1,0 +1,116 @@
+// Loops between the submaps of one piece, and the anchors that agree with them.
+//
+//     submap complete -> described (place_image.h) -> looked up among the earlier ones
+//     (place_lookup.h)
+//       -> registered (submap_registration.h) -> within the drift of odometry -> agrees with a loop
+//       of another submap -> anchors solved (anchor_graph.h)
+//
+// A loop is accepted when all of that holds; until another one agrees with it, it waits. Odometry's
+// edges join successive submaps; their sigmas are the drift that options expect of the way.
+//
+// Submaps come one by one, and each correction is complete when Add() returns. Memory: 48 bytes a
+// leaf, and some 50 kB a submap for its image. Not thread-safe; same bits at any number of threads.
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "backend/submaps/loop_options.h"
+#include "backend/submaps/place_lookup.h"
+#include "core/map/voxel_map.h"
+#include "frontend/scan_matcher.h"
+
+namespace lamina {
+
+struct Loop {
+  enum class Status {
+    kAccepted,
+    kWaiting,  // nothing speaks against it, and no other loop agrees yet
+    kRefused,
+  };
+  Status status = Status::kRefused;
+  bool solved = false;           // accepted, and part of a solve that kept it
+  std::string reason;            // unless accepted
+  std::size_t from = 0, to = 0;  // positions of the submaps, the earlier one first
+  double score = 0.0;            // of the images; 0 where the predicted pose was the hypothesis
+  double way_m = 0.0;            // between them, along edges and the loops accepted before
+  SubmapMatch match;             // T_other_query: T_from_to
+};
+const char* ToString(Loop::Status status);
+
+class LoopClosure {
+ public:
+  // Throws OptionError. `map`, `matcher`: as in mapping.
+  LoopClosure(const LoopOptions& options, const VoxelMapOptions& map,
+              const ScanMatcherOptions& matcher);
+  ~LoopClosure();
+
+  // The next submap; its anchor as odometry has it.
+  void Add(Submap submap);
+
+  const std::vector<Submap>& submaps() const { return submaps_; }
+  // Present anchors, corrected.
+  const std::vector<SE3>& anchors() const { return anchors_; }
+  const std::vector<Loop>& loops() const { return loops_; }
+  // Odometry's edges and the accepted loops, at the present anchors.
+  AnchorGraph graph() const;
+  // Sums of squared residuals of that graph before any correction and now.
+  double cost_before() const { return cost_before_; }
+  double cost() const { return cost_; }
+
+ private:
+  struct Place {
+    PlaceImage image;
+    double way_m = 0.0;  // of the sensor, from the first submap's begin to this one's
+  };
+  class Targets;
+  struct Hypothesis {
+    std::size_t other = 0;
+    SE3 T_other_query;
+    double score = 0.0;
+    bool predicted = false;
+  };
+
+  // Ways from the newest submap to each, along edges and accepted loops.
+  std::vector<double> Ways() const;
+  double DriftM(double way_m) const;
+  double DriftRad(double way_m) const;
+  std::vector<Hypothesis> Hypotheses(const std::vector<double>& ways) const;
+  void FindLoops(const SubmapQuery& query);
+  std::string DriftRefusal(const Loop& loop) const;
+  bool Agree(const Loop& a, const Loop& b) const;
+  // Accepts waiting loops that now agree with others; true if there are any.
+  bool AcceptAgreeing();
+  void Correct();
+  AnchorEdge OdometryEdge(std::size_t to) const;
+  AnchorEdge LoopEdge(const Loop& loop) const;
+
+  LoopOptions options_;
+  SubmapRegistration registration_;
+  std::unique_ptr<Targets> targets_;
+  std::vector<Submap> submaps_;
+  std::vector<Place> places_;
+  std::vector<SE3> anchors_;
+  bool corrected_ = false;  // before that, anchors are odometry's to the last bit
+  std::vector<Loop> loops_;
+  double cost_before_ = 0.0, cost_ = 0.0;
+};
+
+// Moves poses with the submaps that they belong to: between the middles of two submaps, by the
+// geodesic between both corrections, so that the trajectory has no steps.
+class AnchorCorrection {
+ public:
+  AnchorCorrection(const std::vector<Submap>& submaps, const std::vector<SE3>& anchors);
+  SE3 Corrected(StampNs stamp_ns, const SE3& T_world_lidar) const;
+
+ private:
+  std::vector<StampNs> middles_;
+  std::vector<SE3> corrections_;  // T_corrected_world
+};
+
+// Adds the submaps at these anchors to the selected piece of a map, in their order.
+void AddToMap(const std::vector<Submap>& submaps, const std::vector<SE3>& anchors, VoxelMap* map);
+
+}  // namespace lamina

@@ -1,0 +1,109 @@
+#include "backend/submaps/submap.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+namespace lamina {
+
+void SubmapOptions::Visit(OptionVisitor& v) {
+  v.Number("length_m", &length_m, 0.1, 10000.0);
+  v.Integer("max_keyframes", &max_keyframes, 2, 100000);
+}
+
+PointCluster Submap::Cluster(const SubmapLeaf& leaf) const {
+  PointCluster cluster;
+  cluster.count = leaf.count;
+  for (int axis = 0; axis < 3; ++axis) {
+    cluster.mean[axis] =
+        leaf_size_m * (leaf.index[axis] + 0.5) + static_cast<double>(leaf.mean[axis]);
+  }
+  const float* c = leaf.covariance;
+  cluster.scatter = Symmetric3{c[0], c[1], c[2], c[3], c[4], c[5]} * cluster.count;
+  return cluster;
+}
+
+SubmapBuilder::SubmapBuilder(const SubmapOptions& options, double leaf_size_m)
+    : options_(options), leaf_size_m_(leaf_size_m) {
+  CheckOptions(options, "loops.submap");
+}
+
+std::optional<Submap> SubmapBuilder::Add(const FinalKeyframe& keyframe) {
+  std::optional<Submap> complete;
+  if (!submap_.keyframes.empty()) {
+    submap_.way_m += (keyframe.T_world_lidar.t - T_world_last_.t).norm();
+    if (submap_.way_m >= options_.length_m ||
+        static_cast<int>(submap_.keyframes.size()) >= options_.max_keyframes) {
+      complete = Complete();
+    }
+  }
+  if (submap_.keyframes.empty()) submap_.T_world_submap = keyframe.T_world_lidar;
+  T_world_last_ = keyframe.T_world_lidar;
+  AddClusters(keyframe);
+  return complete;
+}
+
+std::optional<Submap> SubmapBuilder::Finish() {
+  if (submap_.keyframes.empty()) return std::nullopt;
+  return Complete();
+}
+
+void SubmapBuilder::AddClusters(const FinalKeyframe& keyframe) {
+  const SE3 T_submap_world = submap_.T_world_submap.Inverse();
+  submap_.keyframes.push_back(
+      {keyframe.id, keyframe.stamp_ns, T_submap_world * keyframe.T_world_lidar});
+  const Eigen::Matrix3d R = T_submap_world.R();
+  for (const PointCluster& in_world : keyframe.clusters) {
+    if (in_world.Empty()) continue;
+    const PointCluster cluster = in_world.Moved(R, T_submap_world.t);
+    const Eigen::Array3d place = (cluster.mean / leaf_size_m_).array().floor();
+    // False for NaN, too.
+    if (!(place.abs() < static_cast<double>(std::numeric_limits<std::int16_t>::max())).all())
+      continue;
+    const std::int32_t at = index_.FindOrInsert(VoxelKeyOf(cluster.mean, 1.0 / leaf_size_m_),
+                                                static_cast<std::int32_t>(cells_.size()));
+    if (at == static_cast<std::int32_t>(cells_.size())) {
+      Cell cell;
+      for (int axis = 0; axis < 3; ++axis)
+        cell.index[axis] = static_cast<std::int16_t>(place[axis]);
+      cells_.push_back(cell);
+    }
+    Cell& cell = cells_[static_cast<std::size_t>(at)];
+    if (cell.last != keyframe.id && cell.keyframes < std::numeric_limits<std::uint16_t>::max())
+      ++cell.keyframes;
+    cell.last = keyframe.id;
+    cell.cluster += cluster;
+  }
+}
+
+Submap SubmapBuilder::Complete() {
+  std::sort(cells_.begin(), cells_.end(), [](const Cell& a, const Cell& b) {
+    return std::lexicographical_compare(a.index, a.index + 3, b.index, b.index + 3);
+  });
+  submap_.leaf_size_m = leaf_size_m_;
+  submap_.leaves.reserve(cells_.size());
+  for (const Cell& cell : cells_) {
+    SubmapLeaf leaf;
+    leaf.keyframes = cell.keyframes;
+    leaf.count = static_cast<float>(cell.cluster.count);
+    for (int axis = 0; axis < 3; ++axis) {
+      leaf.index[axis] = cell.index[axis];
+      leaf.mean[axis] =
+          static_cast<float>(cell.cluster.mean[axis] - leaf_size_m_ * (cell.index[axis] + 0.5));
+    }
+    const Symmetric3 c = cell.cluster.Covariance();
+    const std::array<double, 6> covariance = {c.xx, c.xy, c.xz, c.yy, c.yz, c.zz};
+    std::transform(covariance.begin(), covariance.end(), leaf.covariance,
+                   [](double value) { return static_cast<float>(value); });
+    submap_.leaves.push_back(leaf);
+  }
+  Submap next;
+  next.id = submap_.id + 1;
+  cells_.clear();
+  index_ = VoxelIndex();
+  return std::exchange(submap_, std::move(next));
+}
+
+}  // namespace lamina

@@ -1,0 +1,95 @@
+// A submap: the part of the map that successive keyframes saw, in a frame of its own.
+//
+//     p_world = T_world_submap * p_submap,      p_submap = T_submap_lidar * p_lidar
+//
+// Clusters lie in a grid of voxels ("leaves") of the submap's frame, which is that of its first
+// keyframe's LiDAR at the time when it left the sliding window. What a submap holds never changes;
+// only its anchor T_world_submap may move, so that a correction of the map costs O(submaps).
+// Each keyframe belongs to exactly one submap: nothing is counted twice.
+//
+// A leaf takes 48 bytes: its index, the number of its keyframes, and its cluster in single
+// precision, relative to the voxel's centre (mean) and to the number of points (covariance), so
+// that it is as exact far from the origin as near it.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "backend/mapping/final_keyframe.h"
+#include "core/geometry/point_cluster.h"
+#include "core/geometry/scan.h"
+#include "core/geometry/se3.h"
+#include "core/map/voxel_key.h"
+#include "core/options/options.h"
+
+namespace lamina {
+
+struct SubmapOptions {
+  // Way of the sensor that makes a submap.
+  double length_m = 30.0;
+  // A sensor that turns on the spot or stands still ends one after so many keyframes, too.
+  int max_keyframes = 400;
+
+  void Visit(OptionVisitor& v);
+};
+
+struct SubmapLeaf {
+  std::int16_t index[3] = {0, 0, 0};  // voxel [index, index + 1) * leaf_size_m
+  std::uint16_t keyframes = 0;        // that have points in it, saturating
+  float count = 0.0F;
+  float mean[3] = {0.0F, 0.0F, 0.0F};                          // from the voxel's centre, metres
+  float covariance[6] = {0.0F, 0.0F, 0.0F, 0.0F, 0.0F, 0.0F};  // xx xy xz yy yz zz, m^2
+};
+static_assert(sizeof(SubmapLeaf) == 48);
+
+struct SubmapKeyframe {
+  std::int64_t id = 0;
+  StampNs stamp_ns = 0;
+  SE3 T_submap_lidar;
+};
+
+struct Submap {
+  std::int64_t id = 0;  // in its piece, from 0
+  double leaf_size_m = 0.0;
+  SE3 T_world_submap;  // the anchor
+  std::vector<SubmapKeyframe> keyframes;
+  std::vector<SubmapLeaf> leaves;  // in ascending order of x, y, z
+  double way_m = 0.0;              // of the sensor in it, to the next submap's first keyframe
+
+  // The cluster of a leaf, in the submap's frame.
+  PointCluster Cluster(const SubmapLeaf& leaf) const;
+};
+
+// Gathers keyframes of one piece into submaps. Deterministic; not thread-safe.
+class SubmapBuilder {
+ public:
+  // Throws OptionError. leaf_size_m > 0.
+  SubmapBuilder(const SubmapOptions& options, double leaf_size_m);
+
+  // Returns the submap that was complete before this keyframe, which begins the next. Clusters
+  // farther from the submap's origin than its indices reach (2^15 leaves) are left out.
+  std::optional<Submap> Add(const FinalKeyframe& keyframe);
+  // What has come since the last complete one, if anything.
+  std::optional<Submap> Finish();
+
+ private:
+  void AddClusters(const FinalKeyframe& keyframe);
+  Submap Complete();
+
+  struct Cell {
+    std::int16_t index[3];
+    std::uint16_t keyframes = 0;
+    std::int64_t last = -1;
+    PointCluster cluster;
+  };
+
+  SubmapOptions options_;
+  double leaf_size_m_;
+  Submap submap_;
+  std::vector<Cell> cells_;
+  VoxelIndex index_;
+  SE3 T_world_last_;
+};
+
+}  // namespace lamina

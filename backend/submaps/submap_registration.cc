@@ -1,0 +1,167 @@
+#include "backend/submaps/submap_registration.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace lamina {
+namespace {
+
+// What a pose between submaps may be off where no plane holds it.
+constexpr double kOpenRotationDeg = 5.0, kOpenTranslationM = 1.0;
+// Clusters that a descent looks at: more say nothing new of six unknowns.
+constexpr std::size_t kCoarseClusters = 1500, kFineClusters = 6000;
+
+ScanMatcherOptions Coarse(ScanMatcherOptions options) {
+  options.max_iterations = 15;
+  options.noise_floor_m = std::max(options.noise_floor_m, 0.05);
+  options.kernel_start_sigma = 20.0;
+  options.kernel_end_sigma = 4.0;
+  options.max_distance_m *= 2.0;
+  return options;
+}
+
+std::unique_ptr<VoxelMap> MapOf(const Submap& submap, VoxelMapOptions options) {
+  auto map = std::make_unique<VoxelMap>(options);
+  for (const SubmapLeaf& leaf : submap.leaves) {
+    const PointCluster cluster = submap.Cluster(leaf);
+    if (!map->CanHold(cluster.mean)) continue;
+    map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes, submap.keyframes.back().id);
+  }
+  map->Refresh();
+  return map;
+}
+
+std::vector<PointCluster> Some(const std::vector<PointCluster>& clusters, std::size_t most) {
+  const std::size_t stride = std::max<std::size_t>(1, (clusters.size() + most - 1) / most);
+  std::vector<PointCluster> some;
+  for (std::size_t i = 0; i < clusters.size(); i += stride) some.push_back(clusters[i]);
+  return some;
+}
+
+double StructureInCommon(const SubmapQuery& query, const VoxelMap& map, const SE3& T) {
+  std::size_t met = 0;
+  for (const Eigen::Vector3f& mean : query.upright) {
+    const Eigen::Vector3d p = T * mean.cast<double>();
+    if (map.CanHold(p) && map.FindSurface(p) != VoxelMap::kNoNode) ++met;
+  }
+  return query.upright.empty()
+             ? 0.0
+             : static_cast<double>(met) / static_cast<double>(query.upright.size());
+}
+
+PosePrediction Open(const SE3& T) {
+  PosePrediction prediction;
+  prediction.T_world_lidar = T;
+  const double rotation = kOpenRotationDeg * M_PI / 180.0;
+  prediction.covariance.diagonal() << Eigen::Vector3d::Constant(rotation * rotation),
+      Eigen::Vector3d::Constant(kOpenTranslationM * kOpenTranslationM);
+  return prediction;
+}
+
+}  // namespace
+
+void VerificationOptions::Visit(OptionVisitor& v) {
+  v.Integer("min_planes", &min_planes, 1, 1000000);
+  v.Number("min_overlap", &min_overlap, 0.0, 1.0);
+  v.Number("min_structure", &min_structure, 0.0, 1.0);
+  v.Number("min_facing", &min_facing, 0.0, 1e6);
+  v.Number("max_residual_sigmas", &max_residual_sigmas, 0.0, 100.0);
+}
+
+std::string Refusal(const SubmapMatch& match, const VerificationOptions& options) {
+  if (!match.converged) return "registration did not converge";
+  if (match.planes < options.min_planes) return "few planes agree";
+  if (match.overlap < options.min_overlap) return "planes do not agree";
+  if (match.structure < options.min_structure) return "structure does not agree";
+  if (match.residual_sigmas > options.max_residual_sigmas) return "planes do not fit";
+  if (match.facing < options.min_facing) return "open along a horizontal direction";
+  return "";
+}
+
+SubmapTarget::SubmapTarget(const Submap& submap, const VoxelMapOptions& map) {
+  VoxelMapOptions options = map;
+  options.budget_mb = 1e6;
+  fine_ = MapOf(submap, options);
+  options.root_size_m *= 2.0;
+  options.max_thickness_m *= 2.0;
+  coarse_ = MapOf(submap, options);
+}
+
+SubmapQuery MakeQuery(const Submap& submap, std::vector<LeafPlane> planes,
+                      const Eigen::Vector3d& up) {
+  SubmapQuery query;
+  query.clusters.reserve(submap.leaves.size());
+  for (const SubmapLeaf& leaf : submap.leaves) query.clusters.push_back(submap.Cluster(leaf));
+  query.upright = UprightLeaves(submap, planes, up);
+  query.planes = std::move(planes);
+  query.up = up;
+  return query;
+}
+
+SubmapRegistration::SubmapRegistration(const ScanMatcherOptions& matcher)
+    : options_(matcher), coarse_(Coarse(matcher)), fine_(matcher) {}
+
+SubmapMatch SubmapRegistration::Register(const SubmapQuery& query, const SubmapTarget& target,
+                                         const SE3& T_target_query, bool coarse) const {
+  SubmapMatch match;
+  match.T_other_query = T_target_query;
+  if (coarse) {
+    const MatchResult first = coarse_.MatchPose(Some(query.clusters, kCoarseClusters),
+                                                Open(T_target_query), target.coarse());
+    if (first.status == MatchResult::Status::kTooFewMatches) return match;
+    match.T_other_query = first.T_world_lidar;
+  }
+  const MatchResult second =
+      fine_.Match(Some(query.clusters, kFineClusters), Open(match.T_other_query), target.fine());
+  if (second.status == MatchResult::Status::kTooFewMatches) return match;
+  match.converged = true;
+  match.T_other_query = second.T_world_lidar;
+  match.covariance = second.covariance;
+  JudgePlanes(query, target.fine(), &match);
+  match.structure = StructureInCommon(query, target.fine(), match.T_other_query);
+  return match;
+}
+
+void SubmapRegistration::JudgePlanes(const SubmapQuery& query, const VoxelMap& map,
+                                     SubmapMatch* match) const {
+  constexpr float kSameCosine = 0.94F;
+  constexpr double kSigmas = 3.0;
+  const double floor2 = options_.noise_floor_m * options_.noise_floor_m;
+  const Eigen::Matrix3f R = match->T_other_query.R().cast<float>();
+  const Eigen::Vector3f up = R * query.up.cast<float>();
+  int on_planes = 0, agreeing = 0;
+  double squares = 0.0;
+  Eigen::Matrix3f facing = Eigen::Matrix3f::Zero();
+  for (const LeafPlane& plane : query.planes) {
+    const Eigen::Vector3d p = match->T_other_query * plane.mean.cast<double>();
+    const VoxelMap::NodeId node = map.CanHold(p) ? map.FindSurface(p) : VoxelMap::kNoNode;
+    if (node == VoxelMap::kNoNode) continue;
+    const Surface& surface = map.surface(node);
+    if (surface.kind != Surface::Kind::kPlane) continue;
+    // Ground lies on ground anywhere.
+    const bool upright = !LiesFlat(plane, query.up);
+    on_planes += upright ? 1 : 0;
+    const Eigen::Vector3f normal = R * plane.normal;
+    if (std::abs(normal.dot(surface.normal)) < kSameCosine) continue;
+    const double distance = surface.normal.cast<double>().dot(p - surface.mean);
+    const double square =
+        distance * distance / (floor2 + static_cast<double>(surface.variance + plane.variance));
+    if (square > kSigmas * kSigmas) continue;
+    ++match->planes;
+    squares += square;
+    if (!upright) continue;
+    ++agreeing;
+    const Eigen::Vector3f horizontal = normal - up.dot(normal) * up;
+    facing += horizontal * horizontal.transpose();
+  }
+  if (match->planes == 0) return;
+  match->overlap = on_planes > 0 ? static_cast<double>(agreeing) / on_planes : 0.0;
+  match->residual_sigmas = std::sqrt(squares / match->planes);
+  // The least of the three is that of the vertical: about zero.
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3f> eigen(facing);
+  match->facing = static_cast<double>(eigen.eigenvalues()(1));
+}
+
+}  // namespace lamina

@@ -1,0 +1,100 @@
+// Registration of one submap against another on their clusters, and what speaks for it.
+//
+// The pose starts at a hypothesis (place_lookup.h) and descends by the scan matcher's
+// point-to-plane, first in voxels of twice the size with a wide kernel, then in those of the map.
+// Fit alone believes aliases: what repeats, such as doors of a corridor or houses of a street, fits
+// where it is not. So evidence is told apart, at the pose reached:
+//
+//     planes     planar leaves of the query that lie on a plane of the other one and agree with it
+//     in
+//                direction and within 3 sigma: a number
+//     overlap    of those that do not lie flat, the share that agrees, of all that lie on planes of
+//                the other one: ground lies on ground anywhere
+//     structure  share of the query's leaves that do not lie flat where the other one has anything
+//     at
+//                all: also what is no plane must be there
+//     residual   root mean square of the distances of those that agree, in sigmas: the planes' own
+//                thickness and the noise floor
+//     facing     smallest eigenvalue of the sum of h h' over those that agree, h being the
+//     horizontal
+//                part of the normal: how many planes hold the place in the direction that the
+//                fewest hold, e.g. along a street. A number of planes, so that more ground changes
+//                nothing
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "backend/submaps/level_frame.h"
+#include "backend/submaps/submap.h"
+#include "core/map/voxel_map.h"
+#include "core/options/options.h"
+#include "frontend/scan_matcher.h"
+
+namespace lamina {
+
+struct VerificationOptions {
+  // Of a loop that is to be believed, at least.
+  int min_planes = 60;
+  double min_overlap = 0.7;
+  double min_structure = 0.5;
+  double min_facing = 4.0;
+  // At most.
+  double max_residual_sigmas = 1.5;
+
+  void Visit(OptionVisitor& v);
+};
+
+struct SubmapMatch {
+  SE3 T_other_query;
+  // Of T_other_query in the tangent of core/geometry/se3.h, submaps taken as rigid.
+  Matrix6d covariance = Matrix6d::Identity();
+  bool converged = false;
+  int planes = 0;
+  double overlap = 0.0, structure = 0.0, residual_sigmas = 0.0, facing = 0.0;
+};
+
+// Why a match is not to be believed; empty if it is.
+std::string Refusal(const SubmapMatch& match, const VerificationOptions& options);
+
+// A submap that others are registered against. Immutable; thread-safe.
+class SubmapTarget {
+ public:
+  // `map`: sizes and thresholds of the fine voxels.
+  SubmapTarget(const Submap& submap, const VoxelMapOptions& map);
+
+  const VoxelMap& coarse() const { return *coarse_; }
+  const VoxelMap& fine() const { return *fine_; }
+
+ private:
+  std::unique_ptr<VoxelMap> coarse_, fine_;
+};
+
+// A submap that is registered against others.
+struct SubmapQuery {
+  std::vector<PointCluster> clusters;    // its frame
+  std::vector<Eigen::Vector3f> upright;  // means of those that do not lie flat
+  std::vector<LeafPlane> planes;
+  Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
+};
+SubmapQuery MakeQuery(const Submap& submap, std::vector<LeafPlane> planes,
+                      const Eigen::Vector3d& up);
+
+// Stateless; thread-safe.
+class SubmapRegistration {
+ public:
+  explicit SubmapRegistration(const ScanMatcherOptions& matcher);
+
+  // `coarse`: the start may be off by a cell of the place images; otherwise by some 0.2 m.
+  SubmapMatch Register(const SubmapQuery& query, const SubmapTarget& target,
+                       const SE3& T_target_query, bool coarse = true) const;
+
+ private:
+  void JudgePlanes(const SubmapQuery& query, const VoxelMap& map, SubmapMatch* match) const;
+
+  ScanMatcherOptions options_;
+  ScanMatcher coarse_, fine_;
+};
+
+}  // namespace lamina
