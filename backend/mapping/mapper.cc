@@ -286,10 +286,15 @@ void Mapper::Close() {
 }
 
 void Mapper::PopOldest() {
-  if (!on_final_keyframe_) return window_.PopOldest();
-  FinalKeyframe keyframe;
-  window_.PopOldest(&keyframe);
-  on_final_keyframe_(piece_, keyframe);
+  if (on_final_keyframe_) on_final_keyframe_(piece_, window_.AsFinal(0));
+  window_.PopOldest();
+}
+
+void Mapper::TellWindow() const {
+  if (!on_final_keyframe_) return;
+  for (std::size_t i = 0; i < window_.frames().size(); ++i) {
+    on_final_keyframe_(piece_, window_.AsFinal(i));
+  }
 }
 
 void Mapper::DropWindow() {

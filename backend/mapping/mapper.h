@@ -116,6 +116,8 @@ class Mapper {
 
   // To be told of each keyframe that leaves the window.
   void TellFinalKeyframes(OnFinalKeyframe tell) { on_final_keyframe_ = std::move(tell); }
+  // Of those that are in the window at the end, too.
+  void TellWindow() const;
 
   // From now on scans are matched to the map and leave it as it is, the first one near this pose.
   // Before any scan.

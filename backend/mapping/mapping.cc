@@ -238,6 +238,7 @@ void Mapping::Finish() {
   for (auto& [name, recording] : recordings_) {
     recording.mapper->FinishSolves();
     CountSolves(recording.mapper->TakeSolves(), counts_.scans);
+    recording.mapper->mapper().TellWindow();
   }
   ShowOpenPoses(Visitor());
 }

@@ -42,7 +42,7 @@ struct MappingCallbacks {
   std::function<void()> on_settled;
   std::function<void(const FinalPose&)> on_final_pose;  // each scan, in order, somewhat later
   std::function<void(const SolveReport&)> on_solve;
-  OnFinalKeyframe on_final_keyframe;  // each keyframe that leaves the window of its piece
+  OnFinalKeyframe on_final_keyframe;  // each that leaves the window
 };
 
 }  // namespace lamina

@@ -165,15 +165,22 @@ void SlidingWindow::Push(WindowFrame frame) {
   frames_.push_back(std::move(frame));
 }
 
-void SlidingWindow::PopOldest(FinalKeyframe* leaves) {
+FinalKeyframe SlidingWindow::AsFinal(std::size_t i) const {
+  const WindowFrame& frame = frames_[i];
+  FinalKeyframe keyframe{frame.id, frame.stamp_ns, frame.T_world_lidar, {}};
+  for (std::size_t k = 0; k < frame.in_map.size(); ++k) {
+    if (frame.leaves[k] == VoxelMap::kNoNode) continue;
+    keyframe.clusters.push_back(frame.in_map[k].Scaled(MarginalWeight(frame, k)));
+  }
+  return keyframe;
+}
+
+void SlidingWindow::PopOldest() {
   const WindowFrame& frame = frames_.front();
-  if (leaves != nullptr) *leaves = {frame.id, frame.stamp_ns, frame.T_world_lidar, {}};
   for (std::size_t i = 0; i < frame.in_map.size(); ++i) {
     if (frame.leaves[i] == VoxelMap::kNoNode) continue;
-    const double weight = MarginalWeight(frame, i);
-    map_->FixWindow(frame.leaves[i], frame.in_map[i], weight, frame.id);
+    map_->FixWindow(frame.leaves[i], frame.in_map[i], MarginalWeight(frame, i), frame.id);
     map_->Release(frame.leaves[i]);
-    if (leaves != nullptr) leaves->clusters.push_back(frame.in_map[i].Scaled(weight));
   }
   frames_.pop_front();
 }

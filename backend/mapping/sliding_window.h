@@ -78,8 +78,10 @@ class SlidingWindow {
   // Puts a frame into window and map. id, stamp, pose, twist and `measured` must be set.
   void Push(WindowFrame frame);
 
-  // Marginalises the oldest frame. *leaves, if asked for, gets what it leaves to the map.
-  void PopOldest(FinalKeyframe* leaves = nullptr);
+  // What frame i would leave to the map if it were marginalised now.
+  FinalKeyframe AsFinal(std::size_t i) const;
+  // Marginalises the oldest frame.
+  void PopOldest();
 
   // Sets the pose of frame i and leaves its clusters to a later Move.
   void SetPose(std::size_t i, const SE3& T_world_lidar) {
