@@ -27,6 +27,10 @@ inline std::uint16_t SaturatingAdd(std::uint16_t a, int b) {
   return static_cast<std::uint16_t>(std::min(kMost, static_cast<int>(a) + b));
 }
 
+void CapWeight(double most, PointCluster* cluster) {
+  if (cluster->count > most) *cluster = cluster->Scaled(most / cluster->count);
+}
+
 }  // namespace
 
 void VoxelMapOptions::Visit(OptionVisitor& v) {
@@ -245,9 +249,7 @@ void VoxelMap::FixWindow(NodeId leaf, const PointCluster& cluster, double weight
   n.last_fixed = static_cast<std::int32_t>(frame);
   n.window -= cluster;
   n.fixed += cluster.Scaled(weight);
-  if (n.fixed.count > options_.max_fixed_weight) {
-    n.fixed = n.fixed.Scaled(options_.max_fixed_weight / n.fixed.count);
-  }
+  CapWeight(options_.max_fixed_weight, &n.fixed);
 }
 
 void VoxelMap::AddFixed(NodeId leaf, const PointCluster& cluster, int frames,
@@ -257,9 +259,7 @@ void VoxelMap::AddFixed(NodeId leaf, const PointCluster& cluster, int frames,
   n.last_added = std::max(n.last_added, static_cast<std::int32_t>(last_frame));
   n.fixed_frames = SaturatingAdd(n.fixed_frames, frames);
   n.fixed += cluster;
-  if (n.fixed.count > options_.max_fixed_weight) {
-    n.fixed = n.fixed.Scaled(options_.max_fixed_weight / n.fixed.count);
-  }
+  CapWeight(options_.max_fixed_weight, &n.fixed);
 }
 
 void VoxelMap::Hold(NodeId leaf) { ++node(RootOf(leaf)).holds; }

@@ -16,12 +16,10 @@ namespace {
 
 using Pieces = std::map<std::int64_t, Trajectory>;
 
-// As trajectory_tum.txt has it: to the nanosecond, whatever a double would hold.
 std::string StampText(StampNs stamp_ns) {
-  constexpr StampNs kSecondNs = 1'000'000'000;
-  const StampNs seconds = stamp_ns / kSecondNs, rest = stamp_ns % kSecondNs;
-  return fmt::format("{}{}.{:09}", stamp_ns < 0 && seconds == 0 ? "-" : "", seconds,
-                     rest < 0 ? -rest : rest);
+  std::string text;
+  AppendSeconds(stamp_ns, &text);
+  return text;
 }
 
 std::string CsvText(const Pieces& pieces) {
