@@ -181,6 +181,9 @@ void MapResiduals::Associate(const SE3& T, const Eigen::Matrix3d& R) {
     for (std::size_t i = begin; i < end; ++i) {
       const Eigen::Vector3d p = R * clusters_[i].mean + T.t;
       surfaces_[i] = map_.CanHold(p) ? map_.FindSurface(p) : VoxelMap::kNoNode;
+      const bool on_plane =
+          surfaces_[i] != VoxelMap::kNoNode && map_.kind(surfaces_[i]) == Surface::Kind::kPlane;
+      planes_[i] = on_plane ? &map_.plane(surfaces_[i]) : nullptr;
     }
   });
   if (!associated_) FindLeastThickness();
@@ -191,12 +194,9 @@ void MapResiduals::FindLeastThickness() {
   // Planes across one ring, or two, are no measure of how well beams agree.
   constexpr float kBroad2 = 0.04F;  // m^2
   std::vector<float> variances;
-  for (const VoxelMap::NodeId id : surfaces_) {
-    if (id == VoxelMap::kNoNode) continue;
-    const Surface& surface = map_.surface(id);
-    if (surface.kind != Surface::Kind::kPlane || surface.variance < kBroad2 * surface.flatness)
-      continue;
-    variances.push_back(surface.variance);
+  for (const Surface* plane : planes_) {
+    if (plane == nullptr || plane->variance < kBroad2 * plane->flatness) continue;
+    variances.push_back(plane->variance);
   }
   // A quarter of them are thinner than this. Clutter thickens some planes; beams that disagree,
   // all.
@@ -214,12 +214,11 @@ void MapResiduals::FindLeastThickness() {
 
 void MapResiduals::AddCluster(std::size_t i, const Eigen::Matrix3d& R, const Eigen::Vector3d& t,
                               double kernel_sigma, NormalEquations* sum) const {
-  if (surfaces_[i] == VoxelMap::kNoNode) return;
   const PointCluster& cluster = clusters_[i];
-  const Surface& surface = map_.surface(surfaces_[i]);
-  if (surface.kind == Surface::Kind::kPlane) {
-    AddPlane(cluster, R, R * cluster.mean + t, surface, kernel_sigma, sum);
-  } else if (use_rough && surface.kind == Surface::Kind::kRough) {
+  if (planes_[i] != nullptr) {
+    AddPlane(cluster, R, R * cluster.mean + t, *planes_[i], kernel_sigma, sum);
+  } else if (use_rough && surfaces_[i] != VoxelMap::kNoNode &&
+             map_.kind(surfaces_[i]) == Surface::Kind::kRough) {
     AddRough(cluster, R, R * cluster.mean + t, surfaces_[i], kernel_sigma, sum);
   }
 }
@@ -258,7 +257,7 @@ void MapResiduals::AddRough(const PointCluster& cluster, const Eigen::Matrix3d& 
   const Eigen3 eigen = EigenDecompose(joint);
   const double widest2 = std::pow(kNarrow * map_.options().LeafSize(), 2);
   Row row;
-  const bool young = map_.surface(leaf).frames < options_.young_frames;
+  const bool young = map_.frames(leaf) < options_.young_frames;
   for (int i = 0; i < 3; ++i) {
     if (eigen.l(i) > widest2) continue;
     row.normal = eigen.u.col(i);

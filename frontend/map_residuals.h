@@ -37,7 +37,11 @@ class MapResiduals {
   // All arguments must outlive it.
   MapResiduals(const ScanMatcherOptions& options, const VoxelMap& map,
                const std::vector<PointCluster>& clusters)
-      : options_(options), map_(map), clusters_(clusters), surfaces_(clusters.size()) {}
+      : options_(options),
+        map_(map),
+        clusters_(clusters),
+        surfaces_(clusters.size()),
+        planes_(clusters.size()) {}
 
   const VoxelMap& map() const { return map_; }
 
@@ -98,8 +102,9 @@ class MapResiduals {
   const VoxelMap& map_;
   const std::vector<PointCluster>& clusters_;
   std::vector<VoxelMap::NodeId> surfaces_;
-  double floor2_ = 0.0;  // m^2: variance that no plane is believed to have less of
-  double beam2_ = 0.0;   // m^2: see NormalError2
+  std::vector<const Surface*> planes_;  // of those that are planar, else null
+  double floor2_ = 0.0;                 // m^2: variance that no plane is believed to have less of
+  double beam2_ = 0.0;                  // m^2: see NormalError2
   bool watching_ = false;
   bool associated_ = false;
   SE3 associated_at_;

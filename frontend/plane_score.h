@@ -14,9 +14,8 @@ namespace lamina {
 inline const Surface* PlaneAt(const VoxelMap& map, const Eigen::Vector3d& p) {
   if (!map.CanHold(p)) return nullptr;
   const VoxelMap::NodeId id = map.FindSurface(p);
-  if (id == VoxelMap::kNoNode) return nullptr;
-  const Surface& surface = map.surface(id);
-  return surface.kind == Surface::Kind::kPlane ? &surface : nullptr;
+  if (id == VoxelMap::kNoNode || map.kind(id) != Surface::Kind::kPlane) return nullptr;
+  return &map.plane(id);
 }
 
 // GemanMcClureWeight((distance / scale_m)^2) of a cluster's mean and the plane around it.

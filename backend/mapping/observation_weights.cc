@@ -47,7 +47,7 @@ void ObservationWeights::FindPlanes(const std::deque<WindowFrame>& frames) {
       const auto fresh = static_cast<std::int32_t>(nodes_.size());
       planes[i] = index.FindOrInsert(static_cast<VoxelKey>(node), fresh);
       if (planes[i] != fresh) continue;
-      const Surface& surface = map_.surface(node);
+      const Surface& surface = map_.plane(node);
       nodes_.push_back(node);
       planes_.push_back({surface.mean, surface.normal.cast<double>(),
                          static_cast<double>(surface.variance), false});

@@ -245,7 +245,7 @@ BundleProblem SlidingWindow::BuildProblem(Sides sides, std::vector<std::vector<C
       if (plane == ObservationWeights::kNone) continue;
       bool from_behind = false;
       if (sides == Sides::kTwo) {
-        const Surface& surface = map_->surface(on_planes.nodes()[static_cast<std::size_t>(plane)]);
+        const Surface& surface = map_->plane(on_planes.nodes()[static_cast<std::size_t>(plane)]);
         from_behind =
             surface.normal.cast<double>().dot(frame.T_world_lidar.t - frame.in_map[i].mean) < 0.0;
       }
@@ -266,7 +266,7 @@ BundleProblem SlidingWindow::BuildProblem(Sides sides, std::vector<std::vector<C
     const VoxelMap::NodeId node =
         on_planes.nodes()[static_cast<std::size_t>(builder.map_planes()[i])];
     plane.fixed = map_->FixedAggregate(node);
-    plane.weight = 1.0 / (floor2 + static_cast<double>(map_->surface(node).variance));
+    plane.weight = 1.0 / (floor2 + static_cast<double>(map_->plane(node).variance));
     if (!plane.fixed.Empty()) problem.hold_first_pose = false;
   }
   if (!frames_.empty()) HoldFirst(&problem);

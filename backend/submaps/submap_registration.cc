@@ -137,9 +137,8 @@ void SubmapRegistration::JudgePlanes(const SubmapQuery& query, const VoxelMap& m
   for (const LeafPlane& plane : query.planes) {
     const Eigen::Vector3d p = match->T_other_query * plane.mean.cast<double>();
     const VoxelMap::NodeId node = map.CanHold(p) ? map.FindSurface(p) : VoxelMap::kNoNode;
-    if (node == VoxelMap::kNoNode) continue;
-    const Surface& surface = map.surface(node);
-    if (surface.kind != Surface::Kind::kPlane) continue;
+    if (node == VoxelMap::kNoNode || map.kind(node) != Surface::Kind::kPlane) continue;
+    const Surface& surface = map.plane(node);
     // Ground lies on ground anywhere.
     const bool upright = !LiesFlat(plane, query.up);
     on_planes += upright ? 1 : 0;

@@ -11,17 +11,6 @@
 namespace lamina {
 namespace {
 
-// Which child of a cube around `centre` holds p, and where that child's centre lies.
-inline int ChildSlot(const Eigen::Vector3d& p, double child_half_size, Eigen::Vector3d* centre) {
-  int slot = 0;
-  for (int axis = 0; axis < 3; ++axis) {
-    const bool upper = p(axis) >= (*centre)(axis);
-    slot |= static_cast<int>(upper) << axis;
-    (*centre)(axis) += upper ? child_half_size : -child_half_size;
-  }
-  return slot;
-}
-
 inline std::uint16_t SaturatingAdd(std::uint16_t a, int b) {
   constexpr int kMost = std::numeric_limits<std::uint16_t>::max();
   return static_cast<std::uint16_t>(std::min(kMost, static_cast<int>(a) + b));
@@ -45,7 +34,10 @@ void VoxelMapOptions::Visit(OptionVisitor& v) {
 }
 
 VoxelMap::VoxelMap(const VoxelMapOptions& options, VoxelStore* store)
-    : options_(options), inverse_root_size_(1.0 / options.root_size_m), store_(store) {
+    : options_(options),
+      inverse_root_size_(1.0 / options.root_size_m),
+      store_(store),
+      trees_(options.root_size_m, options.depth) {
   CheckOptions(options, "map");
 }
 
@@ -77,194 +69,148 @@ void VoxelMap::BeginPiece(std::int64_t piece) {
 
 void VoxelMap::DropPiece(std::int64_t piece, const std::vector<VoxelKey>& roots) {
   for (const VoxelKey key : roots) {
-    const NodeId root = index_.Find(key);
+    const NodeId root = trees_.FindRoot(key);
     if (root == kNoNode) continue;
-    BeforeChange(root);
+    snapshot_.BeforeChange(root, &trees_);
     RemoveRoot(root);
   }
   pieces_[static_cast<std::size_t>(SlotOfPiece(piece))] = kNoPiece;
 }
 
 void VoxelMap::RemoveRoot(NodeId root) {
-  index_.Erase(node(root).key);
-  Unlink(root);
-  FreeTree(root);
-}
-
-VoxelMap::NodeId VoxelMap::NewNode(NodeId parent) {
-  NodeId id = free_list_;
-  if (id != kNoNode) {
-    free_list_ = node(id).parent;
-  } else {
-    id = next_unused_++;
-    if ((id & kBlockMask) == 0) blocks_.push_back(std::make_unique<Node[]>(kBlockMask + 1));
-  }
-  Node& n = node(id);
-  n = Node();
-  std::fill(std::begin(n.child), std::end(n.child), kNoNode);
-  n.parent = parent;
-  n.snapshot = snapshot_;
-  ++used_nodes_;
-  return id;
-}
-
-void VoxelMap::FreeTree(NodeId id) {
-  Node& n = node(id);
-  for (const NodeId child : n.child) {
-    if (child != kNoNode) FreeTree(child);
-  }
-  n.parent = free_list_;
-  free_list_ = id;
-  --used_nodes_;
-}
-
-VoxelMap::NodeId VoxelMap::RootOf(NodeId id) const {
-  while (node(id).parent != kNoNode) id = node(id).parent;
-  return id;
+  snapshot_.BeforeMove(root, trees_);
+  trees_.RemoveRoot(root);
 }
 
 VoxelMap::NodeId VoxelMap::FindSurface(const Eigen::Vector3d& p) const {
-  const VoxelKey key = KeyOf(p);
-  NodeId id = index_.Find(key);
-  if (id == kNoNode || node(id).surface.kind == Surface::Kind::kPlane) return id;
-  Eigen::Vector3d centre = RootCentre(key, options_.root_size_m);
-  double half = 0.25 * options_.root_size_m;
-  for (int level = 0; level < options_.depth; ++level, half *= 0.5) {
-    id = node(id).child[ChildSlot(p, half, &centre)];
-    if (id == kNoNode || node(id).surface.kind == Surface::Kind::kPlane) return id;
+  const LeafPlace place = trees_.PlaceOf(p);
+  NodeId id = trees_.FindRoot(SlotBase(slot_) + place.key);
+  if (id == kNoNode || trees_.root(id).kind == Surface::Kind::kPlane) return id;
+  const NodeId* child = trees_.root(id).child;
+  for (int level = trees_.levels() - 1;; --level) {
+    id = child[VoxelTrees::SlotOfPath(place.path, level)];
+    if (level == 0 || id == kNoNode) return id;
+    const MapInner& inner = trees_.inner(id);
+    if (inner.kind == Surface::Kind::kPlane) return id;
+    child = inner.child;
   }
-  return id;
 }
 
 VoxelMap::NodeId VoxelMap::PlaneAbove(NodeId leaf) const {
   NodeId best = kNoNode;
-  for (NodeId id = leaf; id != kNoNode; id = node(id).parent) {
-    if (node(id).surface.kind == Surface::Kind::kPlane) best = id;
+  for (NodeId id = leaf; id != kNoNode; id = trees_.node(id).parent) {
+    if (trees_.node(id).kind == Surface::Kind::kPlane) best = id;
   }
   return best;
 }
 
 PointCluster VoxelMap::Aggregate(NodeId id) const {
-  const Node& n = node(id);
-  PointCluster sum = n.fixed;
-  sum += n.window;
-  for (const NodeId child : n.child) {
-    if (child != kNoNode) sum += Aggregate(child);
-  }
+  PointCluster sum;
+  const Eigen::Vector3d centre = trees_.CentreOf(id);
+  trees_.ForEachLeaf(id, [&](const MapLeaf& leaf) {
+    sum += leaf.fixed.Unpacked(centre);
+    if (const PointCluster* window = trees_.FindWindow(leaf)) sum += *window;
+  });
   return sum;
 }
 
 PointCluster VoxelMap::FixedAggregate(NodeId id) const {
-  const Node& n = node(id);
-  PointCluster sum = n.fixed;
-  for (const NodeId child : n.child) {
-    if (child != kNoNode) sum += FixedAggregate(child);
-  }
+  PointCluster sum;
+  const Eigen::Vector3d centre = trees_.CentreOf(id);
+  trees_.ForEachLeaf(id, [&](const MapLeaf& leaf) { sum += leaf.fixed.Unpacked(centre); });
   return sum;
 }
 
 VoxelMap::NodeId VoxelMap::LeafAt(const Eigen::Vector3d& p, LeafAddress* address) {
-  const VoxelKey key = KeyOf(p);
-  NodeId id = index_.Find(key);
+  const LeafPlace place = trees_.PlaceOf(p);
+  const VoxelKey key = SlotBase(slot_) + place.key;
+  NodeId id = trees_.FindRoot(key);
   if (id == kNoNode && store_ != nullptr && store_->Has(TileOf(key))) {
     store_->TakeRoot(TileOf(key), key, [this](std::string_view record) { Return(record); });
-    id = index_.Find(key);
+    id = trees_.FindRoot(key);
   }
   if (id == kNoNode) {
-    id = NewNode(kNoNode);
-    node(id).key = key;
-    index_.FindOrInsert(key, id);
+    id = trees_.AddRoot(key);
+    trees_.root(id).snapshot = snapshot_.number();
   } else {
-    BeforeChange(id);
-    Unlink(id);
+    snapshot_.BeforeChange(id, &trees_);
+    snapshot_.BeforeMove(id, trees_);
+    trees_.Touch(id);
   }
-  Touch(id);
-  Eigen::Vector3d centre = RootCentre(key, options_.root_size_m);
-  std::uint64_t path = 0;
-  double half = 0.25 * options_.root_size_m;
-  for (int level = 0; level < options_.depth; ++level, half *= 0.5) {
-    const int slot = ChildSlot(p, half, &centre);
-    path = path << 3 | static_cast<std::uint64_t>(slot);
-    NodeId next = node(id).child[slot];
-    if (next == kNoNode) {
-      next = NewNode(id);
-      node(id).child[slot] = next;
-    }
-    id = next;
+  for (int level = trees_.levels() - 1; level >= 0; --level) {
+    id = trees_.ChildAt(id, VoxelTrees::SlotOfPath(place.path, level));
   }
-  if (address != nullptr) *address = {key, path};
+  if (address != nullptr) *address = {key, place.path};
   return id;
 }
 
-void VoxelMap::Unlink(NodeId root) {
-  Node& n = node(root);
-  if (snapshot_next_ == root) snapshot_next_ = n.newer;
-  (n.older == kNoNode ? oldest_ : node(n.older).newer) = n.newer;
-  (n.newer == kNoNode ? newest_ : node(n.newer).older) = n.older;
+void VoxelMap::Mark(NodeId root) {
+  snapshot_.BeforeChange(root, &trees_);
+  if (trees_.root(root).marked != 0) return;
+  MarkLoaded(root);
 }
 
-void VoxelMap::LinkNewest(NodeId root) {
-  Node& n = node(root);
-  n.older = newest_;
-  n.newer = kNoNode;
-  (newest_ == kNoNode ? oldest_ : node(newest_).newer) = root;
-  newest_ = root;
-}
-
-void VoxelMap::Mark(NodeId leaf) {
-  const NodeId root = RootOf(leaf);
-  BeforeChange(root);
-  MarkRoot(root);
-}
-
-void VoxelMap::MarkRoot(NodeId root) {
-  if (node(root).marked) return;
-  node(root).marked = true;
+void VoxelMap::MarkLoaded(NodeId root) {
+  trees_.root(root).marked = 1;
   marked_.push_back(root);
 }
 
 void VoxelMap::AddWindow(NodeId leaf, const PointCluster& cluster, std::int64_t frame) {
-  Mark(leaf);
-  Node& n = node(leaf);
-  n.window += cluster;
+  Mark(trees_.RootOf(leaf));
+  MapLeaf& n = trees_.leaf(leaf);
+  trees_.Window(&n) += cluster;
   if (n.last_added != frame) n.window_frames = SaturatingAdd(n.window_frames, 1);
   n.last_added = static_cast<std::int32_t>(frame);
 }
 
 void VoxelMap::ReplaceWindow(NodeId leaf, const PointCluster& before, const PointCluster& after) {
-  Mark(leaf);
-  Node& n = node(leaf);
-  n.window -= before;
-  n.window += after;
+  Mark(trees_.RootOf(leaf));
+  PointCluster& window = trees_.Window(&trees_.leaf(leaf));
+  window -= before;
+  window += after;
 }
 
 void VoxelMap::FixWindow(NodeId leaf, const PointCluster& cluster, double weight,
                          std::int64_t frame) {
-  Mark(leaf);
-  Node& n = node(leaf);
+  Mark(trees_.RootOf(leaf));
+  MapLeaf& n = trees_.leaf(leaf);
   if (n.last_fixed != frame) {
     n.fixed_frames = SaturatingAdd(n.fixed_frames, 1);
     n.window_frames = static_cast<std::uint16_t>(n.window_frames - 1);
   }
   n.last_fixed = static_cast<std::int32_t>(frame);
-  n.window -= cluster;
-  n.fixed += cluster.Scaled(weight);
-  CapWeight(options_.max_fixed_weight, &n.fixed);
+  trees_.Window(&n) -= cluster;
+  trees_.DropEmptyWindow(&n);
+  JoinFixed(leaf, cluster.Scaled(weight));
 }
 
 void VoxelMap::AddFixed(NodeId leaf, const PointCluster& cluster, int frames,
                         std::int64_t last_frame) {
-  Mark(leaf);
-  Node& n = node(leaf);
+  Mark(trees_.RootOf(leaf));
+  MapLeaf& n = trees_.leaf(leaf);
   n.last_added = std::max(n.last_added, static_cast<std::int32_t>(last_frame));
   n.fixed_frames = SaturatingAdd(n.fixed_frames, frames);
-  n.fixed += cluster;
-  CapWeight(options_.max_fixed_weight, &n.fixed);
+  JoinFixed(leaf, cluster);
 }
 
-void VoxelMap::Hold(NodeId leaf) { ++node(RootOf(leaf)).holds; }
+void VoxelMap::JoinFixed(NodeId leaf, const PointCluster& cluster) {
+  const Eigen::Vector3d centre = trees_.CentreOf(leaf);
+  MapLeaf& n = trees_.leaf(leaf);
+  PointCluster fixed = n.fixed.Unpacked(centre);
+  fixed += cluster;
+  CapWeight(options_.max_fixed_weight, &fixed);
+  n.fixed = PackedCluster::Of(fixed, centre);
+}
 
-void VoxelMap::Release(NodeId leaf) { --node(RootOf(leaf)).holds; }
+void VoxelMap::Hold(NodeId leaf) {
+  MapRoot& root = trees_.root(trees_.RootOf(leaf));
+  root.holds = (root.holds + 1) & 0x7fffffffU;
+}
+
+void VoxelMap::Release(NodeId leaf) {
+  MapRoot& root = trees_.root(trees_.RootOf(leaf));
+  root.holds = (root.holds - 1) & 0x7fffffffU;
+}
 
 Surface VoxelMap::SurfaceOf(const PointCluster& cluster, int frames) const {
   Surface s;
@@ -285,52 +231,79 @@ Surface VoxelMap::SurfaceOf(const PointCluster& cluster, int frames) const {
   return s;
 }
 
-PointCluster VoxelMap::SumTree(NodeId id, std::vector<TreeSum>* sums) {
-  const Node& n = node(id);
-  const std::size_t slot = sums->size();
-  sums->push_back({id, n.fixed, n.fixed_frames + n.window_frames});
-  PointCluster sum = n.fixed;
-  sum += n.window;
-  int frames = n.fixed_frames + n.window_frames;
-  for (const NodeId child : n.child) {
-    if (child == kNoNode) continue;
-    const std::size_t child_slot = sums->size();
-    sum += SumTree(child, sums);
-    // Frames of the children overlap in ways that are not counted; the largest is a sure lower
-    // bound.
-    frames = std::max(frames, (*sums)[child_slot].frames);
+PointCluster VoxelMap::SumTree(NodeId id, const Eigen::Vector3d& centre,
+                               std::vector<TreeSum>* sums) const {
+  const std::size_t place = sums->size();
+  sums->push_back({id, {}, 0, 0});
+  PointCluster sum;
+  int frames = 0;
+  if (VoxelTrees::IsLeaf(id)) {
+    const MapLeaf& leaf = trees_.leaf(id);
+    sum = leaf.fixed.Unpacked(centre);
+    if (const PointCluster* window = trees_.FindWindow(leaf)) sum += *window;
+    frames = leaf.fixed_frames + leaf.window_frames;
+  } else {
+    const NodeId* child = trees_.children(id);
+    for (int slot = 0; slot < 8; ++slot) {
+      if (child[slot] == kNoNode) continue;
+      const std::size_t of_child = sums->size();
+      sum += SumTree(child[slot], centre, sums);
+      // Frames of the children overlap in ways that are not counted; the largest is a sure lower
+      // bound.
+      frames = std::max(frames, (*sums)[of_child].frames);
+    }
   }
-  (*sums)[slot].cluster = sum;
-  (*sums)[slot].frames = frames;
+  (*sums)[place].cluster = sum;
+  (*sums)[place].frames = frames;
+  (*sums)[place].end = sums->size();
   return sum;
 }
 
-void VoxelMap::RefreshTree(NodeId root, std::vector<TreeSum>* sums) {
+void VoxelMap::RefreshTree(NodeId root, std::vector<TreeSum>* sums,
+                           std::vector<PlaneChange>* changes) {
   sums->clear();
-  SumTree(root, sums);
-  for (const TreeSum& sum : *sums) {
-    Node& n = node(sum.id);
-    // Below a planar node no query looks: its eigenvalues are saved.
-    const NodeId parent = n.parent;
-    const bool covered = parent != kNoNode && node(parent).surface.covered;
-    if (!covered) n.surface = SurfaceOf(sum.cluster, sum.frames);
-    n.surface.covered = covered || n.surface.kind == Surface::Kind::kPlane;
+  SumTree(root, trees_.CentreOf(root), sums);
+  // Below a planar node no query looks: its eigenvalues are saved. Children follow their parents,
+  // so that being covered ends with the last node below the planar one.
+  std::size_t covered_until = 0;
+  for (std::size_t i = 0; i < sums->size(); ++i) {
+    const TreeSum& sum = (*sums)[i];
+    MapNode& n = trees_.node(sum.id);
+    n.frames = SaturatingAdd(0, sum.frames);
+    Surface surface;
+    if (i >= covered_until) surface = SurfaceOf(sum.cluster, sum.frames);
+    n.kind = surface.kind;
+    if (n.kind == Surface::Kind::kPlane) covered_until = sum.end;
+    if ((n.kind == Surface::Kind::kPlane) == (n.plane != kNoNode)) {
+      if (n.plane != kNoNode) trees_.plane(n) = surface;
+    } else {
+      changes->push_back({sum.id, surface});
+    }
   }
 }
 
 void VoxelMap::Refresh() {
   if (marked_.empty()) return;
   ++refreshes_;
-  ParallelChunks(marked_.size(), 256, [this](std::size_t begin, std::size_t end) {
+  constexpr std::size_t kChunk = 256;
+  std::vector<std::vector<PlaneChange>> changes((marked_.size() + kChunk - 1) / kChunk);
+  ParallelChunks(marked_.size(), kChunk, [&](std::size_t begin, std::size_t end) {
     std::vector<TreeSum> sums;
     for (std::size_t i = begin; i < end; ++i) {
-      RefreshTree(marked_[i], &sums);
-      node(marked_[i]).marked = false;
-      node(marked_[i]).refreshed = static_cast<std::uint32_t>(refreshes_);
+      RefreshTree(marked_[i], &sums, &changes[begin / kChunk]);
+      trees_.root(marked_[i]).marked = 0;
+      trees_.root(marked_[i]).refreshed = static_cast<std::uint32_t>(refreshes_);
     }
   });
+  for (const std::vector<PlaneChange>& of_chunk : changes) {
+    for (const PlaneChange& change : of_chunk) {
+      MapNode& n = trees_.node(change.node);
+      trees_.FitPlane(&n);
+      if (n.plane != kNoNode) trees_.plane(n) = change.surface;
+    }
+  }
   for (std::size_t i = 0; track_tiles_ && i < marked_.size(); ++i) {
-    TouchTile(TileOf(node(marked_[i]).key), refreshes_);
+    TouchTile(TileOf(trees_.root(marked_[i]).key), refreshes_);
   }
   marked_.clear();
 }
@@ -342,8 +315,8 @@ void VoxelMap::TouchTile(VoxelKey tile, std::int64_t change) {
 void VoxelMap::TrackTiles() {
   track_tiles_ = true;
   tiles_.clear();
-  for (NodeId root = oldest_; root != kNoNode; root = node(root).newer) {
-    TouchTile(TileOf(node(root).key), std::int64_t{node(root).refreshed});
+  for (NodeId root = trees_.oldest(); root != kNoNode; root = trees_.newer(root)) {
+    TouchTile(TileOf(trees_.root(root).key), std::int64_t{trees_.root(root).refreshed});
   }
   if (store_ == nullptr) return;
   store_->ForEachTile([this](VoxelKey tile) { TouchTile(tile, 0); });
@@ -360,76 +333,23 @@ VoxelKey VoxelMap::TileAt(const Eigen::Vector3i& place, std::int64_t piece) cons
   return TileAtPlace(place, SlotOfPiece(piece));
 }
 
-std::size_t VoxelMap::bytes() const {
-  return blocks_.size() * (kBlockMask + 1) * sizeof(Node) + index_.bytes() +
-         marked_.capacity() * sizeof(NodeId) + blocks_.capacity() * sizeof(blocks_[0]);
-}
-
-// What eviction goes by. Capacities that depend on the way there, and are not saved, must not
-// count: a map that was saved and loaded has to evict the same roots as one that never was.
-std::size_t VoxelMap::UsedBytes() const {
-  return used_nodes_ * sizeof(Node) + index_.bytes() + roots() * sizeof(NodeId) +
-         used_nodes_ / (kBlockMask + 1) * sizeof(blocks_[0]);
-}
-
-std::size_t VoxelMap::EvictToBudget() {
-  // Blocks are never given back, they are filled again: so room must be made before the pool would
-  // grow over the budget, with a reserve for what the next frame may add: a twentieth or, where a
-  // scan is much of a small budget, a little more than the last one added.
-  const double budget = options_.BudgetBytes();
-  const double added =
-      static_cast<double>(UsedBytes()) - static_cast<double>(bytes_after_eviction_);
-  constexpr double kBlockBytes = (kBlockMask + 1) * sizeof(Node);  // the last one may be begun
-  const double reserve = std::max(0.05 * budget, 1.25 * added) + kBlockBytes;
-  const std::size_t dropped = EvictTo(budget - reserve, touches_);
-  bytes_after_eviction_ = UsedBytes();
-  std::rotate(recent_touches_.begin(), recent_touches_.begin() + 1, recent_touches_.end());
-  recent_touches_.back() = touches_;
-  return dropped;
-}
-
-std::size_t VoxelMap::EvictTo(double limit, std::uint64_t last_touch) {
-  std::size_t dropped = 0;
-  StateArchive record;
-  NodeId root = oldest_;
-  while (root != kNoNode && node(root).touched <= last_touch &&
-         static_cast<double>(UsedBytes()) > limit) {
-    const NodeId next = node(root).newer;
-    const VoxelKey key = node(root).key;
-    if (node(root).holds == 0 && !node(root).marked) {
-      BeforeChange(root);
-      if (store_ != nullptr) {
-        record.written().clear();
-        ArchiveRoot(record, root);
-        store_->Put(TileOf(key), key, record.written());
-      }
-      RemoveRoot(root);
-      ++dropped;
-    }
-    root = next;
-  }
-  return dropped;
-}
-
 std::int32_t VoxelMap::LastAdded(NodeId id) const {
-  std::int32_t last = node(id).last_added;
-  for (const NodeId child : node(id).child) {
-    if (child != kNoNode) last = std::max(last, LastAdded(child));
-  }
+  std::int32_t last = -1;
+  trees_.ForEachLeaf(id, [&](const MapLeaf& leaf) { last = std::max(last, leaf.last_added); });
   return last;
 }
 
 void VoxelMap::VisitRoot(NodeId root, int min_frames, const VisitSurfel& visit) const {
-  const auto slot = static_cast<std::size_t>(SlotOf(node(root).key));
+  const auto slot = static_cast<std::size_t>(SlotOf(trees_.root(root).key));
   VisitSurfaces(root, min_frames, pieces_.at(slot), visit);
 }
 
 void VoxelMap::VisitSurfaces(NodeId id, int min_frames, std::int64_t piece,
                              const VisitSurfel& visit) const {
-  const Node& n = node(id);
-  if (n.surface.kind == Surface::Kind::kPlane) {
+  const MapNode& n = trees_.node(id);
+  if (n.kind == Surface::Kind::kPlane) {
     // Below a planar node nothing is kept up to date: what it does not show, its children may not.
-    if (n.surface.frames < min_frames) return;
+    if (n.frames < min_frames) return;
     const PointCluster cluster = Aggregate(id);
     const Eigen3 eigen = cluster.Eigen();
     Surfel surfel;
@@ -442,8 +362,10 @@ void VoxelMap::VisitSurfaces(NodeId id, int min_frames, std::int64_t piece,
     visit(surfel);
     return;
   }
-  for (const NodeId child : n.child) {
-    if (child != kNoNode) VisitSurfaces(child, min_frames, piece, visit);
+  if (VoxelTrees::IsLeaf(id)) return;
+  const NodeId* child = trees_.children(id);
+  for (int slot = 0; slot < 8; ++slot) {
+    if (child[slot] != kNoNode) VisitSurfaces(child[slot], min_frames, piece, visit);
   }
 }
 

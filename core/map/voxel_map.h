@@ -5,10 +5,12 @@
 // COARSEST node around a place whose aggregate is planar (large flat walls are one feature, small
 // patches of a rough facade are many).
 //
-// A leaf holds two clusters, in world coordinates:
-//   fixed    of frames that have left the sliding window: capped weight, never moved again
+// A leaf holds up to two clusters, in world coordinates:
+//   fixed    of frames that have left the sliding window: capped weight, never moved again; packed
+//            (core/geometry/packed_cluster.h)
 //   window   the sum of the frames in the window at their present poses; the window exchanges them
 //            when it moves the frames
+// The trees and their memory are core/map/voxel_trees.h.
 //
 // Every change marks the root; Refresh() brings the surfaces of the marked roots up to date, in
 // parallel. Nothing here visits the whole map but ForEachSurface.
@@ -39,11 +41,14 @@
 
 #include "core/geometry/point_cluster.h"
 #include "core/geometry/state_archive.h"
+#include "core/map/map_snapshot.h"
 #include "core/map/root_key.h"
+#include "core/map/surface.h"
 #include "core/map/surfel.h"
 #include "core/map/tile_index.h"
 #include "core/map/voxel_key.h"
 #include "core/map/voxel_store.h"
+#include "core/map/voxel_trees.h"
 #include "core/options/options.h"
 
 namespace lamina {
@@ -69,27 +74,10 @@ struct VoxelMapOptions {
   double BudgetBytes() const { return budget_mb * 1048576.0; }
 };
 
-// What a node looks like from outside.
-struct Surface {
-  enum class Kind : std::uint8_t {
-    kEmpty,  // too few points to say anything
-    kRough,  // a distribution without a plane
-    kPlane,
-  };
-  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-  Eigen::Vector3f normal = Eigen::Vector3f::Zero();  // unit, kPlane only; the sign has no meaning
-  float variance = 0.0F;                             // l3, m^2: the plane's squared thickness
-  float flatness = 1.0F;                             // l3 / l2: squared thickness over breadth
-  std::uint16_t frames = 0;                          // frames that contributed, saturating
-  Kind kind = Kind::kEmpty;
-  bool covered =
-      false;  // this node or one above it is planar; below that one, nothing is kept up to date
-};
-
 class VoxelMap {
  public:
-  using NodeId = std::int32_t;
-  static constexpr NodeId kNoNode = -1;
+  using NodeId = lamina::NodeId;
+  static constexpr NodeId kNoNode = lamina::kNoNode;
 
   // `store` gets what leaves memory, and must outlive the map; without one it is lost. Throws
   // OptionError.
@@ -117,7 +105,12 @@ class VoxelMap {
   NodeId FindSurface(const Eigen::Vector3d& p) const;
   // The coarsest planar node among a leaf and its ancestors, else kNoNode.
   NodeId PlaneAbove(NodeId leaf) const;
-  const Surface& surface(NodeId id) const { return node(id).surface; }
+  // As of the last refresh; below a planar node nothing is kept up to date.
+  Surface::Kind kind(NodeId id) const { return trees_.node(id).kind; }
+  // Frames that contributed, saturating.
+  int frames(NodeId id) const { return trees_.node(id).frames; }
+  // Of a node of kind kPlane.
+  const Surface& plane(NodeId id) const { return trees_.plane(trees_.node(id)); }
   // What a node with this cluster would look like.
   Surface SurfaceOf(const PointCluster& cluster, int frames) const;
   // Sum of fixed and window clusters below a node / of the fixed ones alone.
@@ -150,15 +143,16 @@ class VoxelMap {
   // leaves in an order of its own waits for memory more than for anything else.
   void Prefetch(NodeId id) const {
     if (id == kNoNode) return;
-    const char* bytes = reinterpret_cast<const char*>(&node(id));
-    for (std::size_t i = 0; i < sizeof(Node); i += kCacheLine) __builtin_prefetch(bytes + i);
+    const char* bytes = reinterpret_cast<const char*>(&trees_.node(id));
+    for (std::size_t i = 0; i < sizeof(MapLeaf); i += kCacheLine) __builtin_prefetch(bytes + i);
   }
 
   // Number of refreshes that changed anything.
   std::int64_t refreshes() const { return refreshes_; }
 
-  std::size_t roots() const { return index_.size(); }
-  std::size_t nodes() const { return used_nodes_; }
+  std::size_t roots() const { return trees_.roots(); }
+  std::size_t leaves() const { return trees_.leaves(); }
+  std::size_t nodes() const { return trees_.nodes(); }
   std::size_t bytes() const;
   // After EvictToBudget: what is held alone takes, or once took, more than the budget.
   bool over_budget() const { return static_cast<double>(bytes()) > options_.BudgetBytes(); }
@@ -227,105 +221,65 @@ class VoxelMap {
 
  private:
   class RecordSurfaces;
-  struct Node {
-    PointCluster fixed, window;  // leaves alone
-    Surface surface;
-    NodeId child[8];  // kNoNode where empty; leaves have none
-    NodeId parent = kNoNode;
-
-    std::uint16_t fixed_frames = 0, window_frames = 0;
-    std::int32_t last_added = -1, last_fixed = -1;  // frames, to count each once
-    // Roots alone:
-    VoxelKey key = 0;
-    NodeId older = kNoNode, newer = kNoNode;  // list in order of touch
-    std::uint32_t holds = 0;
-    std::uint32_t snapshot = 0;   // the last one that has it, or does not want it
-    std::uint32_t refreshed = 0;  // by which refresh
-    std::uint64_t touched = 0;    // number of the touch: grows along the list
-    bool marked = false;
-  };
-  // Nodes live in blocks: big enough that their table stays small, small enough that a budget of a
-  // megabyte is some dozen of them.
-  static constexpr int kBlockBits = 8;
-  static constexpr NodeId kBlockMask = (1 << kBlockBits) - 1;
   static constexpr std::size_t kCacheLine = 64;
+  static constexpr std::int64_t kNoPiece = -1;
 
-  Node& node(NodeId id) {
-    return blocks_[static_cast<std::size_t>(id >> kBlockBits)][id & kBlockMask];
-  }
-  const Node& node(NodeId id) const {
-    return blocks_[static_cast<std::size_t>(id >> kBlockBits)][id & kBlockMask];
-  }
   VoxelKey KeyOf(const Eigen::Vector3d& p) const {
     return SlotBase(slot_) + RootKeyOf(p, inverse_root_size_);
   }
   int SlotOfPiece(std::int64_t piece) const;
-  void RemoveRoot(NodeId root);
   void TouchTile(VoxelKey tile, std::int64_t change);
-  NodeId NewNode(NodeId parent);
-  void FreeTree(NodeId id);
-  NodeId RootOf(NodeId id) const;
-  void Unlink(NodeId root);
-  void LinkNewest(NodeId root);
-  void Touch(NodeId root) {
-    LinkNewest(root);
-    node(root).touched = ++touches_;
-  }
-  // Before anything of a root changes that a snapshot would show.
-  void BeforeChange(NodeId root) {
-    if (snapshot_under_way_ && node(root).snapshot != snapshot_) SaveRoot(root);
-  }
-  // Before a leaf changes.
-  void Mark(NodeId leaf);
-  void MarkRoot(NodeId root);
-  // A record that the store gave back.
-  void Return(std::string_view record);
-  // Until UsedBytes() is at most `limit`, as far as roots go that have not been touched since.
-  std::size_t EvictTo(double limit, std::uint64_t last_touch);
-  void ArchiveTree(StateArchive& a, NodeId id, int level);
-  void ArchiveRoot(StateArchive& a, NodeId root);
-  void SaveRoot(NodeId root);
+  void RemoveRoot(NodeId root);
+  // Before anything of a root changes that a snapshot would show, and marks it.
+  void Mark(NodeId root);
+  void MarkLoaded(NodeId root);
   // A record's root, neither linked nor marked; kNoNode if it is there already.
   NodeId LoadRoot(StateArchive& a);
+  // A record that the store gave back.
+  void Return(std::string_view record);
+  // Evicts until there is room for `reserve` bytes, as far as roots go that have not been touched
+  // since.
+  std::size_t EvictFor(double reserve, std::uint64_t last_touch);
+
+  // Adds to a leaf's fixed part and caps its weight.
+  void JoinFixed(NodeId leaf, const PointCluster& cluster);
+  // What a refresh finds of a node, where more than its own members has to change for it.
+  struct PlaneChange {
+    NodeId node;
+    Surface surface;
+  };
   struct TreeSum {
     NodeId id;
     PointCluster cluster;
-    int frames;
+    int frames = 0;
+    std::size_t end = 0;  // of those below it
   };
-  // Sums of a node and all below it, parents before children; returns the node's own.
-  PointCluster SumTree(NodeId id, std::vector<TreeSum>* sums);
-  void RefreshTree(NodeId root, std::vector<TreeSum>* sums);
+  // Sums of a node and all below it, parents before children; returns the node's own. `centre` is
+  // that of the root.
+  PointCluster SumTree(NodeId id, const Eigen::Vector3d& centre, std::vector<TreeSum>* sums) const;
+  void RefreshTree(NodeId root, std::vector<TreeSum>* sums, std::vector<PlaneChange>* changes);
   void VisitRoot(NodeId root, int min_frames, const VisitSurfel& visit) const;
   void VisitSurfaces(NodeId id, int min_frames, std::int64_t piece, const VisitSurfel& visit) const;
   std::int32_t LastAdded(NodeId id) const;
-  std::size_t UsedBytes() const;
 
   VoxelMapOptions options_;
   double inverse_root_size_;
   VoxelStore* store_;
-  VoxelIndex index_;
-  static constexpr std::int64_t kNoPiece = -1;
+  VoxelTrees trees_;
   std::vector<std::int64_t> pieces_{0};  // by slot
   int slot_ = 0;                         // of the selected piece
-  std::vector<std::unique_ptr<Node[]>> blocks_;
-  NodeId next_unused_ = 0;
-  NodeId free_list_ = kNoNode;  // chained through Node::parent
-  std::size_t used_nodes_ = 0;
-  std::size_t bytes_after_eviction_ = 0;
-  NodeId oldest_ = kNoNode, newest_ = kNoNode;
   std::vector<NodeId> marked_;
   std::int64_t refreshes_ = 0;
-  std::uint64_t touches_ = 0;
-  // As it stood after each of the last frames; what was touched since, a recall does not evict.
+
+  double bytes_after_eviction_ = 0.0;
+  // Touches as they stood after each of the last frames; what was touched since, a recall does not
+  // evict.
   std::array<std::uint64_t, 16> recent_touches_ = {};
 
   bool track_tiles_ = false;
   std::map<int, TileIndex> tiles_;  // by slot; of those dropped, too: a walk may be under way
 
-  bool snapshot_under_way_ = false;
-  std::uint32_t snapshot_ = 0;
-  NodeId snapshot_next_ = kNoNode;  // in the order of the list
-  StateArchive snapshot_records_;
+  MapSnapshot snapshot_;
 };
 
 template <>

@@ -1,154 +1,51 @@
-// Roots of the voxel map as records of bytes: snapshots, what the store keeps, addresses of leaves.
-//
-// A record, little-endian (core/geometry/state_archive.h):
-//
-//     u64 key of the root    u64 number of its last touch    its tree
-//
-// and a tree is, for an inner node, a u8 with a bit for each child that is there, followed by the
-// trees of these; for a leaf
-//
-//     u16 fixed_frames   u16 window_frames   i32 last_added   i32 last_fixed
-//     u8 bits: 1 it has a fixed cluster, 2 a window cluster; each 10 f64: count, mean, scatter
-//
-// Surfaces follow from the clusters and are made again. Holds are for the window to repeat.
+// The map beyond its memory: what is saved and loaded, and what is read back for show.
 #include <algorithm>
 
 #include "core/map/voxel_map.h"
 
 namespace lamina {
 
-void VoxelMap::ArchiveTree(StateArchive& a, NodeId id, int level) {
-  Node& n = node(id);
-  if (level == options_.depth) {
-    a(&n.fixed_frames, &n.window_frames, &n.last_added, &n.last_fixed);
-    auto parts =
-        static_cast<std::uint8_t>((n.fixed.count > 0.0 ? 1 : 0) | (n.window.count > 0.0 ? 2 : 0));
-    a(&parts);
-    if ((parts & 1) != 0) a(&n.fixed);
-    if ((parts & 2) != 0) a(&n.window);
-    return;
-  }
-  std::uint8_t children = 0;
-  for (int slot = 0; slot < 8; ++slot) {
-    if (n.child[slot] != kNoNode) children = static_cast<std::uint8_t>(children | (1U << slot));
-  }
-  a(&children);
-  for (int slot = 0; slot < 8; ++slot) {
-    if ((children & (1U << slot)) == 0) continue;
-    if (a.reading()) {
-      const NodeId child = NewNode(id);
-      n.child[slot] = child;
-    }
-    ArchiveTree(a, n.child[slot], level + 1);
-  }
-}
-
-void VoxelMap::ArchiveRoot(StateArchive& a, NodeId root) {
-  a(&node(root).key, &node(root).touched);
-  ArchiveTree(a, root, 0);
-}
-
 VoxelMap::NodeId VoxelMap::LoadRoot(StateArchive& a) {
-  const NodeId root = NewNode(kNoNode);
-  try {
-    ArchiveRoot(a, root);
-    if (static_cast<std::size_t>(SlotOf(node(root).key)) >= pieces_.size()) {
-      throw InputError("a saved voxel is of no piece of the map");
-    }
-  } catch (const InputError&) {
-    FreeTree(root);
-    throw;
+  const NodeId root = trees_.Load(a);
+  if (root == kNoNode) return kNoNode;
+  if (static_cast<std::size_t>(SlotOf(trees_.root(root).key)) >= pieces_.size()) {
+    throw InputError("a saved voxel is of no piece of the map");
   }
-  if (index_.FindOrInsert(node(root).key, root) == root) return root;
-  FreeTree(root);
-  return kNoNode;
+  trees_.root(root).snapshot = snapshot_.number();
+  return root;
 }
 
-void VoxelMap::Return(std::string_view record) {
-  const std::size_t before = UsedBytes();
-  StateArchive a(record);
-  const NodeId root = LoadRoot(a);
-  if (root == kNoNode) return;
-  Touch(root);
-  MarkRoot(root);
-  // Not added by a frame: no measure of what the next one may add.
-  bytes_after_eviction_ += UsedBytes() - before;
-}
-
-std::size_t VoxelMap::Recall(const std::vector<Eigen::Vector3d>& points) {
-  if (store_ == nullptr || store_->Empty()) return 0;
-  const double room = 0.9 * options_.BudgetBytes();
-  std::size_t recalled = 0;
-  for (const Eigen::Vector3d& p : points) {
-    if (!CanHold(p)) continue;
-    const VoxelKey tile = TileOf(KeyOf(p));
-    if (!store_->Has(tile)) continue;
-    EvictTo(room, recent_touches_.front());
-    if (static_cast<double>(UsedBytes()) > room) break;
-    const std::size_t before = roots();
-    store_->Take(tile, [this](std::string_view record) { Return(record); });
-    recalled += roots() - before;
-  }
-  Refresh();
-  bytes_after_eviction_ = UsedBytes();
-  return recalled;
-}
-
-void VoxelMap::BeginSnapshot() {
-  ++snapshot_;
-  snapshot_under_way_ = true;
-  snapshot_next_ = oldest_;
-  snapshot_records_.written().clear();
-}
-
-void VoxelMap::SaveRoot(NodeId root) {
-  node(root).snapshot = snapshot_;
-  ArchiveRoot(snapshot_records_, root);
-}
+void VoxelMap::BeginSnapshot() { snapshot_.Begin(trees_); }
 
 bool VoxelMap::ContinueSnapshot(std::size_t bytes, std::string* records) {
-  std::string& saved = snapshot_records_.written();
-  // Or growing by doubling would take three times as much.
-  saved.reserve(bytes + bytes / 16);
-  while (snapshot_next_ != kNoNode && saved.size() < bytes) {
-    const NodeId root = snapshot_next_;
-    snapshot_next_ = node(root).newer;
-    if (node(root).snapshot != snapshot_) SaveRoot(root);
-  }
-  snapshot_under_way_ = snapshot_next_ != kNoNode;
-  records->swap(saved);
-  saved.clear();
-  return snapshot_under_way_;
+  return snapshot_.Continue(bytes, &trees_, records);
 }
 
 void VoxelMap::ArchiveCounters(StateArchive& a) {
-  std::uint64_t after_eviction = bytes_after_eviction_;
-  std::uint64_t index_size = index_.expected_size();
-  a(&after_eviction, &touches_, &index_size, &pieces_);
-  if (a.reading()) index_ = VoxelIndex(static_cast<std::size_t>(index_size));
+  trees_.ArchiveCounters(a);
+  a(&bytes_after_eviction_, &pieces_);
   for (std::uint64_t& touches : recent_touches_) a(&touches);
-  bytes_after_eviction_ = static_cast<std::size_t>(after_eviction);
 }
 
 void VoxelMap::Load(std::string_view records) {
   StateArchive a(records);
   while (a.unread() > 0) {
     const NodeId root = LoadRoot(a);
-    if (root != kNoNode) marked_.push_back(root);
+    if (root != kNoNode) MarkLoaded(root);
   }
 }
 
 void VoxelMap::FinishLoading() {
   std::sort(marked_.begin(), marked_.end(),
-            [this](NodeId a, NodeId b) { return node(a).touched < node(b).touched; });
-  for (const NodeId root : marked_) LinkNewest(root);
+            [this](NodeId a, NodeId b) { return trees_.root(a).touched < trees_.root(b).touched; });
+  for (const NodeId root : marked_) trees_.Link(root);
   Refresh();
 }
 
 VoxelMap::NodeId VoxelMap::LeafOf(const LeafAddress& address) const {
-  NodeId id = index_.Find(address.root);
-  for (int level = options_.depth - 1; level >= 0 && id != kNoNode; --level) {
-    id = node(id).child[(address.path >> (3 * level)) & 7U];
+  NodeId id = trees_.FindRoot(address.root);
+  for (int level = trees_.levels() - 1; level >= 0 && id != kNoNode; --level) {
+    id = trees_.children(id)[VoxelTrees::SlotOfPath(address.path, level)];
   }
   return id;
 }
@@ -181,7 +78,7 @@ class VoxelMap::RecordSurfaces {
 };
 
 void VoxelMap::ForEachSurface(int min_frames, const VisitSurfel& visit) const {
-  for (NodeId root = oldest_; root != kNoNode; root = node(root).newer) {
+  for (NodeId root = trees_.oldest(); root != kNoNode; root = trees_.newer(root)) {
     VisitRoot(root, min_frames, visit);
   }
   if (store_ == nullptr || store_->Empty()) return;
@@ -197,10 +94,10 @@ std::int64_t VoxelMap::ForEachSurfaceOfTile(VoxelKey tile, std::int64_t changed_
   std::int64_t changed = 0;
   for (int i = 0; i < kEdge * kEdge * kEdge; ++i) {
     const NodeId root =
-        index_.Find(VoxelOfTile(tile, i / kEdge / kEdge, i / kEdge % kEdge, i % kEdge));
+        trees_.FindRoot(VoxelOfTile(tile, i / kEdge / kEdge, i / kEdge % kEdge, i % kEdge));
     if (root == kNoNode) continue;
     roots.push_back(root);
-    changed = std::max(changed, std::int64_t{node(root).refreshed});
+    changed = std::max(changed, std::int64_t{trees_.root(root).refreshed});
   }
   if (changed <= changed_by) return changed;
   for (const NodeId root : roots) VisitRoot(root, min_frames, visit);

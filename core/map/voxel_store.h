@@ -1,7 +1,7 @@
 // Where root voxels of the map go when they leave memory, and come back from.
 //
 // The map hands out each root voxel as a record of bytes, which it alone understands
-// (VoxelMap::RootRecord). A store keeps records by *tile*, a cube of 4 x 4 x 4 root voxels, for
+// (core/map/voxel_trees.cc). A store keeps records by *tile*, a cube of 4 x 4 x 4 root voxels, for
 // what lies together returns together.
 #pragma once
 

@@ -13,7 +13,7 @@ namespace lamina {
 namespace {
 
 constexpr std::string_view kMagic = "LAMINAMP";
-constexpr std::uint32_t kVersion = 4;
+constexpr std::uint32_t kVersion = 5;
 constexpr std::string_view kEnd = "END ";
 constexpr std::size_t kTagSize = 4;
 

@@ -130,7 +130,7 @@ TEST(SlidingWindow, TheMapHoldsTheSumOfTheFramesInIt) {
     }
   }
   EXPECT_LT(LargestGap(sums, AllAggregates(window, map)), 1e-9);
-  // What leaves the window becomes fixed, exactly as it stood; the sum stays.
+  // What leaves the window becomes fixed as it stood; the sum stays.
   window.PopOldest();
   EXPECT_EQ(window.frames().front().id, 1);
   window.PopOldest();
@@ -138,8 +138,9 @@ TEST(SlidingWindow, TheMapHoldsTheSumOfTheFramesInIt) {
   Aggregates fixed, all;
   for (const auto& [leaf, cluster] : of_first) fixed[leaf] = map.FixedAggregate(leaf);
   for (const auto& [leaf, cluster] : sums) all[leaf] = map.Aggregate(leaf);
-  EXPECT_LT(LargestGap(of_first, fixed), 1e-9);
-  EXPECT_LT(LargestGap(sums, all), 1e-9);
+  // To single precision, in which fixed clusters are kept.
+  EXPECT_LT(LargestGap(of_first, fixed), 1e-6);
+  EXPECT_LT(LargestGap(sums, all), 1e-6);
 }
 
 TEST(SlidingWindow, ProblemNamesFramesInOrderWithCappedWeights) {

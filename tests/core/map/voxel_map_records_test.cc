@@ -126,7 +126,7 @@ TEST(VoxelMapRecords, WhatLeftMemoryComesBackWithNothingLost) {
   MemoryVoxelStore store;
   VoxelMap small(Options(2.0), &store), large(Options());
   Filler filler(3), copy(3);
-  for (int i = 0; i < 60; ++i) {
+  for (int i = 0; i < 90; ++i) {
     filler.Add(100, 30.0, &small);
     copy.Add(100, 30.0, &large);
   }
@@ -163,7 +163,7 @@ TEST(VoxelMapRecords, RecallBringsBackWhatLiesAroundPoints) {
   EXPECT_GE(map.Recall({place, place}), 1U);
   const NodeId id = map.FindSurface(place);
   ASSERT_NE(id, VoxelMap::kNoNode);
-  EXPECT_EQ(map.surface(id).kind, Surface::Kind::kPlane);
+  EXPECT_EQ(map.kind(id), Surface::Kind::kPlane);
   EXPECT_EQ(map.Aggregate(id).count, 20.0);
   EXPECT_EQ(map.Recall({place}), 0U);
 }

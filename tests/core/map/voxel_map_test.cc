@@ -46,8 +46,9 @@ void AddPoints(const Points& points, std::int64_t frame, VoxelMap* map) {
 
 void ExpectSame(const PointCluster& a, const PointCluster& b) {
   EXPECT_NEAR(a.count, b.count, 1e-9);
-  EXPECT_LT(MeanGap(a, b), 1e-9);
-  EXPECT_LT(ScatterGap(a, b), 1e-8);
+  // Fixed parts are kept in single precision, relative to their voxel.
+  EXPECT_LT(MeanGap(a, b), 2e-7);
+  EXPECT_LT(ScatterGap(a, b), 2e-6);
 }
 
 // A flat patch in the root voxel with these indices, seen by two frames.
@@ -79,8 +80,8 @@ TEST(VoxelMap, TheCoarsestPlanarNodeIsFound) {
     EXPECT_EQ(map.PlaneAbove(map.LeafAt(p)), map.FindSurface(p));
   }
   ASSERT_EQ(found.size(), 1U);
-  EXPECT_EQ(map.surface(*found.begin()).kind, Kind::kPlane);
-  EXPECT_NEAR(std::abs(map.surface(*found.begin()).normal.z()), 1.0, 1e-6);
+  EXPECT_EQ(map.kind(*found.begin()), Kind::kPlane);
+  EXPECT_NEAR(std::abs(map.plane(*found.begin()).normal.z()), 1.0, 1e-6);
   ExpectSame(map.Aggregate(*found.begin()), ClusterOf(floor));
   // A wall above it breaks the root into smaller planes.
   Points wall;
@@ -92,9 +93,9 @@ TEST(VoxelMap, TheCoarsestPlanarNodeIsFound) {
   const NodeId low = map.FindSurface({0.1, 0.1, 0.3});
   const NodeId high = map.FindSurface({1.3, 0.1, 1.0});
   EXPECT_NE(low, high);
-  EXPECT_EQ(map.surface(low).kind, Kind::kPlane);
-  EXPECT_NEAR(std::abs(map.surface(low).normal.z()), 1.0, 1e-6);
-  EXPECT_NEAR(std::abs(map.surface(high).normal.x()), 1.0, 1e-6);
+  EXPECT_EQ(map.kind(low), Kind::kPlane);
+  EXPECT_NEAR(std::abs(map.plane(low).normal.z()), 1.0, 1e-6);
+  EXPECT_NEAR(std::abs(map.plane(high).normal.x()), 1.0, 1e-6);
   // Octants of 0.8 m, not leaves of 0.4 m: the coarsest below the root.
   EXPECT_EQ(map.FindSurface({1.3, 0.7, 1.5}), high);
   EXPECT_EQ(map.FindSurface({0.1, 0.1, 1.5}), VoxelMap::kNoNode);
@@ -129,7 +130,7 @@ TEST(VoxelMap, APlaneThatTooFewFramesSawHidesWhatLiesBelow) {
   // Much floor makes the root one: what the octant looked like is not kept up to date from here on.
   add_floor(600, 1.6, 1);
   EXPECT_NE(map.FindSurface({0.4, 0.4, 0.3}), octant);
-  EXPECT_EQ(map.surface(octant).kind, Kind::kPlane);
+  EXPECT_EQ(map.PlaneAbove(octant), map.FindSurface({0.4, 0.4, 0.3}));
   EXPECT_EQ(surfaces(2), 1);
   EXPECT_EQ(surfaces(3), 0);
 }
@@ -148,7 +149,7 @@ TEST(VoxelMap, AParentIsTheSumOfItsChildren) {
     const NodeId root = map.FindSurface(points[0]);
     ExpectSame(map.Aggregate(root), ClusterOf(points));
     const Eigen3 eigen = ClusterOf(points).Eigen();
-    EXPECT_NEAR(map.surface(root).flatness, eigen.l(2) / eigen.l(1), 1e-5);
+    EXPECT_NEAR(map.plane(root).flatness, eigen.l(2) / eigen.l(1), 1e-5);
   }
 }
 
@@ -201,8 +202,8 @@ TEST(VoxelMap, BookkeepingEqualsRebuildingFromScratch) {
       ExpectSame(map.Aggregate(leaf), all);
       ExpectSame(map.FixedAggregate(leaf), gone);
       ExpectSame(rebuilt.Aggregate(rebuilt.LeafAt(e.place)), all);
-      EXPECT_EQ(map.surface(leaf).frames, seen_by.size());
-      EXPECT_EQ(rebuilt.surface(rebuilt.LeafAt(e.place)).frames, seen_by.size());
+      EXPECT_EQ(map.frames(leaf), seen_by.size());
+      EXPECT_EQ(rebuilt.frames(rebuilt.LeafAt(e.place)), seen_by.size());
     }
   }
 }
@@ -239,9 +240,8 @@ TEST(VoxelMap, EvictionKeepsTheBudgetAndReusesNodes) {
     most_bytes = std::max(most_bytes, map.bytes());
     ASSERT_LE(map.bytes(), 8U * 1048576U) << "after frame " << frame;
     // The newest patches are there.
-    EXPECT_EQ(map.surface(map.FindSurface(options.root_size_m *
-                                          Eigen::Vector3d(0.5, frame + 0.5, 0.5 - frame)))
-                  .kind,
+    EXPECT_EQ(map.kind(map.FindSurface(options.root_size_m *
+                                       Eigen::Vector3d(0.5, frame + 0.5, 0.5 - frame))),
               Kind::kPlane);
   }
   EXPECT_EQ(map.roots() + dropped, added);
@@ -258,7 +258,7 @@ TEST(VoxelMap, EvictionKeepsTheBudgetAndReusesNodes) {
   // Nodes of what has gone serve again, and are empty.
   const NodeId fresh = map.LeafAt({-100.0, 0.0, 0.0});
   EXPECT_TRUE(map.Aggregate(fresh).Empty());
-  EXPECT_EQ(map.surface(fresh).kind, Kind::kEmpty);
+  EXPECT_EQ(map.kind(fresh), Kind::kEmpty);
 }
 
 TEST(VoxelMap, EvictionSparesWhatIsHeld) {
@@ -305,11 +305,11 @@ TEST(VoxelMap, SaysThatItCannotKeepItsBudget) {
   };
   for (int frame = 0; frame < 20; ++frame) fill(frame, false);
   EXPECT_FALSE(map.over_budget());
-  for (int frame = 20; frame < 30; ++frame) fill(frame, true);
+  for (int frame = 20; frame < 50; ++frame) fill(frame, true);
   EXPECT_TRUE(map.over_budget());
   // What is held is all that is there.
-  EXPECT_EQ(map.roots(), 2000U);
-  EXPECT_LT(map.bytes(), 2U * 1048576U);
+  EXPECT_EQ(map.roots(), 6000U);
+  EXPECT_LT(map.bytes(), 3U * 1048576U);
 }
 
 TEST(VoxelMap, HoldsMillionsOfVoxels) {
@@ -334,8 +334,8 @@ TEST(VoxelMap, HoldsMillionsOfVoxels) {
   });
   const std::size_t count = static_cast<std::size_t>(kManyPerSide) * kManyPerSide * kManyPerSide;
   EXPECT_EQ(map.roots(), count);
-  EXPECT_EQ(map.nodes(), count);
-  EXPECT_LT(map.bytes() / count, 500U);
+  EXPECT_EQ(map.leaves(), count);
+  EXPECT_LT(map.bytes() / count, 350U);
   std::size_t wrong = 0;
   each([&](const Eigen::Vector3d& p) {
     const NodeId id = map.FindSurface(p);
@@ -405,9 +405,9 @@ TEST(VoxelMap, PiecesInOnePlaceDoNotSeeEachOther) {
   }
   const auto find = [](const VoxelMap& map, const Eigen::Vector3d& p) {
     const NodeId id = map.FindSurface(p);
-    return id == VoxelMap::kNoNode ? Eigen::Vector3d::Zero() : map.surface(id).mean;
+    return id == VoxelMap::kNoNode ? Eigen::Vector3d::Zero() : map.Aggregate(id).mean;
   };
-  for (int i = 0; i < 400; ++i) {
+  for (int i = 0; i < 1200; ++i) {
     const std::int64_t piece = i % kPieces;
     const Patch patch(draws[static_cast<std::size_t>(piece)].InCube(25.0),
                       Eigen::Vector3d::UnitZ());

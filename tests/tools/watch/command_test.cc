@@ -42,8 +42,9 @@ TEST_F(WatchCommandTest, OnceLeavesWhatRunLeaves) {
     const Outcome outcome = Once({"--threads", threads}, 0, session);
     EXPECT_THAT(outcome.out, HasSubstr(session + "/map_surfels.ply"));
     ExpectSameResults(session, "out");
-    for (const char* figure : {"frames", "keyframes", "skipped_by_reason", "map_voxels",
-                               "map_nodes", "map_surfels", "ba_solves", "lost_frames"}) {
+    for (const char* figure :
+         {"frames", "keyframes", "skipped_by_reason", "map_voxels", "map_nodes", "map_leaves",
+          "map_surfels", "ba_solves", "lost_frames"}) {
       EXPECT_EQ(Summary(session)[figure], Summary()[figure]) << figure;
     }
   }

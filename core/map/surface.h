@@ -1,0 +1,24 @@
+// What a node of the map looks like from outside.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+
+namespace lamina {
+
+struct Surface {
+  enum class Kind : std::uint8_t {
+    kEmpty,  // too few points to say anything
+    kRough,  // a distribution without a plane
+    kPlane,
+  };
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  Eigen::Vector3f normal = Eigen::Vector3f::Zero();  // unit, kPlane only; the sign has no meaning
+  float variance = 0.0F;                             // l3, m^2: the plane's squared thickness
+  float flatness = 1.0F;                             // l3 / l2: squared thickness over breadth
+  std::uint16_t frames = 0;                          // frames that contributed, saturating
+  Kind kind = Kind::kEmpty;
+};
+static_assert(sizeof(Surface) == 48);
+
+}  // namespace lamina

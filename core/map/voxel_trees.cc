@@ -1,0 +1,214 @@
+#include "core/map/voxel_trees.h"
+
+#include <utility>
+
+namespace lamina {
+
+VoxelTrees::VoxelTrees(double root_size_m, int depth)
+    : root_size_m_(root_size_m),
+      inverse_root_size_(1.0 / root_size_m),
+      depth_(depth),
+      leaves_per_edge_(1 << depth),
+      most_leaf_((1U << static_cast<unsigned>(depth)) - 1U) {}
+
+int VoxelTrees::LevelOf(NodeId id) const {
+  int level = 0;
+  for (; id >> kKindShift != kRootKind; id = node(id).parent) ++level;
+  return level;
+}
+
+void VoxelTrees::FitPlane(MapNode* node) {
+  const bool wanted = node->kind == Surface::Kind::kPlane;
+  if (wanted == (node->plane != kNoNode)) return;
+  if (wanted) {
+    node->plane = planes_.New();
+  } else {
+    planes_.Free(std::exchange(node->plane, kNoNode));
+  }
+}
+
+PointCluster& VoxelTrees::Window(MapLeaf* leaf) {
+  if (leaf->window == kNoNode) leaf->window = windows_.New();
+  return windows_[leaf->window];
+}
+
+void VoxelTrees::DropEmptyWindow(MapLeaf* leaf) {
+  if (leaf->window == kNoNode || !windows_[leaf->window].Empty()) return;
+  windows_.Free(std::exchange(leaf->window, kNoNode));
+}
+
+NodeId VoxelTrees::AddRoot(VoxelKey key) {
+  const NodeId id = roots_.New() | kRootKind << kKindShift;
+  root(id).key = key;
+  index_.FindOrInsert(key, id);
+  Link(id);
+  root(id).touched = ++touches_;
+  return id;
+}
+
+void VoxelTrees::RemoveRoot(NodeId id) {
+  index_.Erase(root(id).key);
+  Unlink(id);
+  FreeTree(id);
+}
+
+NodeId VoxelTrees::ChildAt(NodeId parent, unsigned slot) {
+  const NodeId there = children(parent)[slot];
+  if (there != kNoNode) return there;
+  const bool is_leaf = LevelOf(parent) + 1 == levels();
+  const NodeId id = is_leaf ? leaves_.New() : inner_.New() | kInnerKind << kKindShift;
+  node(id).parent = parent;
+  children(parent)[slot] = id;
+  return id;
+}
+
+void VoxelTrees::FreeTree(NodeId id) {
+  MapNode& freed = node(id);
+  freed.kind = Surface::Kind::kEmpty;
+  FitPlane(&freed);
+  if (IsLeaf(id)) {
+    MapLeaf& leaf = leaves_[id];
+    if (leaf.window != kNoNode) windows_.Free(leaf.window);
+    leaves_.Free(id);
+    return;
+  }
+  for (int slot = 0; slot < 8; ++slot) {
+    const NodeId child = children(id)[slot];
+    if (child != kNoNode) FreeTree(child);
+  }
+  const NodeId place = id & kPlaceMask;
+  id >> kKindShift == kRootKind ? roots_.Free(place) : inner_.Free(place);
+}
+
+void VoxelTrees::Unlink(NodeId id) {
+  const MapRoot& n = root(id);
+  (n.older == kNoNode ? oldest_ : root(n.older).newer) = n.newer;
+  (n.newer == kNoNode ? newest_ : root(n.newer).older) = n.older;
+}
+
+void VoxelTrees::Link(NodeId id) {
+  MapRoot& n = root(id);
+  n.older = newest_;
+  n.newer = kNoNode;
+  (newest_ == kNoNode ? oldest_ : root(newest_).newer) = id;
+  newest_ = id;
+}
+
+// --- Trees as bytes --------------------------------------------------------------------------
+
+// A record, little-endian (core/geometry/state_archive.h):
+//
+//     u64 key of the root    u64 number of its last touch    its tree
+//
+// and a tree is, for a root or an inner node, a u8 with a bit for each child that is there,
+// followed by the trees of these; for a leaf
+//
+//     u16 fixed_frames   u16 window_frames   i32 last_added   i32 last_fixed
+//     u8 bits: 1 it has a fixed cluster: 10 f32, packed; 2 a window cluster: 10 f64
+//
+// Planes follow from the clusters and are made again. Holds are for the window to repeat.
+
+void VoxelTrees::SaveTree(StateArchive& a, NodeId id) const {
+  if (IsLeaf(id)) {
+    MapLeaf copy = leaf(id);
+    a(&copy.fixed_frames, &copy.window_frames, &copy.last_added, &copy.last_fixed);
+    const PointCluster* window = FindWindow(copy);
+    auto parts =
+        static_cast<std::uint8_t>((copy.fixed.Empty() ? 0 : 1) | (window != nullptr ? 2 : 0));
+    a(&parts);
+    if ((parts & 1) != 0) a(&copy.fixed);
+    if (window == nullptr) return;
+    PointCluster cluster = *window;
+    a(&cluster);
+    return;
+  }
+  std::uint8_t there = 0;
+  for (int slot = 0; slot < 8; ++slot) {
+    if (children(id)[slot] != kNoNode) there = static_cast<std::uint8_t>(there | (1U << slot));
+  }
+  a(&there);
+  for (int slot = 0; slot < 8; ++slot) {
+    if (children(id)[slot] != kNoNode) SaveTree(a, children(id)[slot]);
+  }
+}
+
+void VoxelTrees::LoadTree(StateArchive& a, NodeId id, int level) {
+  if (level == levels()) {
+    MapLeaf& n = leaf(id);
+    std::uint8_t parts = 0;
+    a(&n.fixed_frames, &n.window_frames, &n.last_added, &n.last_fixed, &parts);
+    if ((parts & 1) != 0) a(&n.fixed);
+    if ((parts & 2) != 0) a(&Window(&n));
+    return;
+  }
+  std::uint8_t there = 0;
+  a(&there);
+  for (unsigned slot = 0; slot < 8; ++slot) {
+    if ((there & (1U << slot)) != 0) LoadTree(a, ChildAt(id, slot), level + 1);
+  }
+}
+
+void VoxelTrees::Save(StateArchive& a, NodeId id) const {
+  VoxelKey key = root(id).key;
+  std::uint64_t touched = root(id).touched;
+  a(&key, &touched);
+  SaveTree(a, id);
+}
+
+NodeId VoxelTrees::Load(StateArchive& a) {
+  const NodeId id = roots_.New() | kRootKind << kKindShift;
+  try {
+    a(&root(id).key, &root(id).touched);
+    LoadTree(a, id, 0);
+  } catch (const InputError&) {
+    FreeTree(id);
+    throw;
+  }
+  if (index_.FindOrInsert(root(id).key, id) == id) return id;
+  FreeTree(id);
+  return kNoNode;
+}
+
+// --- Memory ----------------------------------------------------------------------------------
+
+std::size_t VoxelTrees::bytes() const {
+  std::size_t sum = index_.bytes();
+  ForEachPool([&](const auto& pool) { sum += pool.bytes(); });
+  return sum;
+}
+
+double VoxelTrees::used_bytes() const {
+  auto sum = static_cast<double>(index_.bytes());
+  ForEachPool([&](const auto& pool) { sum += pool.BytesOf(static_cast<double>(pool.used())); });
+  return sum;
+}
+
+// Blocks of one kind are of no use to another: what a kind once took stays its own, and only what
+// it needs beyond that makes memory grow.
+bool VoxelTrees::HasRoom(double more_bytes, double most_bytes) const {
+  const double used = used_bytes();
+  if (used + more_bytes > most_bytes) return false;
+  const double share = more_bytes / std::max(1.0, used - static_cast<double>(index_.bytes()));
+  auto taken = static_cast<double>(index_.bytes());
+  double growth = 0.0;
+  ForEachPool([&](const auto& pool) {
+    const auto most = static_cast<double>(pool.most_used());
+    taken += pool.BytesOf(most);
+    growth += pool.BytesOf(std::max(0.0, (1.0 + share) * static_cast<double>(pool.used()) - most));
+  });
+  return growth <= std::max(0.0, most_bytes - taken);
+}
+
+void VoxelTrees::ArchiveCounters(StateArchive& a) {
+  std::uint64_t index_size = index_.expected_size();
+  a(&touches_, &index_size);
+  if (a.reading()) index_ = VoxelIndex(static_cast<std::size_t>(index_size));
+  const auto archive = [&a](auto* pool) {
+    std::uint64_t most_used = pool->most_used();
+    a(&most_used);
+    pool->ContinueFrom(static_cast<std::size_t>(most_used));
+  };
+  archive(&leaves_), archive(&inner_), archive(&roots_), archive(&planes_), archive(&windows_);
+}
+
+}  // namespace lamina
