@@ -49,11 +49,8 @@ const ChunkedFile::Connection* ChunkedFile::Find(std::uint64_t connection) const
 }
 
 void ChunkedFile::AddConnection(std::uint64_t connection, MessageTopic topic) {
-  const auto same = [&](const MessageTopic& other) {
-    return other.name == topic.name && other.type == topic.type && other.encoding == topic.encoding;
-  };
   if (const Connection* known = Find(connection)) {
-    if (same(topics_[known->topic])) return;
+    if (SameTopic(topics_[known->topic], topic)) return;
     throw InputError(fmt::format("{}: connection {} is of two topics, {} and {}", file_.path(),
                                  connection, topics_[known->topic].name, topic.name));
   }
@@ -66,18 +63,12 @@ void ChunkedFile::AddConnection(std::uint64_t connection, MessageTopic topic) {
     throw InputError(
         fmt::format("{}: more than {} connections: not read", file_.path(), kMostTopics));
   }
-  const auto found = std::find_if(topics_.begin(), topics_.end(), same);
-  const auto at = static_cast<std::size_t>(found - topics_.begin());
-  if (found == topics_.end()) {
+  const std::size_t at = PlaceOf(topic);
+  if (at == topics_.size()) {
     topics_.push_back(std::move(topic));
     messages_.emplace_back();
   }
   connections_[connection] = {at, wanted_(topics_[at])};
-}
-
-bool ChunkedFile::AnyWanted() const {
-  return std::any_of(connections_.begin(), connections_.end(),
-                     [](const auto& connection) { return connection.second.wanted; });
 }
 
 void ChunkedFile::CheckChunk(const Chunk& chunk, std::uint64_t at) const {
@@ -131,11 +122,38 @@ void ChunkedFile::Finish() {
     if (damaged_ > 0) {
       text += fmt::format("; {} chunks are damaged, at least in part: {}", damaged_, first_damage_);
     }
-    Doubt(std::move(text));
+    doubts_.push_back(std::move(text));
   }
   if (left_out_ > 0) {
-    Doubt(fmt::format("{}: the last {} messages are left out, no more than {} are read",
-                      file_.path(), left_out_, kMostMessages));
+    doubts_.push_back(fmt::format("{}: the last {} messages are left out, no more than {} are read",
+                                  file_.path(), left_out_, kMostMessages));
+  }
+}
+
+void ChunkedFile::WalkFile(const std::string& why, FileStream* stream, std::uint64_t bytes,
+                           const std::function<bool()>& read_record) {
+  read_through_ = why + "; it was read through";
+  try {
+    while (stream->position() < bytes && read_record()) {
+    }
+  } catch (const InputError& error) {
+    ended_by_ = error.what();
+  }
+}
+
+void ChunkedFile::WalkChunk(
+    const std::function<Chunk()>& read_head,
+    const std::function<bool(ByteStream*, std::uint32_t chunk)>& read_record) {
+  try {
+    const Chunk chunk = read_head();
+    const std::uint32_t number = AddChunk(chunk);
+    bool any = false;
+    WithChunk(number, [&](ByteStream* stream) {
+      while (stream->position() < chunk.bytes) any = read_record(stream, number) || any;
+    });
+    if (!any) DropChunk();
+  } catch (const InputError& error) {
+    if (damaged_++ == 0) first_damage_ = error.what();
   }
 }
 

@@ -15,21 +15,21 @@
 
 #include "io/container/byte_stream.h"
 #include "io/container/chunk_cache.h"
-#include "io/container/message_container.h"
+#include "io/container/message_table.h"
 #include "io/container/packed_stream.h"
 
 namespace lamina {
 
-class ChunkedFile : public MessageContainer {
+class ChunkedFile : public MessageTable {
  public:
-  ChunkedFile(const std::string& path, const TopicFilter& wanted, std::shared_ptr<ChunkCache> cache)
-      : file_(path), wanted_(wanted), cache_(std::move(cache)), file_number_(cache_->NextFile()) {}
+  ChunkedFile(std::string kind, const std::string& path, const TopicFilter& wanted,
+              std::shared_ptr<ChunkCache> cache)
+      : MessageTable(std::move(kind)),
+        file_(path),
+        wanted_(wanted),
+        cache_(std::move(cache)),
+        file_number_(cache_->NextFile()) {}
 
-  const std::vector<MessageTopic>& topics() const override { return topics_; }
-  const std::vector<std::string>& doubts() const override { return doubts_; }
-  const std::vector<MessagePlace>& Messages(std::size_t topic) const override {
-    return messages_.at(topic);
-  }
   std::string Read(const MessagePlace& place, std::size_t most) const override;
 
  protected:
@@ -44,13 +44,6 @@ class ChunkedFile : public MessageContainer {
   virtual std::string ReadRecord(ByteStream* stream, std::size_t most) const = 0;
 
   const RandomFile& file() const { return file_; }
-  void Doubt(std::string text) { doubts_.push_back(std::move(text)); }
-  // Why the file was read through, and what stopped that or was passed over: one line of doubts.
-  void NoIndex(const std::string& why) { read_through_ = why + "; it was read through"; }
-  void EndedBy(const std::string& what) { ended_by_ = what; }
-  void Damaged(const std::string& what) {
-    if (damaged_++ == 0) first_damage_ = what;
-  }
   // Throws InputError with the place in the file.
   [[noreturn]] void Fail(std::uint64_t at, const std::string& what) const;
 
@@ -67,7 +60,6 @@ class ChunkedFile : public MessageContainer {
   void Count(const Connection& connection, std::uint64_t messages) {
     topics_[connection.topic].messages += messages;
   }
-  bool AnyWanted() const;
   // Checks what is said of a chunk.
   void CheckChunk(const Chunk& chunk, std::uint64_t at) const;
   std::uint32_t AddChunk(const Chunk& chunk);
@@ -78,11 +70,21 @@ class ChunkedFile : public MessageContainer {
   // After the last of them: puts messages into order.
   void Finish();
 
+  // The way of a file without a usable index, told in one line of doubts: why it is read through,
+  // what ended that, and how many chunks are damaged. `read_record` reads one record off `stream`,
+  // which ends at the file's end; it returns false if that was the last.
+  void WalkFile(const std::string& why, FileStream* stream, std::uint64_t bytes,
+                const std::function<bool()>& read_record);
+  // Adds a chunk, and what `read_record` finds in it: true for a message that is wanted, without
+  // any of which the chunk is dropped. What is wrong with the chunk, or with what `read_head` says
+  // of it, is counted as damage.
+  void WalkChunk(const std::function<Chunk()>& read_head,
+                 const std::function<bool(ByteStream*, std::uint32_t chunk)>& read_record);
+
+ private:
   // Runs `use` on the chunk's unpacked bytes as they come, after their sum was checked if it fits
   // the cache.
   void WithChunk(std::uint32_t chunk, const std::function<void(ByteStream*)>& use) const;
-
- private:
   std::string Unpack(const Chunk& chunk) const;
   void CheckSum(const Chunk& chunk) const;
   std::unique_ptr<ByteStream> Stream(const Chunk& chunk) const;
@@ -91,12 +93,9 @@ class ChunkedFile : public MessageContainer {
   const TopicFilter wanted_;
   const std::shared_ptr<ChunkCache> cache_;
   const std::uint32_t file_number_;
-  std::vector<MessageTopic> topics_;
   std::map<std::uint64_t, Connection> connections_;
-  std::vector<std::vector<MessagePlace>> messages_;
   std::size_t all_messages_ = 0, left_out_ = 0;
   std::deque<Chunk> chunks_;
-  std::vector<std::string> doubts_;
   std::string read_through_, ended_by_, first_damage_;
   std::size_t damaged_ = 0;
   // Places of those too large for the cache whose sum was found right.

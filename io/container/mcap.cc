@@ -71,15 +71,10 @@ class Content {
   std::uint64_t end_;
 };
 
-std::string PlainType(std::string type) {
-  const std::size_t at = type.find("/msg/");
-  return at == std::string::npos ? type : type.erase(at, 4);
-}
-
 class Mcap final : public ChunkedFile {
  public:
   Mcap(const std::string& path, const TopicFilter& wanted, std::shared_ptr<ChunkCache> cache)
-      : ChunkedFile(path, wanted, std::move(cache)) {
+      : ChunkedFile("an MCAP file", path, wanted, std::move(cache)) {
     std::string why = "has no index";
     bool indexed = false;
     try {
@@ -91,14 +86,11 @@ class Mcap final : public ChunkedFile {
       Clear();
       schemas_.clear();
       chunk_indices_.clear();
-      NoIndex(why);
-      Walk();
+      Walk(why);
     }
     chunk_indices_ = {};
     Finish();
   }
-
-  std::string kind() const override { return "an MCAP file"; }
 
  private:
   struct ChunkIndex {
@@ -176,7 +168,7 @@ class Mcap final : public ChunkedFile {
 
   void ReadSchema(const Content& content) {
     const auto id = content->Number<std::uint16_t>();
-    schemas_[id] = PlainType(content->ShortText());
+    schemas_[id] = Ros1TypeName(content->ShortText());
     content.left();
   }
 
@@ -282,50 +274,47 @@ class Mcap final : public ChunkedFile {
     return chunk;
   }
 
-  void Walk() {
+  void Walk(const std::string& why) {
     // What is not in chunks is in one that is the whole file.
     Chunk whole;
     whole.end = whole.bytes = file().size();
     const std::uint32_t loose = AddChunk(whole);
     FileStream stream(file(), 0, file().size());
     stream.Skip(kMagic.size());
-    try {
-      while (stream.position() < file().size()) {
-        const std::uint64_t place = stream.position();
-        const RecordHead record = NextRecord(&stream);
-        if (record.opcode == kDataEnd || record.opcode == kFooter) break;
-        const Content content(&stream, record.bytes);
-        if (content.left() > file().size() - stream.position()) stream.Fail("the file ends here");
-        if (record.opcode == kChunk) {
-          try {
-            const Chunk chunk = ReadChunkHead(content, place);
-            WalkChunk(AddChunk(chunk), chunk.bytes);
-          } catch (const InputError& error) {
-            Damaged(error.what());
-          }
-        } else {
-          ReadDataRecord(record.opcode, content, loose, place);
-        }
-        content.SkipRest();
+    WalkFile(why, &stream, file().size(), [&] {
+      const std::uint64_t place = stream.position();
+      const RecordHead record = NextRecord(&stream);
+      if (record.opcode == kDataEnd || record.opcode == kFooter) return false;
+      const Content content(&stream, record.bytes);
+      if (content.left() > file().size() - stream.position()) stream.Fail("the file ends here");
+      if (record.opcode == kChunk) {
+        std::uint64_t bytes = 0;
+        WalkChunk(
+            [&] {
+              const Chunk chunk = ReadChunkHead(content, place);
+              bytes = chunk.bytes;
+              return chunk;
+            },
+            [&](ByteStream* chunk, std::uint32_t number) {
+              return ReadChunkRecord(chunk, bytes, number);
+            });
+      } else {
+        ReadDataRecord(record.opcode, content, loose, place);
       }
-    } catch (const InputError& error) {
-      EndedBy(error.what());
-    }
+      content.SkipRest();
+      return true;
+    });
   }
 
-  void WalkChunk(std::uint32_t number, std::uint64_t bytes) {
-    bool any = false;
-    WithChunk(number, [&](ByteStream* stream) {
-      while (stream->position() < bytes) {
-        const std::uint64_t place = stream->position();
-        const RecordHead record = NextRecord(stream);
-        const Content content(stream, record.bytes);
-        if (content.left() > bytes - stream->position()) stream->Fail("the chunk ends here");
-        any = ReadDataRecord(record.opcode, content, number, place) || any;
-        content.SkipRest();
-      }
-    });
-    if (!any) DropChunk();
+  // True for a message that is wanted.
+  bool ReadChunkRecord(ByteStream* stream, std::uint64_t chunk_bytes, std::uint32_t chunk) {
+    const std::uint64_t place = stream->position();
+    const RecordHead record = NextRecord(stream);
+    const Content content(stream, record.bytes);
+    if (content.left() > chunk_bytes - stream->position()) stream->Fail("the chunk ends here");
+    const bool wanted = ReadDataRecord(record.opcode, content, chunk, place);
+    content.SkipRest();
+    return wanted;
   }
 
   // True for a message that is wanted.

@@ -9,6 +9,7 @@
 #include "core/base/error.h"
 #include "io/container/byte_stream.h"
 #include "io/container/chunked_file.h"
+#include "io/container/message_table.h"
 #include "io/container/packed_parts.h"
 #include "io/container/rosbag2_database.h"
 #include "io/container/rosbag2_folder.h"
@@ -58,10 +59,10 @@ std::unique_ptr<MessageContainer> OpenFile(const std::string& path, const TopicF
 }
 
 // Files that follow one another as one.
-class SplitContainer final : public MessageContainer {
+class SplitContainer final : public MessageTable {
  public:
   SplitContainer(std::vector<std::unique_ptr<MessageContainer>> parts, std::string kind)
-      : parts_(std::move(parts)), kind_(std::move(kind)) {
+      : MessageTable(std::move(kind)), parts_(std::move(parts)) {
     for (std::size_t p = 0; p < parts_.size(); ++p) AddPart(static_cast<std::uint32_t>(p));
     for (std::vector<MessagePlace>& places : messages_) {
       std::stable_sort(
@@ -70,12 +71,6 @@ class SplitContainer final : public MessageContainer {
     }
   }
 
-  std::string kind() const override { return kind_; }
-  const std::vector<MessageTopic>& topics() const override { return topics_; }
-  const std::vector<std::string>& doubts() const override { return doubts_; }
-  const std::vector<MessagePlace>& Messages(std::size_t topic) const override {
-    return messages_.at(topic);
-  }
   std::string Read(const MessagePlace& place, std::size_t most) const override {
     return parts_.at(place.part)->Read(place, most);
   }
@@ -87,11 +82,8 @@ class SplitContainer final : public MessageContainer {
     doubts_.insert(doubts_.end(), part.doubts().begin(), part.doubts().end());
     for (std::size_t t = 0; t < part.topics().size(); ++t) {
       const MessageTopic& topic = part.topics()[t];
-      const auto found = std::find_if(topics_.begin(), topics_.end(), [&](const MessageTopic& o) {
-        return o.name == topic.name && o.type == topic.type && o.encoding == topic.encoding;
-      });
-      const auto at = static_cast<std::size_t>(found - topics_.begin());
-      if (found == topics_.end()) {
+      const std::size_t at = PlaceOf(topic);
+      if (at == topics_.size()) {
         topics_.push_back(topic);
         messages_.emplace_back();
       } else {
@@ -114,10 +106,6 @@ class SplitContainer final : public MessageContainer {
   }
 
   std::vector<std::unique_ptr<MessageContainer>> parts_;
-  const std::string kind_;
-  std::vector<MessageTopic> topics_;
-  std::vector<std::string> doubts_;
-  std::vector<std::vector<MessagePlace>> messages_;
 };
 
 }  // namespace

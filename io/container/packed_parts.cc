@@ -9,6 +9,7 @@
 #include <filesystem>
 
 #include "core/base/error.h"
+#include "io/container/message_table.h"
 #include "io/container/packed_stream.h"
 #include "io/file/disk_room.h"
 
@@ -77,24 +78,20 @@ void Unpack(const std::string& path, TemporaryFile* to) {
   }
 }
 
-class PackedFile final : public MessageContainer {
+class PackedFile final : public MessageTable {
  public:
   PackedFile(const std::string& path, std::shared_ptr<UnpackedFiles> files,
              const OpenContainerFile& open)
-      : path_(path), files_(std::move(files)), open_(open) {
+      : MessageTable(files->Get(path, open)->kind() + ", compressed"),
+        path_(path),
+        files_(std::move(files)),
+        open_(open) {
     const auto inside = files_->Get(path_, open_);
-    kind_ = inside->kind() + ", compressed";
     topics_ = inside->topics();
     for (const std::string& doubt : inside->doubts()) doubts_.push_back(path + ": " + doubt);
     for (std::size_t t = 0; t < topics_.size(); ++t) messages_.push_back(inside->Messages(t));
   }
 
-  std::string kind() const override { return kind_; }
-  const std::vector<MessageTopic>& topics() const override { return topics_; }
-  const std::vector<std::string>& doubts() const override { return doubts_; }
-  const std::vector<MessagePlace>& Messages(std::size_t topic) const override {
-    return messages_.at(topic);
-  }
   std::string Read(const MessagePlace& place, std::size_t most) const override {
     return files_->Get(path_, open_)->Read(place, most);
   }
@@ -103,10 +100,6 @@ class PackedFile final : public MessageContainer {
   const std::string path_;
   const std::shared_ptr<UnpackedFiles> files_;
   const OpenContainerFile open_;
-  std::string kind_;
-  std::vector<MessageTopic> topics_;
-  std::vector<std::string> doubts_;
-  std::vector<std::vector<MessagePlace>> messages_;
 };
 
 }  // namespace

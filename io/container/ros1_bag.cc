@@ -94,7 +94,7 @@ std::optional<StampNs> TimeOf(std::uint64_t sec_nsec) {
 class Ros1Bag final : public ChunkedFile {
  public:
   Ros1Bag(const std::string& path, const TopicFilter& wanted, std::shared_ptr<ChunkCache> cache)
-      : ChunkedFile(path, wanted, std::move(cache)) {
+      : ChunkedFile("a ROS 1 bag", path, wanted, std::move(cache)) {
     FileStream stream(file(), 0, file().size());
     if (stream.Text(kMagicBytes, kMagicBytes) != kMagic) {
       stream.Fail("a ROS 1 bag of another version than 2.0; `rosbag migrate` brings it there");
@@ -106,21 +106,17 @@ class Ros1Bag final : public ChunkedFile {
     stream.Skip(header.data_bytes);
     const std::uint64_t first_chunk = stream.position();
     if (index == 0) {
-      NoIndex("was not closed by its recorder and has no index");
-      Walk(first_chunk);
+      Walk("was not closed by its recorder and has no index", first_chunk);
     } else {
       try {
         ReadIndex(index, chunks);
       } catch (const InputError& error) {
         Clear();
-        NoIndex(fmt::format("the index cannot be used ({})", error.what()));
-        Walk(first_chunk);
+        Walk(fmt::format("the index cannot be used ({})", error.what()), first_chunk);
       }
     }
     Finish();
   }
-
-  std::string kind() const override { return "a ROS 1 bag"; }
 
  private:
   void ReadIndex(std::uint64_t index, std::uint32_t chunk_count) {
@@ -201,55 +197,44 @@ class Ros1Bag final : public ChunkedFile {
   }
 
   // Chunk by chunk, without the index.
-  void Walk(std::uint64_t first) {
+  void Walk(const std::string& why, std::uint64_t first) {
     FileStream stream(file(), first, file().size());
-    try {
-      while (first + stream.position() < file().size()) {
-        const Record record = NextRecord(&stream);
-        const std::uint64_t data = first + stream.position();
-        if (record.fields.op() == kConnection) {
-          ReadConnection(record, &stream);
-          continue;
-        }
-        if (record.fields.op() == kChunk) {
-          const Chunk chunk = ReadChunkHeader(record, data, stream);
-          try {
-            WalkChunk(AddChunk(chunk), chunk.bytes);
-          } catch (const InputError& error) {
-            Damaged(error.what());
-          }
-        }
-        stream.Skip(record.data_bytes);
+    WalkFile(why, &stream, file().size() - first, [&] {
+      const Record record = NextRecord(&stream);
+      if (record.fields.op() == kConnection) {
+        ReadConnection(record, &stream);
+        return true;
       }
-    } catch (const InputError& error) {
-      EndedBy(error.what());
-    }
+      if (record.fields.op() == kChunk) {
+        WalkChunk([&] { return ReadChunkHeader(record, first + stream.position(), stream); },
+                  [&](ByteStream* chunk, std::uint32_t number) {
+                    return ReadChunkRecord(chunk, number);
+                  });
+      }
+      stream.Skip(record.data_bytes);
+      return true;
+    });
   }
 
-  void WalkChunk(std::uint32_t number, std::uint64_t bytes) {
-    bool any = false;
-    WithChunk(number, [&](ByteStream* stream) {
-      while (stream->position() < bytes) {
-        const std::uint64_t offset = stream->position();
-        const Record record = NextRecord(stream);
-        if (record.fields.op() == kConnection) {
-          ReadConnection(record, stream);
-          continue;
-        }
-        if (record.fields.op() == kMessage) {
-          const Connection* connection = Find(record.fields.Number<std::uint32_t>("conn"));
-          const auto log = TimeOf(record.fields.Number<std::uint64_t>("time"));
-          if (connection == nullptr || !log) stream->Fail("a message is of no connection");
-          stream->Skip(record.data_bytes);
-          Count(*connection, 1);
-          AddMessage(*connection, *log, number, offset);
-          any = any || connection->wanted;
-          continue;
-        }
-        stream->Skip(record.data_bytes);
-      }
-    });
-    if (!any) DropChunk();
+  // True for a message that is wanted.
+  bool ReadChunkRecord(ByteStream* stream, std::uint32_t chunk) {
+    const std::uint64_t offset = stream->position();
+    const Record record = NextRecord(stream);
+    if (record.fields.op() == kConnection) {
+      ReadConnection(record, stream);
+      return false;
+    }
+    if (record.fields.op() != kMessage) {
+      stream->Skip(record.data_bytes);
+      return false;
+    }
+    const Connection* connection = Find(record.fields.Number<std::uint32_t>("conn"));
+    const auto log = TimeOf(record.fields.Number<std::uint64_t>("time"));
+    if (connection == nullptr || !log) stream->Fail("a message is of no connection");
+    stream->Skip(record.data_bytes);
+    Count(*connection, 1);
+    AddMessage(*connection, *log, chunk, offset);
+    return connection->wanted;
   }
 
   std::string ReadRecord(ByteStream* stream, std::size_t most) const override {

@@ -10,6 +10,7 @@
 #include <tuple>
 
 #include "core/base/error.h"
+#include "io/container/message_table.h"
 #include "io/container/packed_stream.h"
 #include "io/container/whole_pages.h"
 #include "io/file/sqlite_file.h"
@@ -17,14 +18,10 @@
 namespace lamina {
 namespace {
 
-std::string PlainType(std::string type) {
-  const std::size_t at = type.find("/msg/");
-  return at == std::string::npos ? type : type.erase(at, 4);
-}
-
-class Rosbag2Database final : public MessageContainer {
+class Rosbag2Database final : public MessageTable {
  public:
-  Rosbag2Database(const std::string& path, const TopicFilter& wanted) : path_(path) {
+  Rosbag2Database(const std::string& path, const TopicFilter& wanted)
+      : MessageTable("a ROS 2 bag (sqlite3)"), path_(path) {
     try {
       Open();
       Prepare();
@@ -45,13 +42,6 @@ class Rosbag2Database final : public MessageContainer {
         return std::tie(a.log_ns, a.offset) < std::tie(b.log_ns, b.offset);
       });
     }
-  }
-
-  std::string kind() const override { return "a ROS 2 bag (sqlite3)"; }
-  const std::vector<MessageTopic>& topics() const override { return topics_; }
-  const std::vector<std::string>& doubts() const override { return doubts_; }
-  const std::vector<MessagePlace>& Messages(std::size_t topic) const override {
-    return messages_.at(topic);
   }
 
   std::string Read(const MessagePlace& place, std::size_t most) const override {
@@ -112,7 +102,7 @@ class Rosbag2Database final : public MessageContainer {
       }
       MessageTopic topic;
       topic.name = rows.getColumn(1).getString();
-      topic.type = PlainType(rows.getColumn(2).getString());
+      topic.type = Ros1TypeName(rows.getColumn(2).getString());
       constexpr std::size_t kMostNameBytes = 1024;
       if (topic.name.size() > kMostNameBytes || topic.type.size() > kMostNameBytes) {
         throw InputError(path_ + ": the name of a topic has more than 1024 bytes");
@@ -192,10 +182,7 @@ class Rosbag2Database final : public MessageContainer {
   // One statement runs at a time.
   mutable std::mutex mutex_;
   std::unique_ptr<SQLite::Database> database_;
-  std::vector<MessageTopic> topics_;
   std::map<std::int64_t, std::size_t> by_id_;
-  std::vector<std::vector<MessagePlace>> messages_;
-  std::vector<std::string> doubts_;
 };
 
 }  // namespace
