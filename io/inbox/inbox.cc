@@ -3,22 +3,15 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <atomic>
 #include <filesystem>
-#include <map>
-#include <set>
-#include <unordered_map>
-#include <unordered_set>
 #include <utility>
 
 #include "core/base/error.h"
 #include "io/inbox/arriving_files.h"
 #include "io/inbox/file_arrival.h"
 #include "io/inbox/name_set.h"
-#include "io/inbox/sequence.h"
-#include "io/inbox/turns.h"
+#include "io/inbox/sequences.h"
 #include "io/inbox/watcher.h"
-#include "io/recording/vehicle_scans.h"
 
 namespace lamina {
 namespace {
@@ -49,20 +42,22 @@ class Inbox::Impl final : public InboxWatcher::Events {
   Impl(const std::string& folder, const ScanSourceOptions& scans, const InboxOptions& options,
        Known known, std::function<Clock::time_point()> now)
       : root_(CanonicalFolder(folder)),
-        scans_(scans),
         options_(options),
         known_(std::move(known)),
         now_(std::move(now)),
         watcher_(root_, static_cast<InboxWatcher::Kind>(options.watch)),
         arriving_(root_, options),
-        turns_(options.reorder_wait_s) {
+        sequences_(root_, scans, options, &watcher_,
+                   [this](const std::string& name, const std::string& reason, bool is_late) {
+                     Dropped(name, reason, is_late);
+                   }) {
     Look();
   }
 
   void Continue(const SequenceProgress& progress) {
-    InboxSequence* sequence = SequenceOf(progress.sequence);
+    InboxSequence* sequence = sequences_.Of(progress.sequence);
     sequence->Continue(progress);
-    Wake(sequence);
+    sequences_.Wake(sequence);
   }
 
   std::optional<InboxFile> Next();
@@ -72,15 +67,10 @@ class Inbox::Impl final : public InboxWatcher::Events {
   InboxWatcher& watcher() { return watcher_; }
   std::vector<InboxNotice> late, refused;
   const NameSet& seen() const { return seen_; }
-  std::size_t waiting() const { return waiting_; }
+  std::size_t waiting() const { return sequences_.waiting(); }
 
  private:
   using How = InboxWatcher::How;
-
-  struct Placed {
-    bool ready = false;
-    InboxTime due = kNever;
-  };
 
   void FileSeen(const std::string& folder, const std::string& file, How how) override;
   void FileGone(const std::string& folder, const std::string& file) override;
@@ -89,79 +79,30 @@ class Inbox::Impl final : public InboxWatcher::Events {
   void ScanBegins() override { ++scan_; }
   void ScanEnds() override;
 
-  InboxSequence* SequenceOf(const std::string& folder);
-  InboxSequence* FindSequence(const std::string& folder) const;
-  void StampFileSeen(const std::string& folder, const std::string& file, How how);
   void LinkSeen(const std::string& name);
   void Follow(const ArrivingFiles::Verdict& verdict, InboxSequence* sequence,
               const std::string& file);
   void CheckArriving();
   void Remove(InboxSequence* sequence, const std::string& file);
   void Refuse(const std::string& name, const std::string& reason);
+  void Dropped(const std::string& name, const std::string& reason, bool is_late);
 
   void Look();
   void Advance();
-  void Wake(InboxSequence* sequence) { awake_.insert(sequence); }
-  void Place(InboxSequence* sequence);
-  void PlaceAt(InboxSequence* sequence, bool ready, InboxTime due);
-  InboxSequence* Turn(InboxTime* due) const { return turns_.Next(now_(), drained_, due); }
   InboxTime NextDue() const;
 
   const std::string root_;
-  const ScanSourceOptions scans_;
   const InboxOptions options_;
   const Known known_;
   const std::function<Clock::time_point()> now_;
   InboxWatcher watcher_;
   ArrivingFiles arriving_;
   NameSet seen_;  // known, handed out, set aside or refused
-  std::atomic<std::size_t> waiting_{0};
   bool drained_ = false;
   std::uint32_t scan_ = 0;
   InboxTime next_look_ = kNever;
-
-  std::map<std::string, std::unique_ptr<InboxSequence>> sequences_;
-  std::unordered_map<std::string, std::vector<InboxSequence*>> by_stamp_file_;
-
-  // Every sequence with files is asked again when awake, and else when due, or else is ready.
-  std::unordered_set<InboxSequence*> awake_;
-  std::unordered_map<InboxSequence*, Placed> placed_;
-  std::set<std::pair<InboxTime, InboxSequence*>> due_;
-  InboxTurns turns_;
+  InboxSequences sequences_;
 };
-
-InboxSequence* Inbox::Impl::FindSequence(const std::string& folder) const {
-  const auto found = sequences_.find(folder);
-  return found == sequences_.end() ? nullptr : found->second.get();
-}
-
-InboxSequence* Inbox::Impl::SequenceOf(const std::string& folder) {
-  std::unique_ptr<InboxSequence>& sequence = sequences_[folder];
-  if (sequence == nullptr) {
-    const std::string directory = folder.empty() ? root_ : root_ + "/" + folder;
-    sequence = std::make_unique<InboxSequence>(folder, directory, scans_, options_);
-    if (const auto mount = FindMount(scans_.T_vehicle_lidar, folder)) {
-      turns_.PutOnVehicle(sequence.get(), mount->vehicle);
-    }
-    for (const std::string& path : sequence->StampPaths()) {
-      by_stamp_file_[path].push_back(sequence.get());
-      const fs::path stamps(path);
-      const std::string above = stamps.parent_path().string();
-      const bool inside = above.size() > root_.size();
-      watcher_.WatchFile(inside ? above.substr(root_.size() + 1) : "", stamps.filename().string(),
-                         path);
-    }
-  }
-  return sequence.get();
-}
-
-void Inbox::Impl::StampFileSeen(const std::string& folder, const std::string& file, How how) {
-  const std::string path = root_ + "/" + (folder.empty() ? file : folder + "/" + file);
-  const auto found = by_stamp_file_.find(path);
-  if (found == by_stamp_file_.end()) return;
-  if (how != How::kWritten) watcher_.WatchFile(folder, file, path);
-  for (InboxSequence* sequence : found->second) Wake(sequence);
-}
 
 // A link whose name is no scan's matters only if it leads to a folder elsewhere: the user may
 // believe that its files are seen.
@@ -175,7 +116,9 @@ void Inbox::Impl::LinkSeen(const std::string& name) {
 }
 
 void Inbox::Impl::FileSeen(const std::string& folder, const std::string& file, How how) {
-  if (file == "times.txt" || file == "timestamps.txt") return StampFileSeen(folder, file, how);
+  if (file == "times.txt" || file == "timestamps.txt") {
+    return sequences_.StampFileSeen(folder, file, how);
+  }
   const std::string name = folder.empty() ? file : folder + "/" + file;
   if (KindOfName(file) == ScanName::kNone) return LinkSeen(name);
   if (seen_.Contains(name)) {
@@ -186,7 +129,7 @@ void Inbox::Impl::FileSeen(const std::string& folder, const std::string& file, H
     }
     return;
   }
-  InboxSequence* sequence = SequenceOf(folder);
+  InboxSequence* sequence = sequences_.Of(folder);
   if (sequence->Has(file)) {
     sequence->Mark(file, scan_);
     if (how == How::kFound) return;
@@ -194,9 +137,7 @@ void Inbox::Impl::FileSeen(const std::string& folder, const std::string& file, H
   } else {
     if (!sequence->Wants(file)) return LinkSeen(name);
     if (known_ && known_(name)) return seen_.Insert(name);
-    const std::size_t before = sequence->size();
-    sequence->Add(file, scan_);
-    waiting_ += sequence->size() - before;
+    sequences_.Add(sequence, file, scan_);
   }
   Follow(arriving_.See(name, how, watcher_.polls().empty(), now_()), sequence, file);
 }
@@ -207,7 +148,7 @@ void Inbox::Impl::Follow(const ArrivingFiles::Verdict& verdict, InboxSequence* s
   if (verdict.kind == Kind::kGone || verdict.kind == Kind::kRefused) Remove(sequence, file);
   if (verdict.kind == Kind::kRefused) Refuse(sequence->NameOf(file), verdict.reason);
   if (verdict.kind == Kind::kComplete) sequence->SetReady(file, verdict.since);
-  Wake(sequence);
+  sequences_.Wake(sequence);
 }
 
 void Inbox::Impl::CheckArriving() {
@@ -216,15 +157,14 @@ void Inbox::Impl::CheckArriving() {
   while (arriving_.Check(now_(), &name, &verdict)) {
     const std::size_t slash = name.rfind('/');
     const bool at_root = slash == std::string::npos;
-    Follow(verdict, SequenceOf(at_root ? "" : name.substr(0, slash)),
+    Follow(verdict, sequences_.Of(at_root ? "" : name.substr(0, slash)),
            at_root ? name : name.substr(slash + 1));
   }
 }
 
 void Inbox::Impl::Remove(InboxSequence* sequence, const std::string& file) {
   arriving_.Forget(sequence->NameOf(file));
-  if (sequence->Remove(file)) --waiting_;
-  Wake(sequence);
+  sequences_.Remove(sequence, file);
 }
 
 void Inbox::Impl::Refuse(const std::string& name, const std::string& reason) {
@@ -232,21 +172,18 @@ void Inbox::Impl::Refuse(const std::string& name, const std::string& reason) {
   refused.push_back({name, reason});
 }
 
-void Inbox::Impl::FileGone(const std::string& folder, const std::string& file) {
-  if (InboxSequence* sequence = FindSequence(folder)) Remove(sequence, file);
+void Inbox::Impl::Dropped(const std::string& name, const std::string& reason, bool is_late) {
+  arriving_.Forget(name);
+  if (!is_late) return Refuse(name, reason);
+  seen_.Insert(name);
+  late.push_back({name, reason});
 }
 
-void Inbox::Impl::FolderGone(const std::string& folder) {
-  // All below stand behind it, among others such as `folder-2`.
-  for (auto it = sequences_.lower_bound(folder);
-       it != sequences_.end() && it->first.compare(0, folder.size(), folder) == 0; ++it) {
-    const bool below = it->first.size() == folder.size() || it->first[folder.size()] == '/';
-    if (!below) continue;
-    waiting_ -= it->second->size();
-    it->second->Clear();
-    Wake(it->second.get());
-  }
+void Inbox::Impl::FileGone(const std::string& folder, const std::string& file) {
+  if (KindOfName(file) != ScanName::kNone) Remove(sequences_.Of(folder), file);
 }
+
+void Inbox::Impl::FolderGone(const std::string& folder) { sequences_.RemoveFolder(folder); }
 
 void Inbox::Impl::FolderUnreadable(const std::string& folder, const std::string& reason) {
   const std::string name = folder + "/";
@@ -254,14 +191,7 @@ void Inbox::Impl::FolderUnreadable(const std::string& folder, const std::string&
 }
 
 void Inbox::Impl::ScanEnds() {
-  for (const auto& [name, sequence] : sequences_) {
-    if (sequence->size() == 0) continue;
-    waiting_ -= sequence->size();
-    sequence->RemoveUnmarked(scan_);
-    waiting_ += sequence->size();
-    // Its stamps may have come, too.
-    Wake(sequence.get());
-  }
+  sequences_.RemoveUnmarked(scan_);
   arriving_.TrustRest(now_());
 }
 
@@ -278,104 +208,48 @@ void Inbox::Impl::Advance() {
     if (polls && (next_look_ == kNever || now_() >= next_look_)) Look();
     CheckArriving();
   }
-  const InboxTime now = now_();
-  while (!due_.empty() && due_.begin()->first <= now) {
-    InboxSequence* sequence = due_.begin()->second;
-    PlaceAt(sequence, false, kNever);
-    Wake(sequence);
-  }
-  while (!awake_.empty()) {
-    InboxSequence* sequence = *awake_.begin();
-    awake_.erase(awake_.begin());
-    Place(sequence);
-  }
-}
-
-// Deals with late and refused files at once.
-void Inbox::Impl::Place(InboxSequence* sequence) {
-  using Kind = InboxSequence::Decision::Kind;
-  for (;;) {
-    const InboxSequence::Decision decision = sequence->Decide(now_(), drained_);
-    if (decision.kind == Kind::kWait) return PlaceAt(sequence, false, decision.due);
-    const bool unordered = decision.kind == Kind::kHandOut && !decision.recorded_stamp &&
-                           scans_.T_vehicle_lidar.size() > 1 && turns_.IsOnVehicle(sequence);
-    if (decision.kind == Kind::kHandOut && !unordered) return PlaceAt(sequence, true, kNever);
-    const std::string name = sequence->NameOf(decision.file);
-    sequence->Take(unordered ? Kind::kRefuse : decision.kind);
-    --waiting_;
-    arriving_.Forget(name);
-    if (unordered) {
-      Refuse(name,
-             "has no stamp, which the sensors of scans.T_vehicle_lidar need: scans of several are "
-             "put in order by them");
-    } else if (decision.kind == Kind::kRefuse) {
-      Refuse(name, decision.reason);
-    } else {
-      seen_.Insert(name);
-      late.push_back({name, decision.reason});
-    }
-  }
-}
-
-void Inbox::Impl::PlaceAt(InboxSequence* sequence, bool ready, InboxTime due) {
-  Placed& placed = placed_[sequence];
-  if (placed.due != kNever) due_.erase({placed.due, sequence});
-  placed = {ready, due};
-  turns_.SetReady(sequence, ready);
-  if (due != kNever) due_.emplace(due, sequence);
+  sequences_.Refresh(now_(), drained_);
 }
 
 InboxTime Inbox::Impl::NextDue() const {
-  InboxTime next = next_look_;
-  InboxTime turn = kNever;
-  Turn(&turn);
-  next = std::min(next, turn);
-  if (!due_.empty()) next = std::min(next, due_.begin()->first);
+  const InboxTime next = std::min(next_look_, sequences_.NextDue(now_(), drained_));
   return std::min(next, arriving_.NextCheck());
 }
 
 std::optional<InboxFile> Inbox::Impl::Next() {
   Advance();
-  InboxTime due = kNever;
-  while (InboxSequence* sequence = Turn(&due)) {
-    const InboxSequence::Decision decision = sequence->Decide(now_(), drained_);
-    if (decision.kind != InboxSequence::Decision::Kind::kHandOut) {
-      Place(sequence);
-      continue;
-    }
-    const std::string name = sequence->NameOf(decision.file);
+  for (;;) {
+    const InboxSequences::NextFile next = sequences_.Next(now_(), drained_);
+    if (next.sequence == nullptr) return std::nullopt;
+    const InboxSequence::Decision& decision = next.decision;
+    const std::string name = next.sequence->NameOf(decision.file);
     // It may have gone, or become another, unseen.
     const FileLook look = LookAtFile(root_, name);
     if (look.what != FileLook::What::kFile) {
       watcher_.CheckRoot();
-      Remove(sequence, decision.file);
+      Remove(next.sequence, decision.file);
       if (look.what == FileLook::What::kRefused) Refuse(name, look.reason);
       if (look.what == FileLook::What::kDangling) Refuse(name, "is a symbolic link to nothing");
-      Place(sequence);
-      awake_.erase(sequence);
       continue;
     }
-    sequence->Take(decision.kind);
-    --waiting_;
+    sequences_.Take(next);
     arriving_.Forget(name);
     seen_.Insert(name);
-    Wake(sequence);
     return InboxFile{name,
                      root_ + "/" + name,
-                     sequence->folder(),
+                     next.sequence->folder(),
                      decision.stamp_ns,
                      decision.recorded_stamp,
                      decision.next_stamp_ns};
   }
-  return std::nullopt;
 }
 
 Inbox::Woken Inbox::Impl::Wait(std::chrono::nanoseconds timeout) {
   const std::size_t notices = late.size() + refused.size();
   const auto ready = [&] {
     Advance();
-    InboxTime due = kNever;
-    return Turn(&due) != nullptr || late.size() + refused.size() > notices;
+    return sequences_.Next(now_(), drained_).sequence != nullptr ||
+           late.size() + refused.size() > notices;
   };
   const InboxTime start = now_();
   for (;;) {
@@ -402,7 +276,7 @@ void Inbox::Impl::Drain() {
   drained_ = true;
   next_look_ = kNever;
   arriving_.Clear();
-  for (const auto& [name, sequence] : sequences_) Wake(sequence.get());
+  sequences_.WakeAll();
 }
 
 Inbox::Inbox(const std::string& folder, const ScanSourceOptions& scans, const InboxOptions& options,
