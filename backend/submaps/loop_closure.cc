@@ -130,7 +130,7 @@ AnchorEdge LoopClosure::OdometryEdge(std::size_t to) const {
   return edge;
 }
 
-AnchorEdge LoopClosure::LoopEdge(const Loop& loop) const {
+AnchorEdge EdgeOf(const Loop& loop) {
   AnchorEdge edge{loop.from, loop.to, loop.match.T_other_query, {}};
   // The translation of a match is perturbed in the frame of the other submap.
   Matrix6d J = Matrix6d::Identity();
@@ -148,7 +148,7 @@ AnchorGraph LoopClosure::graph() const {
   for (std::size_t i = 1; i < submaps_.size(); ++i) graph.odometry.push_back(OdometryEdge(i));
   for (const Loop& loop : loops_) {
     if (loop.status != Loop::Status::kAccepted) continue;
-    graph.loops.push_back(LoopEdge(loop));
+    graph.loops.push_back(EdgeOf(loop));
     graph.kept_before.push_back(loop.solved);
   }
   return graph;

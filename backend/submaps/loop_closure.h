@@ -39,6 +39,8 @@ struct Loop {
   SubmapMatch match;             // T_other_query: T_from_to
 };
 const char* ToString(Loop::Status status);
+// What a loop says of the two anchors; submaps are taken as not quite rigid.
+AnchorEdge EdgeOf(const Loop& loop);
 
 class LoopClosure {
  public:
@@ -85,7 +87,6 @@ class LoopClosure {
   bool AcceptAgreeing();
   void Correct();
   AnchorEdge OdometryEdge(std::size_t to) const;
-  AnchorEdge LoopEdge(const Loop& loop) const;
 
   LoopOptions options_;
   SubmapRegistration registration_;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "backend/submaps/submap.h"
@@ -13,6 +14,7 @@ namespace lamina {
 // Houses stand along streets that go round blocks of 60 m; no two are alike.
 class Town {
  public:
+  explicit Town(std::vector<Facet> facets) : facets_(std::move(facets)) {}
   explicit Town(unsigned seed, double half_m = 130.0) {
     Draws draws(seed);
     for (double x = -half_m; x < half_m; x += 10.0) {

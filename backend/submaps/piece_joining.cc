@@ -1,0 +1,469 @@
+#include "backend/submaps/piece_joining.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <limits>
+#include <map>
+#include <optional>
+#include <set>
+#include <utility>
+
+#include "backend/submaps/place_lookup.h"
+#include "backend/submaps/submap_pairs.h"
+#include "backend/submaps/submap_place.h"
+#include "core/base/parallel.h"
+
+namespace lamina {
+namespace {
+
+// Loops agree within this and the drift between them, which counts so far.
+constexpr double kAgreeM = 0.5, kMostAgreeM = 3.0, kAgreeDeg = 1.5, kMostAgreeDeg = 5.0;
+// Way between submaps of different pieces of a part, as far as it matters for drift.
+constexpr double kOtherPieceWayM = 60.0;
+// A piece of fewer submaps looks for itself in later ones, too.
+constexpr std::size_t kFewSubmaps = 3;
+// What a single loop must show.
+constexpr double kSingleOverlap = 0.85, kSingleStructure = 0.7, kSingleFactor = 2.0;
+// Registrations of a submap, times those within a piece: rivals must be seen.
+constexpr std::size_t kRegistrationsFactor = 2;
+// Submaps whose middles are so close under a join have seen the same.
+constexpr double kBesideM = 20.0;
+constexpr std::size_t kBesideEach = 2;
+// How far around its loops a join is looked at before it is solved again.
+constexpr double kReachM = 60.0;
+constexpr int kRounds = 20;
+// A loop that is where the join says, but for what it was not known by.
+constexpr double kStaysM = 2.0, kStaysDeg = 3.0;
+// Where submaps lie beside one another, contradicting ones as a share of those that agree.
+constexpr double kMostContradicting = 0.34;
+
+double Radians(double degrees) { return degrees * M_PI / 180.0; }
+
+// Candidates that say the same of two parts.
+struct Group {
+  std::size_t a = 0, b = 0;          // the parts, a before b
+  std::size_t lead = 0;              // position among the loops of the one with which all agree
+  std::vector<std::size_t> members;  // theirs
+  std::size_t size = 0;              // submaps of the part that has fewer of them in it
+  std::string refusal;
+};
+
+class PieceJoiner {
+ public:
+  PieceJoiner(const std::vector<MapPiece>& pieces, const LoopOptions& options,
+              const VoxelMapOptions& map, const ScanMatcherOptions& matcher)
+      : pieces_(pieces), options_(options), map_(map), registration_(matcher) {
+    AddPieces();
+    Describe();
+  }
+
+  JoinedPieces Join() {
+    FindCandidates();
+    while (JoinNext()) {
+    }
+    for (Loop& loop : result_.loops) {
+      if (loop.status == Loop::Status::kWaiting && loop.reason.empty())
+        loop.reason = "no other loop agrees";
+    }
+    AnchorGraph& graph = result_.graph;
+    for (std::size_t i = kept_.size(); i-- > 0;) {
+      if (!kept_[i]) graph.loops.erase(graph.loops.begin() + static_cast<std::ptrdiff_t>(i));
+    }
+    graph.kept_before.assign(graph.loops.size(), true);
+    std::stable_sort(result_.loops.begin(), result_.loops.end(), [](const Loop& x, const Loop& y) {
+      return std::make_pair(x.to, x.from) < std::make_pair(y.to, y.from);
+    });
+    return std::move(result_);
+  }
+
+ private:
+  void AddPieces();
+  void Describe();
+  std::vector<SubmapPair> LookUp(std::size_t query) const;
+  void FindCandidates();
+  Loop Judged(const SubmapPair& pair, const SubmapMatch& match) const;
+
+  std::size_t PartOf(std::size_t submap) const { return result_.part[piece_of_[submap]]; }
+  Eigen::Vector3d Middle(std::size_t submap) const {
+    return images_[submap].T_level_submap.Inverse().t;
+  }
+  double WayBetween(std::size_t i, std::size_t j) const {
+    return piece_of_[i] == piece_of_[j] ? std::abs(way_[i] - way_[j]) : kOtherPieceWayM;
+  }
+  // The frame of part b in that of part a, as a loop has it.
+  SE3 BetweenParts(const Loop& loop, std::size_t a) const;
+  bool Agree(const Loop& x, const Loop& y, std::size_t a) const;
+  std::vector<Group> GroupsOf(std::size_t a, std::size_t b) const;
+  std::size_t SizeOf(const Group& group) const;
+  std::string SingleRefusal(const Group& group) const;
+  std::optional<Group> BestOf(std::size_t a, std::size_t b);
+  bool JoinNext();
+  using PairSet = std::set<std::pair<std::size_t, std::size_t>>;
+  struct Evidence {
+    std::size_t agreeing = 0, contradicting = 0;
+  };
+  // False leaves the result of no use.
+  bool TryJoin(const Group& group);
+  std::vector<SubmapPair> Beside(const std::vector<bool>& joins, const PairSet& compared) const;
+  void Compare(const std::vector<SubmapPair>& pairs, Evidence* evidence);
+  // All pieces with the loops that are accepted; those that contradict the others go.
+  bool Solve();
+
+  const std::vector<MapPiece>& pieces_;
+  const LoopOptions& options_;
+  const VoxelMapOptions& map_;
+  SubmapRegistration registration_;
+  std::vector<const Submap*> submaps_;
+  std::vector<std::size_t> piece_of_;
+  std::vector<double> way_;  // of the sensor in its piece, to the submap's begin
+  std::vector<PlaceImage> images_;
+  std::size_t own_loops_ = 0;
+  std::vector<bool> kept_;  // of the graph's loops, by the last solve
+  JoinedPieces result_;
+};
+
+void PieceJoiner::AddPieces() {
+  for (std::size_t p = 0; p < pieces_.size(); ++p) {
+    const MapPiece& piece = pieces_[p];
+    const std::size_t first = submaps_.size();
+    result_.part.push_back(p);
+    result_.first_submap.push_back(first);
+    double way = 0.0;
+    for (const Submap& submap : *piece.submaps) {
+      submaps_.push_back(&submap);
+      piece_of_.push_back(p);
+      way_.push_back(way);
+      way += submap.way_m;
+    }
+    AnchorGraph& all = result_.graph;
+    all.poses.insert(all.poses.end(), piece.graph.poses.begin(), piece.graph.poses.end());
+    const auto add = [&](const std::vector<AnchorEdge>& from, std::vector<AnchorEdge>* to) {
+      for (AnchorEdge edge : from) {
+        edge.from += first;
+        edge.to += first;
+        to->push_back(edge);
+      }
+    };
+    add(piece.graph.odometry, &all.odometry);
+    add(piece.graph.loops, &all.loops);
+  }
+  own_loops_ = result_.graph.loops.size();
+}
+
+void PieceJoiner::Describe() {
+  images_.resize(submaps_.size());
+  ParallelChunks(pieces_.size(), 1, [&](std::size_t p, std::size_t) {
+    const std::size_t first = result_.first_submap[p];
+    for (std::size_t i = first; i < first + pieces_[p].submaps->size(); ++i) {
+      images_[i] = ImageOfSubmap(*submaps_[i], i > first ? submaps_[i - 1] : nullptr,
+                                 i > first ? &images_[i - 1] : nullptr, options_.place);
+    }
+  });
+}
+
+std::vector<SubmapPair> PieceJoiner::LookUp(std::size_t query) const {
+  const std::size_t piece = piece_of_[query];
+  std::vector<std::size_t> others;
+  std::vector<const PlaceImage*> images;
+  for (std::size_t i = 0; i < submaps_.size(); ++i) {
+    const std::size_t other = piece_of_[i];
+    const bool few =
+        std::min(pieces_[piece].submaps->size(), pieces_[other].submaps->size()) < kFewSubmaps;
+    if (other == piece || (other > piece && !few)) continue;
+    others.push_back(i);
+    images.push_back(&images_[i]);
+  }
+  std::vector<SubmapPair> pairs;
+  if (others.empty()) return pairs;
+  const std::size_t most = kRegistrationsFactor * static_cast<std::size_t>(options_.registrations);
+  for (const PlaceHypothesis& found : LookUpPlace(images_[query], images, options_.place)) {
+    if (pairs.size() == most) break;
+    pairs.push_back({others[found.other], query, found.T_other_query, found.score});
+  }
+  return pairs;
+}
+
+Loop PieceJoiner::Judged(const SubmapPair& pair, const SubmapMatch& match) const {
+  Loop loop;
+  loop.from = pair.from;
+  loop.to = pair.to;
+  loop.score = pair.score;
+  loop.match = match;
+  loop.reason = Refusal(match, options_.verification);
+  loop.status = loop.reason.empty() ? Loop::Status::kWaiting : Loop::Status::kRefused;
+  return loop;
+}
+
+void PieceJoiner::FindCandidates() {
+  std::vector<SubmapPair> pairs;
+  for (std::size_t query = 0; query < submaps_.size(); ++query) {
+    const std::vector<SubmapPair> found = LookUp(query);
+    pairs.insert(pairs.end(), found.begin(), found.end());
+  }
+  const std::vector<SubmapMatch> matches =
+      RegisterPairs(submaps_, images_, pairs, registration_, map_);
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    const Loop loop = Judged(pairs[i], matches[i]);
+    // Two starts that end in one place are one.
+    const bool known =
+        std::any_of(result_.loops.begin(), result_.loops.end(), [&](const Loop& other) {
+          return other.from == loop.from && other.to == loop.to && other.status == loop.status &&
+                 (loop.status == Loop::Status::kRefused || Agree(other, loop, PartOf(loop.from)));
+        });
+    if (!known) result_.loops.push_back(loop);
+  }
+}
+
+SE3 PieceJoiner::BetweenParts(const Loop& loop, std::size_t a) const {
+  const std::vector<SE3>& poses = result_.graph.poses;
+  const SE3 T = poses[loop.from] * loop.match.T_other_query * poses[loop.to].Inverse();
+  return PartOf(loop.from) == a ? T : T.Inverse();
+}
+
+bool PieceJoiner::Agree(const Loop& x, const Loop& y, std::size_t a) const {
+  const auto side = [&](const Loop& loop, bool first) {
+    return (PartOf(loop.from) == a) == first ? loop.from : loop.to;
+  };
+  const double way =
+      WayBetween(side(x, true), side(y, true)) + WayBetween(side(x, false), side(y, false));
+  const double most_m = std::min(kMostAgreeM, kAgreeM + 0.01 * options_.max_drift_percent * way);
+  const double most_deg =
+      std::min(kMostAgreeDeg, kAgreeDeg + 0.01 * options_.max_drift_deg_per_100m * way);
+  const SE3 T_x = BetweenParts(x, a), T_y = BetweenParts(y, a);
+  const std::size_t b_side = side(x, false);
+  const Eigen::Vector3d middle = result_.graph.poses[b_side] * Middle(b_side);
+  return (T_x * middle - T_y * middle).norm() <= most_m &&
+         RotationAngle(T_x, T_y) <= Radians(most_deg);
+}
+
+std::size_t PieceJoiner::SizeOf(const Group& group) const {
+  std::set<std::size_t> in_a, in_b;
+  for (const std::size_t i : group.members) {
+    const Loop& loop = result_.loops[i];
+    const bool forward = PartOf(loop.from) == group.a;
+    in_a.insert(forward ? loop.from : loop.to);
+    in_b.insert(forward ? loop.to : loop.from);
+  }
+  return std::min(in_a.size(), in_b.size());
+}
+
+// Around each candidate those that agree with it; the largest first, each candidate in one alone.
+std::vector<Group> PieceJoiner::GroupsOf(std::size_t a, std::size_t b) const {
+  std::vector<std::size_t> open;
+  for (std::size_t i = 0; i < result_.loops.size(); ++i) {
+    const Loop& loop = result_.loops[i];
+    const std::size_t from = PartOf(loop.from), to = PartOf(loop.to);
+    if (loop.status == Loop::Status::kWaiting && std::min(from, to) == a && std::max(from, to) == b)
+      open.push_back(i);
+  }
+  std::vector<Group> groups;
+  while (!open.empty()) {
+    Group best;
+    double best_weight = 0.0;
+    for (const std::size_t seed : open) {
+      Group group{a, b, seed, {}, 0, ""};
+      double weight = 0.0;
+      for (const std::size_t i : open) {
+        const Loop& loop = result_.loops[i];
+        if (i != seed && !Agree(result_.loops[seed], loop, a)) continue;
+        group.members.push_back(i);
+        weight += loop.match.planes * loop.match.overlap;
+      }
+      group.size = SizeOf(group);
+      if (std::make_pair(group.size, weight) <= std::make_pair(best.size, best_weight)) continue;
+      best_weight = weight;
+      best = std::move(group);
+    }
+    std::vector<std::size_t> left;
+    std::set_difference(open.begin(), open.end(), best.members.begin(), best.members.end(),
+                        std::back_inserter(left));
+    open = std::move(left);
+    groups.push_back(std::move(best));
+  }
+  return groups;
+}
+
+// Of a group in which one submap stands alone.
+std::string PieceJoiner::SingleRefusal(const Group& group) const {
+  for (const std::size_t i : group.members) {
+    const SubmapMatch& match = result_.loops[i].match;
+    const VerificationOptions& least = options_.verification;
+    if (match.overlap >= kSingleOverlap && match.structure >= kSingleStructure &&
+        match.planes >= kSingleFactor * least.min_planes &&
+        match.facing >= kSingleFactor * least.min_facing)
+      return "";
+  }
+  return "no other loop agrees";
+}
+
+// The largest group of these parts, with what speaks against it; nothing if there is none.
+std::optional<Group> PieceJoiner::BestOf(std::size_t a, std::size_t b) {
+  std::vector<Group> groups = GroupsOf(a, b);
+  if (groups.empty()) return std::nullopt;
+  Group& best = groups.front();
+  if (best.size < 2) best.refusal = SingleRefusal(best);
+  // Of a single loop any other is a rival.
+  const std::size_t least = best.size < 2 ? 1 : best.size / 2 + 1;
+  if (groups.size() > 1 && groups[1].size >= least) best.refusal = "others fit as well";
+  for (const std::size_t i : best.members) result_.loops[i].reason = best.refusal;
+  return best;
+}
+
+bool PieceJoiner::JoinNext() {
+  std::vector<std::size_t> parts;
+  for (std::size_t p = 0; p < pieces_.size(); ++p) {
+    if (result_.part[p] == p) parts.push_back(p);
+  }
+  std::vector<Group> groups;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    for (std::size_t j = i + 1; j < parts.size(); ++j) {
+      const std::optional<Group> best = BestOf(parts[i], parts[j]);
+      if (best && best->refusal.empty()) groups.push_back(*best);
+    }
+  }
+  std::stable_sort(groups.begin(), groups.end(),
+                   [](const Group& x, const Group& y) { return x.size > y.size; });
+  for (const Group& group : groups) {
+    JoinedPieces before = result_;
+    std::vector<bool> kept = kept_;
+    if (TryJoin(group)) return true;
+    result_ = std::move(before);
+    kept_ = std::move(kept);
+    for (const std::size_t i : group.members) {
+      result_.loops[i].status = Loop::Status::kRefused;
+      result_.loops[i].reason = "what lies around does not agree";
+    }
+  }
+  return false;
+}
+
+// Submaps of the two sides of a join, not compared yet, that lie beside one another near its loops.
+std::vector<SubmapPair> PieceJoiner::Beside(const std::vector<bool>& joins,
+                                            const PairSet& compared) const {
+  std::vector<double> to_loop(submaps_.size(), std::numeric_limits<double>::infinity());
+  for (const Loop& loop : result_.loops) {
+    if (loop.status != Loop::Status::kAccepted) continue;
+    for (const std::size_t end : {loop.from, loop.to}) {
+      for (std::size_t i = 0; i < submaps_.size(); ++i) {
+        if (piece_of_[i] == piece_of_[end])
+          to_loop[i] = std::min(to_loop[i], std::abs(way_[i] - way_[end]));
+      }
+    }
+  }
+  std::vector<SubmapPair> pairs;
+  const std::vector<SE3>& poses = result_.graph.poses;
+  for (std::size_t to = 0; to < submaps_.size(); ++to) {
+    if (!joins[to]) continue;
+    std::vector<std::pair<double, std::size_t>> near;
+    for (std::size_t from = 0; from < submaps_.size(); ++from) {
+      if (joins[from] || PartOf(from) != PartOf(to)) continue;
+      if (std::min(to_loop[from], to_loop[to]) > kReachM) continue;
+      const double distance = (poses[from] * Middle(from) - poses[to] * Middle(to)).norm();
+      if (distance < kBesideM) near.emplace_back(distance, from);
+    }
+    std::sort(near.begin(), near.end());
+    if (near.size() > kBesideEach) near.resize(kBesideEach);
+    for (const auto& [distance, from] : near) {
+      if (compared.count({from, to}) == 0)
+        pairs.push_back({from, to, poses[from].Inverse() * poses[to], 0.0});
+    }
+  }
+  return pairs;
+}
+
+// Registers them, and keeps those that agree; what came of it adds to *evidence.
+void PieceJoiner::Compare(const std::vector<SubmapPair>& pairs, Evidence* evidence) {
+  const std::vector<SubmapMatch> matches =
+      RegisterPairs(submaps_, images_, pairs, registration_, map_);
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    Loop loop = Judged(pairs[i], matches[i]);
+    const Eigen::Vector3d middle = Middle(loop.to);
+    const bool stays =
+        (pairs[i].T_from_to * middle - loop.match.T_other_query * middle).norm() < kStaysM &&
+        RotationAngle(pairs[i].T_from_to, loop.match.T_other_query) < Radians(kStaysDeg);
+    if (loop.status == Loop::Status::kWaiting && stays) {
+      loop.status = Loop::Status::kAccepted;
+      ++evidence->agreeing;
+    } else if (loop.match.converged && loop.match.planes >= options_.verification.min_planes) {
+      // What has few planes in common says nothing.
+      ++evidence->contradicting;
+      if (loop.reason.empty()) loop.reason = "not where the other loops have it";
+      loop.status = Loop::Status::kRefused;
+    }
+    // In the place of what was found of this pair before.
+    const auto same = [&](const Loop& other) {
+      return other.status != Loop::Status::kAccepted &&
+             std::minmax(other.from, other.to) == std::minmax(loop.from, loop.to);
+    };
+    result_.loops.erase(std::remove_if(result_.loops.begin(), result_.loops.end(), same),
+                        result_.loops.end());
+    result_.loops.push_back(loop);
+  }
+}
+
+bool PieceJoiner::Solve() {
+  AnchorGraph& graph = result_.graph;
+  graph.loops.resize(own_loops_);
+  std::vector<Loop*> accepted;
+  for (Loop& loop : result_.loops) {
+    if (loop.status != Loop::Status::kAccepted) continue;
+    accepted.push_back(&loop);
+    graph.loops.push_back(EdgeOf(loop));
+  }
+  graph.kept_before.assign(graph.loops.size(), true);
+  const AnchorGraphResult solved = SolveAnchorGraph(graph, options_.graph);
+  if (!solved.good) return false;
+  graph.poses = solved.poses;
+  kept_ = solved.kept;
+  for (std::size_t i = 0; i < accepted.size(); ++i) {
+    accepted[i]->solved = kept_[own_loops_ + i];
+    if (accepted[i]->solved) continue;
+    accepted[i]->status = Loop::Status::kRefused;
+    accepted[i]->reason = "contradicts the other loops";
+  }
+  return true;
+}
+
+bool PieceJoiner::TryJoin(const Group& group) {
+  // By the candidate that most agree with.
+  const SE3 T_a_b = BetweenParts(result_.loops[group.lead], group.a);
+  std::vector<bool> joins(submaps_.size());
+  for (std::size_t i = 0; i < submaps_.size(); ++i) {
+    joins[i] = PartOf(i) == group.b;
+    if (joins[i]) result_.graph.poses[i] = T_a_b * result_.graph.poses[i];
+  }
+  std::replace(result_.part.begin(), result_.part.end(), group.b, group.a);
+  PairSet compared;
+  for (const std::size_t i : group.members) {
+    Loop& loop = result_.loops[i];
+    loop.status = Loop::Status::kAccepted;
+    compared.insert({loop.from, loop.to});
+    compared.insert({loop.to, loop.from});
+  }
+  Evidence evidence;
+  evidence.agreeing = group.size;
+  if (!Solve()) return false;
+  for (int round = 0; round < kRounds; ++round) {
+    const std::vector<SubmapPair> pairs = Beside(joins, compared);
+    if (pairs.empty()) break;
+    for (const SubmapPair& pair : pairs) compared.insert({pair.from, pair.to});
+    Compare(pairs, &evidence);
+    if (!Solve()) return false;
+  }
+  const auto kept = std::count_if(result_.loops.begin(), result_.loops.end(), [&](const Loop& l) {
+    return l.status == Loop::Status::kAccepted && joins[l.from] != joins[l.to];
+  });
+  return kept > 0 && static_cast<double>(evidence.contradicting) <=
+                         kMostContradicting * static_cast<double>(evidence.agreeing);
+}
+
+}  // namespace
+
+JoinedPieces JoinPieces(const std::vector<MapPiece>& pieces, const LoopOptions& options,
+                        const VoxelMapOptions& map, const ScanMatcherOptions& matcher) {
+  CheckOptions(options, "loops");
+  return PieceJoiner(pieces, options, map, matcher).Join();
+}
+
+}  // namespace lamina

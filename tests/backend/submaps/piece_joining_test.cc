@@ -1,0 +1,146 @@
+#include "backend/submaps/piece_joining.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include "tests/support/submap_town.h"
+
+namespace lamina {
+namespace {
+
+constexpr double kLeafM = 0.8;
+
+LoopOptions Options() {
+  LoopOptions options;
+  options.enabled = true;
+  options.min_way_m = 40.0;
+  return options;
+}
+
+// A drive that is mapped by itself: its world is the frame of its first LiDAR pose.
+struct MappedDrive {
+  std::vector<SE3> truth, odometry;  // of the keyframes
+  std::unique_ptr<LoopClosure> loops;
+  MapPiece piece() const { return {&loops->submaps(), loops->graph()}; }
+};
+
+MappedDrive MapDrive(const Town& town, const std::vector<SE3>& drive, unsigned seed,
+                     double turn_rad = 0.0004) {
+  MappedDrive mapped;
+  mapped.truth = drive;
+  Draws draws(seed);
+  SubmapBuilder builder(Options().submap, kLeafM);
+  mapped.loops = std::make_unique<LoopClosure>(Options(), VoxelMapOptions(), ScanMatcherOptions());
+  SE3 T;
+  for (std::size_t i = 0; i < drive.size(); ++i) {
+    if (i > 0)
+      T = T * (drive[i - 1].Inverse() * drive[i]) * SE3(ExpSO3({0, 0, turn_rad}), {0, 0, 0});
+    mapped.odometry.push_back(T);
+    if (auto submap = builder.Add(
+            KeyframeOf(town, static_cast<std::int64_t>(i), drive[i], T, kLeafM, &draws)))
+      mapped.loops->Add(std::move(*submap));
+  }
+  mapped.loops->Add(*builder.Finish());
+  return mapped;
+}
+
+JoinedPieces Join(const std::vector<const MappedDrive*>& drives) {
+  std::vector<MapPiece> pieces;
+  for (const MappedDrive* drive : drives) pieces.push_back(drive->piece());
+  return JoinPieces(pieces, Options(), VoxelMapOptions(), ScanMatcherOptions());
+}
+
+// Of all submaps, against the truth in the frame of the first drive.
+double WorstM(const JoinedPieces& joined, const std::vector<const MappedDrive*>& drives) {
+  double worst = 0.0;
+  std::size_t i = 0;
+  for (const MappedDrive* drive : drives) {
+    for (const Submap& submap : drive->loops->submaps()) {
+      const SE3 truth = drives[0]->truth[0].Inverse() *
+                        drive->truth[static_cast<std::size_t>(submap.keyframes[0].id)];
+      worst = std::max(worst, (joined.graph.poses[i++].t - truth.t).norm());
+    }
+  }
+  return worst;
+}
+
+int Accepted(const JoinedPieces& joined) {
+  return static_cast<int>(
+      std::count_if(joined.loops.begin(), joined.loops.end(),
+                    [](const Loop& loop) { return loop.status == Loop::Status::kAccepted; }));
+}
+
+TEST(PieceJoining, DrivesOfOneTownBecomeOnePieceWhateverTheDirection) {
+  const Town town(1);
+  const MappedDrive first = MapDrive(town, Drive({{-60, -60}, {60, -60}, {60, 60}}), 3);
+  const MappedDrive there = MapDrive(town, Drive({{0, -60}, {60, -60}, {60, 0}}), 4);
+  const MappedDrive back = MapDrive(town, Drive({{60, 60}, {60, -60}, {0, -60}}), 5);
+  const JoinedPieces joined = Join({&first, &there, &back});
+  EXPECT_EQ(joined.part, (std::vector<std::size_t>{0, 0, 0}));
+  EXPECT_GE(Accepted(joined), 6);
+  EXPECT_LT(WorstM(joined, {&first, &there, &back}), 1.0);
+  EXPECT_EQ(joined.graph.poses[0].t, first.loops->anchors()[0].t);
+}
+
+TEST(PieceJoining, APieceOfOneSubmapFindsItsPlace) {
+  const Town town(1);
+  const MappedDrive all = MapDrive(town, Drive({{-60, -60}, {60, -60}, {60, 60}}), 3, 0.0);
+  const MappedDrive piece = MapDrive(town, Drive({{20, -60}, {40, -60}}), 4);
+  ASSERT_EQ(piece.loops->submaps().size(), 1U);
+  const JoinedPieces joined = Join({&all, &piece});
+  EXPECT_EQ(joined.part, (std::vector<std::size_t>{0, 0}));
+  EXPECT_LT(WorstM(joined, {&all, &piece}), 0.2);
+  // Whichever came first.
+  EXPECT_EQ(Join({&piece, &all}).part, (std::vector<std::size_t>{0, 0}));
+}
+
+TEST(PieceJoining, DrivesOfDifferentTownsStayApart) {
+  const std::vector<SE3> drive = Drive({{-60, -60}, {60, -60}, {60, 60}});
+  for (unsigned seed = 1; seed <= 3; ++seed) {
+    const MappedDrive one = MapDrive(Town(seed), drive, 3);
+    const MappedDrive other = MapDrive(Town(seed + 10), drive, 4);
+    const JoinedPieces joined = Join({&one, &other});
+    EXPECT_EQ(joined.part, (std::vector<std::size_t>{0, 1}));
+    EXPECT_EQ(Accepted(joined), 0);
+    // Each is as it was.
+    EXPECT_EQ(joined.graph.poses.back().t, other.loops->anchors().back().t);
+  }
+}
+
+// A street of equal houses, 12 m from one to the next, on both sides.
+Town Terrace(double begin, double end) {
+  std::vector<Facet> facets;
+  for (double x = begin; x < end; x += 6.0) {
+    for (double y = -33.0; y < 36.0; y += 6.0)
+      facets.push_back({{x + 3, y, 0}, {3, 0, 0}, {0, 3, 0}});
+  }
+  for (double x = begin; x + 12.0 <= end; x += 12.0) {
+    for (const double side : {-1.0, 1.0}) {
+      facets.push_back({{x + 4, 8 * side, 3}, {4, 0, 0}, {0, 0, 3}});
+      facets.push_back({{x + 0, 10 * side, 3}, {0, 2, 0}, {0, 0, 3}});
+      facets.push_back({{x + 8, 10 * side, 3}, {0, 2, 0}, {0, 0, 3}});
+      facets.push_back({{x + 10, 12 * side, 3}, {2, 0, 0}, {0, 0, 3}});
+    }
+  }
+  return Town(std::move(facets));
+}
+
+TEST(PieceJoining, WhereHousesRepeatNothingIsJoinedWrongly) {
+  const Town town = Terrace(-300, 300);
+  const MappedDrive one = MapDrive(town, Drive({{-120, 0}, {0, 0}}), 3);
+  const MappedDrive other = MapDrive(town, Drive({{30, 0}, {150, 0}}), 4);
+  const MappedDrive piece = MapDrive(town, Drive({{-61, 0}, {-41, 0}}), 5);
+  const JoinedPieces joined = Join({&one, &other, &piece});
+  EXPECT_EQ(joined.part, (std::vector<std::size_t>{0, 1, 2}));
+  // Registration alone would have believed many of them.
+  EXPECT_GT(std::count_if(joined.loops.begin(), joined.loops.end(),
+                          [](const Loop& loop) { return loop.status == Loop::Status::kWaiting; }),
+            20);
+}
+
+}  // namespace
+}  // namespace lamina
