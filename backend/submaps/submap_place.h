@@ -1,4 +1,6 @@
 // What a submap is recognised and registered by.
+//
+// Private to backend/submaps.
 #pragma once
 
 #include "backend/submaps/place_image.h"

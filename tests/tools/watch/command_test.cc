@@ -67,12 +67,12 @@ TEST_F(WatchCommandTest, ASmallBudgetChangesNothing) {
                     "straight"})
                 .code,
             0);
-  const Arguments budget{"--set", "map.budget_mb=6"};
+  const Arguments budget{"--set", "map.budget_mb=2.8"};
   Run(Path("in"), budget);
-  Once({"--set", "map.budget_mb=6", "--set", "session.checkpoint_every_scans=30"});
+  Once({"--set", "map.budget_mb=2.8", "--set", "session.checkpoint_every_scans=30"});
   ExpectSameResults("session", "out");
   EXPECT_GT(Summary("session")["stored_voxels"], 0);
-  EXPECT_LE(Summary("session")["map_peak_bytes"], 6 * 1048576);
+  EXPECT_LE(Summary("session")["map_peak_bytes"], 2.8 * 1048576);
 }
 
 TEST_F(WatchCommandTest, FilesThatComeOneByOneGiveTheSame) {

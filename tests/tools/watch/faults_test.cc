@@ -217,7 +217,7 @@ TEST_F(WatchFaultsTest, DamagedTilesAreToldAndLeftOut) {
                     "straight"})
                 .code,
             0);
-  const Arguments small{"--set", "map.budget_mb=5"};
+  const Arguments small{"--set", "map.budget_mb=2"};
   Once(small);
   ASSERT_GT(Summary("session")["stored_voxels"], 0);
   Write("session/map_tiles.db", std::string(100000, 'x'));

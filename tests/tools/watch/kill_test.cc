@@ -107,7 +107,7 @@ TEST_F(WatchKillTest, SoItDoesWhenTheMapIsOnDisk) {
                     "straight"})
                 .code,
             0);
-  const Arguments often{"--set", "session.checkpoint_every_scans=15", "--set", "map.budget_mb=5"};
+  const Arguments often{"--set", "session.checkpoint_every_scans=15", "--set", "map.budget_mb=2.2"};
   const int writes = WritesOf(often);
   EXPECT_GT(Summary("whole")["stored_voxels"], 0);
   for (int kills = 0; kills < 4; ++kills) {
