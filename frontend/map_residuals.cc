@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 
+#include "core/base/median.h"
 #include "core/base/parallel.h"
 #include "core/geometry/robust_kernel.h"
 #include "core/map/voxel_key.h"
@@ -200,12 +201,8 @@ void MapResiduals::FindLeastThickness() {
   }
   // A quarter of them are thinner than this. Clutter thickens some planes; beams that disagree,
   // all.
-  double thickness = 0.0;
-  if (!variances.empty()) {
-    const auto quarter = variances.begin() + static_cast<std::ptrdiff_t>(variances.size() / 4);
-    std::nth_element(variances.begin(), quarter, variances.end());
-    thickness = std::sqrt(static_cast<double>(*quarter));
-  }
+  const double thickness =
+      variances.empty() ? 0.0 : std::sqrt(static_cast<double>(Quantile(&variances, 0.25)));
   // kNoiseM: what the noise of ranges alone makes of it.
   constexpr double kBelief = 1.5, kBeams = 5.0, kNoiseM = 0.008;
   floor2_ = std::pow(std::max(options_.noise_floor_m, kBelief * thickness), 2);

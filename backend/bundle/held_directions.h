@@ -2,8 +2,10 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <vector>
 
+#include "backend/bundle/cost.h"
 #include "backend/bundle/problem.h"
 
 namespace lamina {
@@ -16,10 +18,39 @@ using HeldSpace = Eigen::Matrix<double, 6, Eigen::Dynamic, 0, 6, 6>;
 std::vector<HeldSpace> HeldSpaces(const BundleProblem& problem,
                                   const Vector6d& scale = Vector6d::Ones());
 
-// Makes a frame's diagonal block of a normal matrix whose largest entry is `largest` ready for a
-// factorisation that is to keep out of the held directions: stiff along them, and by a share of
-// 1e-14 everywhere, so that a frame without planes can be factorised.
-void StiffenHeld(const HeldSpace& held, double largest,
-                 Eigen::Ref<Matrix6d, 0, Eigen::OuterStride<>> block);
+// Takes held directions out of normal equations H x = -g by projection. With B_k the held space of
+// frame k and P_k = I - B_k B_k',
+//
+//     H_jk -> P_j H_jk P_k,   H_kk -> P_k H_kk P_k + s B_k B_k',   g_k -> P_k g_k
+//
+// so that nothing couples to them, and the solution has no part along them. s is the largest entry
+// on the diagonal of H, so that its condition stays what it was.
+class HeldDirections {
+ public:
+  explicit HeldDirections(const BundleProblem& problem);
+
+  // All frames with the held ones, and P_k; exactly zero for a frame that is held as a whole.
+  struct Frame {
+    std::size_t frame;
+    HeldSpace space;
+    Matrix6d projector;
+  };
+  const std::vector<Frame>& frames() const { return frames_; }
+
+  void TakeOut(Eigen::MatrixXd* H) const;
+  // The same before it is assembled, gradient included.
+  void TakeOut(const BundleProblem& problem, ReducedSystem* system) const;
+  // Of a gradient, or of columns of right sides, six rows a frame.
+  template <typename Derived>
+  void Project(Eigen::MatrixBase<Derived>* g) const {
+    for (const Frame& f : frames_) {
+      auto part = g->template middleRows<6>(static_cast<Eigen::Index>(6 * f.frame));
+      part = (f.projector * part).eval();
+    }
+  }
+
+ private:
+  std::vector<Frame> frames_;
+};
 
 }  // namespace lamina

@@ -31,11 +31,7 @@ std::vector<SE3> Moved(const std::vector<SE3>& poses, const Eigen::VectorXd& ste
 class StepSolver {
  public:
   StepSolver(const BundleProblem& problem, BundleCost* cost)
-      : problem_(problem),
-        index_(problem),
-        pattern_(problem, index_),
-        held_(HeldSpaces(problem)),
-        cost_(cost) {
+      : problem_(problem), index_(problem), pattern_(problem, index_), held_(problem), cost_(cost) {
     const auto size = static_cast<Eigen::Index>(6 * problem.poses.size());
     sparse_ = problem.priors.empty() && size >= kSparseSize && pattern_.Density() < kSparseDensity;
   }
@@ -45,6 +41,7 @@ class StepSolver {
     cost_->Linearise(poses, &system_);
     value_ = system_.cost;
     decoupled_ = system_.rows.empty() && problem_.priors.empty();
+    if (decoupled_ || sparse_) held_.TakeOut(problem_, &system_);
     const auto size = system_.gradient.size();
     diagonal_.resize(size);
     if (decoupled_) {
@@ -57,9 +54,10 @@ class StepSolver {
     } else {
       system_.Assemble(problem_, index_, &H_);
       value_ += AddPriors(problem_, poses, &system_.gradient, &H_);
+      held_.TakeOut(&H_);
+      held_.Project(&system_.gradient);
       diagonal_ = H_.diagonal();
     }
-    Hold();
     const double least = kLeastDiagonal * diagonal_.cwiseAbs().maxCoeff() + 1e-300;
     diagonal_ = diagonal_.cwiseAbs().cwiseMax(least);
     return std::isfinite(value_) && system_.gradient.allFinite() && diagonal_.allFinite();
@@ -78,42 +76,28 @@ class StepSolver {
                         : sparse_  ? SolveSparse(damping, step)
                                    : SolveDense(damping, step);
     if (!solved || !step->allFinite()) return false;
-    // The stiffness leaves a little motion along held directions: none is wanted.
-    for (std::size_t k = 0; k < held_.size(); ++k) {
-      auto part = step->segment<6>(static_cast<Eigen::Index>(6 * k));
-      if (held_[k].cols() == 6) part.setZero();
-      if (held_[k].cols() > 0) part -= held_[k] * (held_[k].transpose() * part);
-    }
     *promised = -0.5 * system_.gradient.dot(*step) + 0.5 * step->cwiseAbs2().dot(damping);
     return true;
   }
 
  private:
-  // A held direction gets a stiffness beside which everything else is nothing, and no gradient.
-  void Hold() {
-    constexpr double kStiffness = 1e8;
-    const double stiffness = kStiffness * diagonal_.cwiseAbs().maxCoeff();
-    for (std::size_t k = 0; k < held_.size(); ++k) {
-      if (held_[k].cols() == 0) continue;
-      const auto i = static_cast<Eigen::Index>(6 * k);
-      auto gradient = system_.gradient.segment<6>(i);
-      gradient -= held_[k] * (held_[k].transpose() * gradient);
-      const Matrix6d block = stiffness * held_[k] * held_[k].transpose();
-      if (decoupled_) {
-        system_.diagonal[k] += block;
-      } else if (sparse_) {
-        for (int c = 0; c < 6; ++c) {
-          for (int r = 0; r <= c; ++r) sparse_H_.coeffRef(i + r, i + c) += block(r, c);
-        }
-      } else {
-        H_.block<6, 6>(i, i) += block;
-      }
+  // Damping of a frame some of whose directions are held couples to none of these: P D P. Calls
+  // add(frame, what comes to D).
+  template <typename Add>
+  void ForEachHeldDamping(const Eigen::VectorXd& damping, const Add& add) const {
+    for (const HeldDirections::Frame& f : held_.frames()) {
+      if (f.space.cols() == 6) continue;  // uncoupled as it is
+      const Matrix6d D = damping.segment<6>(static_cast<Eigen::Index>(6 * f.frame)).asDiagonal();
+      add(f.frame, (f.projector * D * f.projector - D).eval());
     }
   }
 
   bool SolveBlocks(const Eigen::VectorXd& damping, Eigen::VectorXd* step) const {
+    std::vector<Matrix6d> damped = system_.diagonal;
+    ForEachHeldDamping(damping,
+                       [&](std::size_t k, const Matrix6d& change) { damped[k] += change; });
     for (Eigen::Index i = 0; i < step->size(); i += 6) {
-      Matrix6d block = system_.diagonal[static_cast<std::size_t>(i / 6)];
+      Matrix6d& block = damped[static_cast<std::size_t>(i / 6)];
       block.diagonal() += damping.segment<6>(i);
       const Eigen::LLT<Matrix6d> llt(block);
       if (llt.info() != Eigen::Success) return false;
@@ -125,6 +109,10 @@ class StepSolver {
   bool SolveDense(const Eigen::VectorXd& damping, Eigen::VectorXd* step) {
     factor_ = H_;
     factor_.diagonal() += damping;
+    ForEachHeldDamping(damping, [&](std::size_t k, const Matrix6d& change) {
+      const auto i = static_cast<Eigen::Index>(6 * k);
+      factor_.block<6, 6>(i, i) += change;
+    });
     const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> llt(factor_);
     if (llt.info() != Eigen::Success) return false;
     *step = -llt.solve(system_.gradient);
@@ -134,6 +122,12 @@ class StepSolver {
   bool SolveSparse(const Eigen::VectorXd& damping, Eigen::VectorXd* step) {
     Eigen::SparseMatrix<double> damped = sparse_H_;
     for (int i = 0; i < damped.cols(); ++i) damped.coeffRef(i, i) += damping(i);
+    ForEachHeldDamping(damping, [&](std::size_t k, const Matrix6d& change) {
+      const auto i = static_cast<Eigen::Index>(6 * k);
+      for (int c = 0; c < 6; ++c) {
+        for (int r = 0; r <= c; ++r) damped.coeffRef(i + r, i + c) += change(r, c);
+      }
+    });
     if (!analysed_) sparse_llt_.analyzePattern(damped);
     analysed_ = true;
     sparse_llt_.factorize(damped);
@@ -149,7 +143,7 @@ class StepSolver {
   const BundleProblem& problem_;
   BundleIndex index_;
   BlockPattern pattern_;
-  std::vector<HeldSpace> held_;
+  HeldDirections held_;
   BundleCost* cost_;
   ReducedSystem system_;
   bool decoupled_ = false;

@@ -151,12 +151,12 @@ IntrinsicsSystem LineariseIntrinsics(const BundleProblem& problem, const std::ve
   }
   Eigen::MatrixXd Hpp;
   reduced.Assemble(problem, index, &Hpp);
-  const double largest = Hpp.diagonal().maxCoeff() + 1e-300;
-  const std::vector<HeldSpace> held = HeldSpaces(problem);
-  for (std::size_t k = 0; k < held.size(); ++k) {
-    const auto i = static_cast<Eigen::Index>(6 * k);
-    StiffenHeld(held[k], largest, Hpp.block<6, 6>(i, i));
-  }
+  const HeldDirections held(problem);
+  held.TakeOut(&Hpp);
+  held.Project(&reduced.gradient);
+  held.Project(&Hpc);
+  // So that a frame without planes can be factorised.
+  Hpp.diagonal().array() += 1e-14 * Hpp.diagonal().maxCoeff() + 1e-300;
   const Eigen::LLT<Eigen::MatrixXd> llt(Hpp);
   system.pose_step = -llt.solve(reduced.gradient);
   system.pose_slope = -llt.solve(Hpc);

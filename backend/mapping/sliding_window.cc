@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "backend/mapping/observation_weights.h"
+#include "core/base/median.h"
 #include "core/base/parallel.h"
 #include "core/geometry/central_twist.h"
 #include "core/geometry/robust_kernel.h"
@@ -40,11 +41,9 @@ void DistrustThick(std::vector<Plane>* planes) {
   std::vector<double> weights;
   weights.reserve(planes->size());
   for (const Plane& plane : *planes) weights.push_back(plane.weight);
-  const auto usual = weights.begin() + static_cast<std::ptrdiff_t>(
-                                           (1.0 - kUsual) * static_cast<double>(planes->size()));
-  std::nth_element(weights.begin(), usual, weights.end());
+  const double usual = Quantile(&weights, 1.0 - kUsual);
   for (Plane& plane : *planes) {
-    const double excess = std::max(1.0, *usual / (kMost * plane.weight));
+    const double excess = std::max(1.0, usual / (kMost * plane.weight));
     plane.weight /= excess * excess * excess * excess;
   }
 }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/median.h"
+
 namespace lamina {
 namespace {
 
@@ -37,10 +39,8 @@ Cut CutInHalf(const VoxelSet& set) {
   indices.reserve(set.size());
   set.ForEach(
       [&](VoxelKey key) { indices.push_back(static_cast<std::int32_t>(IndexOf(key, cut.axis))); });
-  const auto middle = indices.begin() + static_cast<std::ptrdiff_t>(indices.size() / 2);
-  std::nth_element(indices.begin(), middle, indices.end());
   // Above the lowest: otherwise a crowd in one layer would leave the kept half empty.
-  cut.index = std::max<std::int64_t>(*middle, low[cut.axis] + 1);
+  cut.index = std::max<std::int64_t>(UpperMedian(&indices), low[cut.axis] + 1);
   return cut;
 }
 

@@ -11,6 +11,7 @@
 #include <optional>
 
 #include "core/base/error.h"
+#include "core/base/median.h"
 #include "io/file/text_input.h"
 #include "io/recording/trajectory_io.h"
 #include "tools/results/piece_poses.h"
@@ -291,10 +292,7 @@ double UsualInterval(const RunTable& table, const std::string& sequence) {
   std::vector<double> intervals = IntervalsOf(table, sequence);
   if (intervals.empty()) return std::numeric_limits<double>::quiet_NaN();
   const double share = table.config.scans.T_vehicle_lidar.empty() ? 0.5 : 0.9;
-  const auto at = intervals.begin() +
-                  static_cast<std::ptrdiff_t>(share * static_cast<double>(intervals.size() - 1));
-  std::nth_element(intervals.begin(), at, intervals.end());
-  return *at;
+  return Quantile(&intervals, share);
 }
 
 bool HasEvenIntervals(const RunTable& table, const std::string& sequence) {

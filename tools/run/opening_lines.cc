@@ -8,6 +8,7 @@
 #include <filesystem>
 
 #include "core/base/error.h"
+#include "core/base/median.h"
 #include "core/base/printable_text.h"
 #include "tools/results/posed_scans.h"
 
@@ -18,15 +19,6 @@ namespace fs = std::filesystem;
 using Deskew = ScanPreparationOptions::Deskew;
 
 constexpr double kDegrees = 180.0 / M_PI;
-
-// A value that a share of them is below. Reorders them.
-double Quantile(std::vector<double>* values, double share) {
-  if (values->empty()) return 0.0;
-  const auto at = values->begin() +
-                  static_cast<std::ptrdiff_t>(share * static_cast<double>(values->size() - 1));
-  std::nth_element(values->begin(), at, values->end());
-  return *at;
-}
 
 // Runs of elevations with nothing between them, if most of what lies between lowest and highest is
 // empty.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "core/base/median.h"
 #include "tools/http/token.h"
 #include "tools/results/process_report.h"
 
@@ -35,15 +36,6 @@ bool SamePlace(const LivePose& a, const LivePose& b) {
 
 double Seconds(std::chrono::steady_clock::duration d) {
   return std::chrono::duration<double>(d).count();
-}
-
-// The value below which the share lies. Sorts in part.
-double Quantile(std::vector<float>* values, double share) {
-  if (values->empty()) return 0.0;
-  const auto at = values->begin() + static_cast<std::ptrdiff_t>(
-                                        share * static_cast<double>(values->size() - 1) + 0.5);
-  std::nth_element(values->begin(), at, values->end());
-  return static_cast<double>(*at);
 }
 
 }  // namespace
@@ -169,9 +161,11 @@ LiveReport LiveView::Report() const {
       lags.push_back(timings_[i % kTimings].times.lag_ms);
     }
   }
-  if (!lags.empty()) report.lag_s = 1e-3 * static_cast<double>(lags.back());
-  report.latency_median_ms = Quantile(&lags, 0.5);
-  report.latency_p99_ms = Quantile(&lags, 0.99);
+  if (!lags.empty()) {
+    report.lag_s = 1e-3 * static_cast<double>(lags.back());
+    report.latency_median_ms = Quantile(&lags, 0.5);
+    report.latency_p99_ms = Quantile(&lags, 0.99);
+  }
   report.run_id = run_id_;
   report.uptime_s = Seconds(now - start_);
   if (report.status.checkpoint)
