@@ -1,4 +1,4 @@
-// Files that comments and READMEs name are there.
+// Files, classes and members that comments and READMEs name are there, and their words are plain.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -65,25 +65,72 @@ std::vector<std::string> Missing(const SourceTree& tree, const std::string& text
   return missing;
 }
 
-TEST(Names, FilesThatTextsNameAreThere) {
+// Calls visit(path, number, line, page) for each line that is looked through.
+template <typename Visit>
+void ForEachLine(const SourceTree& tree, const Visit& visit) {
   const fs::path root = LAMINA_SOURCE_DIR;
-  const SourceTree tree = ReadTree(root);
   for (const std::string& path : tree.texts) {
-    const bool page = path.find(".md") != std::string::npos;
     // Names made up to be refused.
     if (path == "tests/core/names_test.cc") continue;
+    const bool page = path.find(".md") != std::string::npos;
     std::ifstream file(root / path);
     int number = 0;
-    for (std::string line; std::getline(file, line);) {
-      ++number;
-      // A page of a folder names its files from there.
-      for (const std::string& name : Missing(tree, TextOf(line, page))) {
-        const fs::path beside = fs::path(path).parent_path() / name;
-        if (tree.paths.count(beside.string()) == 0)
-          ADD_FAILURE() << path << ":" << number << " names " << name;
-      }
-    }
+    for (std::string line; std::getline(file, line);) visit(path, ++number, line, page);
   }
+}
+
+TEST(Names, FilesThatTextsNameAreThere) {
+  const SourceTree tree = ReadTree(LAMINA_SOURCE_DIR);
+  ForEachLine(tree, [&](const std::string& path, int number, const std::string& line, bool page) {
+    // A page of a folder names its files from there.
+    for (const std::string& name : Missing(tree, TextOf(line, page))) {
+      const fs::path beside = fs::path(path).parent_path() / name;
+      if (tree.paths.count(beside.string()) == 0)
+        ADD_FAILURE() << path << ":" << number << " names " << name;
+    }
+  });
+}
+
+// Class::Member in `text` where one of both is no identifier of the code.
+std::vector<std::string> MissingMembers(const std::set<std::string>& code,
+                                        const std::string& text) {
+  static const std::regex kMember(R"(\b([A-Za-z]\w*)::(\w+))");
+  std::vector<std::string> missing;
+  for (std::sregex_iterator i(text.begin(), text.end(), kMember), end; i != end; ++i) {
+    if (code.count((*i)[1]) == 0 || code.count((*i)[2]) == 0) missing.push_back(i->str());
+  }
+  return missing;
+}
+
+TEST(Names, MembersThatTextsNameAreThere) {
+  const SourceTree tree = ReadTree(LAMINA_SOURCE_DIR);
+  static const std::regex kIdentifier(R"([A-Za-z_]\w*)");
+  std::set<std::string> code;
+  ForEachLine(tree, [&](const std::string& path, int, const std::string& line, bool page) {
+    if (page || path.find(".yaml") != std::string::npos) return;
+    const std::string text = line.substr(0, line.find("//"));
+    for (std::sregex_iterator i(text.begin(), text.end(), kIdentifier), end; i != end; ++i)
+      code.insert(i->str());
+  });
+  EXPECT_EQ(MissingMembers(code, "// VoxelMap::LeafAt, std::vector"), std::vector<std::string>());
+  EXPECT_EQ(MissingMembers(code, "// VoxelMap::RootsThatAreNot").size(), 1U);
+  ForEachLine(tree, [&](const std::string& path, int number, const std::string& line, bool page) {
+    for (const std::string& name : MissingMembers(code, TextOf(line, page)))
+      ADD_FAILURE() << path << ":" << number << " names " << name;
+  });
+}
+
+// The subject of a comment is the thing in the code.
+TEST(Names, CommentsSpeakOfTheCode) {
+  static const std::regex kPeople(R"(\b(nobody|somebody|whoever|anybody|whisper|ghost)\b)",
+                                  std::regex::icase);
+  const SourceTree tree = ReadTree(LAMINA_SOURCE_DIR);
+  ForEachLine(tree, [&](const std::string& path, int number, const std::string& line, bool page) {
+    const std::string text = TextOf(line, page);
+    std::smatch word;
+    if (!page && std::regex_search(text, word, kPeople))
+      ADD_FAILURE() << path << ":" << number << " has \"" << word.str() << "\"";
+  });
 }
 
 TEST(Names, TheCheckCatchesWrongNames) {

@@ -132,7 +132,7 @@ class LiveView {
   // frames that are still to be added wait for them.
   void RevisePoses(const std::vector<LivePose>& poses);
   void SetScan(LiveScan scan);
-  // Whether anybody has asked for a scan within the last seconds: else there is no need for one.
+  // Whether a scan was asked for within the last seconds: else there is no need for one.
   bool ScanWanted() const;
   // The same of the trajectory, for poses that are not final: there may be thousands of them.
   bool PosesWanted() const;

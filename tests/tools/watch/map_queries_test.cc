@@ -147,7 +147,7 @@ TEST(MapAnswer, ShowsWhatHasChanged) {
   ASSERT_GT(street.map.EvictToBudget(), 0U);
   EXPECT_EQ(StreetMap::Surfels(street.Ask(Sphere({0, 0, 0}, 100.0, before))), 20U * 16U);
   EXPECT_EQ(StreetMap::Surfels(street.Ask(Sphere({0, 0, 0}, 100.0))), 120U * 16U);
-  // So are tiles that were in the store before anybody asked.
+  // So are tiles that were in the store before they were asked for.
   street.map.TrackTiles();
   EXPECT_EQ(StreetMap::Surfels(street.Ask(Sphere({0, 0, 0}, 100.0))), 120U * 16U);
 }
