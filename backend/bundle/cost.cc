@@ -10,22 +10,6 @@ namespace {
 
 constexpr std::size_t kChunk = 4;  // frames
 
-// block_k -= mine' rows_k for the rows of one plane up to `mine`; blocks are 6x6, column-major, in
-// the strip at their frames. Written column by column: a plain product of such small matrices does
-// not keep its operands in registers.
-void SubtractProducts(const ReducedSystem::Rows* rows, const PlaneObservation* observations,
-                      std::size_t count, double* strip) {
-  const Vector6d a0 = rows[count - 1].row(0), a1 = rows[count - 1].row(1),
-                 a2 = rows[count - 1].row(2);
-  for (std::size_t k = 0; k < count; ++k) {
-    const double* b = rows[k].data();
-    double* block = strip + 36 * observations[k].frame;
-    for (int c = 0; c < 6; ++c) {
-      Eigen::Map<Vector6d>(block + 6 * c) -= a0 * b[c] + a1 * b[6 + c] + a2 * b[12 + c];
-    }
-  }
-}
-
 // Zeros where the upper triangle of H has entries, in the order in which they are filled.
 void MakeStructure(const BlockPattern& pattern, std::size_t frames,
                    Eigen::SparseMatrix<double>* H) {
@@ -85,7 +69,7 @@ void ReducedSystem::FillStrip(const BundleProblem& problem, const BundleIndex& i
   for (auto* e = index.begin(f); e != index.end(f) && !rows.empty(); ++e) {
     const auto first =
         static_cast<std::size_t>(problem.planes[static_cast<std::size_t>(e->plane)].first);
-    SubtractProducts(rows.data() + first, problem.observations.data() + first,
+    SubtractProducts(rows.data() + first, index.observed_by() + first,
                      static_cast<std::size_t>(e->observation) - first + 1, strip->data());
   }
 }

@@ -14,6 +14,7 @@
 #include <Eigen/SparseCore>
 #include <vector>
 
+#include "backend/bundle/block_products.h"
 #include "backend/bundle/index.h"
 #include "backend/bundle/problem.h"
 
@@ -33,8 +34,7 @@ class BlockPattern {
 };
 
 struct ReducedSystem {
-  // Row-major: the six numbers of one plane variable lie together.
-  using Rows = Eigen::Matrix<double, 3, 6, Eigen::RowMajor>;
+  using Rows = PlaneRows;
 
   double cost = 0.0;
   Eigen::VectorXd gradient;        // 6N, tangent [rotation; translation] of core/geometry/se3.h

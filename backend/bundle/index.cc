@@ -22,6 +22,8 @@ void CheckPlane(const BundleProblem& problem, const Plane& plane) {
 }  // namespace
 
 BundleIndex::BundleIndex(const BundleProblem& problem) : first_(problem.poses.size() + 1, 0) {
+  observed_by_.reserve(problem.observations.size());
+  for (const PlaneObservation& o : problem.observations) observed_by_.push_back(o.frame);
   for (const Plane& plane : problem.planes) {
     CheckPlane(problem, plane);
     for (int i = plane.first; i < plane.first + plane.count; ++i) {

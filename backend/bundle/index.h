@@ -24,9 +24,12 @@ class BundleIndex {
   std::size_t frames() const { return first_.size() - 1; }
   const Entry* begin(std::size_t frame) const { return entries_.data() + first_[frame]; }
   const Entry* end(std::size_t frame) const { return entries_.data() + first_[frame + 1]; }
+  // The frame of each observation.
+  const std::int32_t* observed_by() const { return observed_by_.data(); }
 
  private:
   std::vector<Entry> entries_;
+  std::vector<std::int32_t> observed_by_;
   std::vector<std::size_t> first_;  // of each frame, in entries_; one more at the end
 };
 
