@@ -31,7 +31,7 @@ void LaminaConfig::Visit(OptionVisitor& v) {
 }
 
 MappingOptions LaminaConfig::Mapping() const {
-  return {preparation, {map, frontend, backend}, pipeline};
+  return {preparation, {map, frontend, backend}, pipeline, loops};
 }
 
 LaminaConfig LoadConfig(const std::string& path, const std::vector<std::string>& key_values) {

@@ -23,7 +23,7 @@ struct FinalPose {
   std::size_t scan = 0;  // its number, as given to AddScan
   StampedPose pose;
   bool skipped = false;    // the pose is not of its own points
-  std::int64_t piece = 0;  // of the map, in whose frame it is
+  std::int64_t piece = 0;  // of the map, in the frame of whose odometry it is
 };
 
 // Not thread-safe. Memory: the scans that are not final, and the streams that are not closed.

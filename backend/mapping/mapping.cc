@@ -35,6 +35,15 @@ Mapping::Mapping(const MappingOptions& options, MappingCallbacks callbacks, Voxe
   CheckOptions(options.mapper.backend, "backend");
   CheckOptions(options.pipeline, "pipeline");
   options.mapper.backend.CheckTogether();
+  if (options_.loops.enabled) {
+    loops_ = std::make_unique<PieceLoops>(options_.loops, options_.mapper.map,
+                                          options_.mapper.odometry.matcher);
+  }
+}
+
+void Mapping::StartLocalising(const SE3& T_world_lidar) {
+  localise_from_ = T_world_lidar;
+  loops_.reset();  // the map stays as it is
 }
 
 DecodedScan Mapping::Decode(const ScanSource& source, std::size_t begin, std::size_t i) const {
@@ -84,7 +93,10 @@ MappedScan Mapping::Add(DecodedScan scan) {
   if (callbacks_.on_scan) callbacks_.on_scan(report);
   HandOnFinalPoses(report.index);
   // After the callback: a caller may be waiting for the pose of this scan, none yet for the next.
-  if (!report.skipped) recording->mapper->StartDueSolve();
+  if (!report.skipped) {
+    CorrectMap(report.piece);
+    recording->mapper->StartDueSolve();
+  }
   SolveSilent(report.index);
   if (callbacks_.on_settled) callbacks_.on_settled();
   return std::move(report);
@@ -134,9 +146,25 @@ std::unique_ptr<PieceMapper> Mapping::BeginPiece(const SE3& T_world_start) {
   }
   auto mapper =
       std::make_unique<PieceMapper>(options_.mapper, &map_, piece, next_stream_++, T_world_start);
-  mapper->mapper().TellFinalKeyframes(callbacks_.on_final_keyframe);
+  Listen(&mapper->mapper());
   if (localise_from_) mapper->mapper().StartLocalising(*localise_from_);
   return mapper;
+}
+
+void Mapping::Listen(Mapper* mapper) {
+  if (loops_ == nullptr && !callbacks_.on_final_keyframe) return;
+  mapper->TellFinalKeyframes([this](std::int64_t piece, const FinalKeyframe& keyframe) {
+    if (loops_ != nullptr) loops_->Track(piece)->Add(keyframe);
+    if (callbacks_.on_final_keyframe) callbacks_.on_final_keyframe(piece, keyframe);
+  });
+}
+
+void Mapping::CorrectMap(std::int64_t piece) {
+  if (loops_ == nullptr) return;
+  const auto parts = loops_->Track(piece)->Advance();
+  if (!parts) return;
+  map_.SelectPiece(piece);
+  map_.ReplaceFixed(*parts);
 }
 
 void Mapping::EndLongestSilent(std::size_t scan) {
@@ -154,6 +182,7 @@ void Mapping::End(PieceMapper* mapper, std::size_t scan) {
   poses_.AddPoses(mapper->mapper().TakeFinal(kAllScans), mapper->stream());
   poses_.Close(mapper->stream());
   mapper->mapper().Close();
+  if (loops_ != nullptr) loops_->Track(mapper->mapper().piece())->Finish();
 }
 
 void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedCluster>* clusters) {
@@ -162,6 +191,8 @@ void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedClu
   recording->any = true;
   const RegisteredScan frame = Register(recording, report, clusters);
   report->odometry = frame.odometry;
+  if (loops_ != nullptr)
+    report->T_map_world = loops_->Track(recording->mapper->mapper().piece())->T_map_world();
   report->keyframe = frame.keyframe;
   report->began_piece = frame.odometry.status == OdometryFrame::Status::kFirst;
   ++counts_.frames;
@@ -240,6 +271,7 @@ void Mapping::Finish() {
     CountSolves(recording.mapper->TakeSolves(), counts_.scans);
     recording.mapper->mapper().TellWindow();
   }
+  if (loops_ != nullptr) loops_->Finish();
   ShowOpenPoses(Visitor());
 }
 
@@ -279,7 +311,7 @@ void Mapping::Archive(StateArchive& a) {
     if (a.reading()) {
       recording.mapper =
           std::make_unique<PieceMapper>(options_.mapper, &map_, piece, stream, SE3());
-      recording.mapper->mapper().TellFinalKeyframes(callbacks_.on_final_keyframe);
+      Listen(&recording.mapper->mapper());
     }
     a(recording.mapper.get());
   }

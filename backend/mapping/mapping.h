@@ -16,7 +16,9 @@
 //               fails
 //     keyframe  into the sliding window, its clusters into the map         mapper.h
 //     final     poses that have left the window are handed on, in order    final_poses.h
-//     solve     bundle adjustment of the window begins, if it is due; it backend/bundle/adjuster.h
+//     correct   with loops.enabled: what loops found earlier takes        submaps/loop_track.h
+//               effect
+//     solve     bundle adjustment of the window begins, if it is due; it  backend/bundle/adjuster.h
 //               runs in the background and takes effect a fixed number
 //               of scans later
 //
@@ -25,6 +27,10 @@
 // ahead (pipeline.h). Memory does not grow with the number of scans: poses are handed on by
 // MappingCallbacks::on_final_pose when nothing will change them any more, and the map keeps within
 // map.budget_mb if it has a VoxelStore.
+//
+// With loops.enabled the map is made of submaps, and places that are visited again correct it
+// (backend/submaps/loop_track.h). All poses here stay those of odometry, in a frame that never
+// jumps; MappedScan::T_map_world and loops()->Corrected() move them to where corrections have them.
 //
 // A recording (the scans of one clock and one sensor: a folder of an inbox) has odometry, window
 // and open solve of its own, so scans of several may alternate and each gets the poses that it
@@ -48,6 +54,7 @@
 #include "backend/mapping/piece_mapper.h"
 #include "backend/mapping/report.h"
 #include "backend/mapping/scan_decoder.h"
+#include "backend/submaps/piece_loops.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"
@@ -75,16 +82,18 @@ class Mapping {
   DecodedScan Decode(const ScanSource& source, std::size_t begin, std::size_t i) const;
 
   // No more scans are to come: one last solve of every recording under way, then all poses are
-  // final.
+  // final, and so are the corrections by loops.
   void Finish();
 
   // From now on scans are matched to the map and leave it as it is, the first one near this pose.
-  void StartLocalising(const SE3& T_world_lidar) { localise_from_ = T_world_lidar; }
+  void StartLocalising(const SE3& T_world_lidar);
 
   const MappingOptions& options() const { return options_; }
   const MappingCounts& counts() const { return counts_; }
   const VoxelMap& map() const { return map_; }
   VoxelMap& map() { return map_; }
+  // Submaps, loops and corrections. Null unless loops.enabled, and when localising.
+  const PieceLoops* loops() const { return loops_.get(); }
   // Poses of the scans that are not final, as known now.
   void ShowOpenPoses(const FinalPoses::Visit& visit) const;
   // Points of the newest keyframe of the recording that the last scan was of.
@@ -115,6 +124,10 @@ class Mapping {
   void Map(Recording* recording, MappedScan* report, std::vector<TimedCluster>* clusters);
   RegisteredScan Register(Recording* recording, MappedScan* report,
                           std::vector<TimedCluster>* clusters);
+  // To be told of keyframes that leave the window of a mapper.
+  void Listen(Mapper* mapper);
+  // The map of the piece, when a correction by loops takes effect.
+  void CorrectMap(std::int64_t piece);
   void SolveSilent(std::size_t scan);
   void HandOnFinalPoses(std::size_t scan);
   void CountSolves(std::vector<SolveReport> solves, std::size_t before_scan);
@@ -129,6 +142,7 @@ class Mapping {
   FinalPoses::Stream next_stream_ = 0;
   std::string newest_;  // recording
   bool finished_ = false;
+  std::unique_ptr<PieceLoops> loops_;
   std::map<std::string, Recording> recordings_;
   // The last stamps of each recording that Add(Scan) has seen; they tell the period of a sweep.
   std::map<std::string, std::vector<StampNs>> stamps_;

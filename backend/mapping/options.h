@@ -2,6 +2,7 @@
 #pragma once
 
 #include "backend/mapping/mapper.h"
+#include "backend/submaps/loop_options.h"
 #include "core/options/options.h"
 #include "frontend/scan_preparation.h"
 
@@ -23,6 +24,7 @@ struct MappingOptions {
   ScanPreparationOptions preparation;
   MapperOptions mapper;
   PipelineOptions pipeline;
+  LoopOptions loops;
 };
 
 }  // namespace lamina

@@ -7,9 +7,9 @@
 #include <map>
 
 #include "backend/bundle/adjuster.h"
-#include "backend/mapping/final_keyframe.h"
 #include "backend/mapping/final_poses.h"
 #include "backend/mapping/mapped_scan.h"
+#include "backend/submaps/final_keyframe.h"
 #include "core/geometry/state_archive.h"
 
 namespace lamina {

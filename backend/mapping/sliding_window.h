@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "backend/bundle/problem.h"
-#include "backend/mapping/final_keyframe.h"
+#include "backend/submaps/final_keyframe.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"

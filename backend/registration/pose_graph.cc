@@ -6,7 +6,7 @@
 #include <optional>
 #include <stdexcept>
 
-#include "backend/registration/relative_pose_residual.h"
+#include "backend/bundle/relative_pose_residual.h"
 
 namespace lamina {
 namespace {

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "backend/registration/relative_pose_residual.h"
+#include "backend/bundle/relative_pose_residual.h"
 
 namespace lamina {
 namespace {

@@ -55,6 +55,8 @@ class LoopClosure {
   const std::vector<Submap>& submaps() const { return submaps_; }
   // Present anchors, corrected.
   const std::vector<SE3>& anchors() const { return anchors_; }
+  // Whether a loop has moved any.
+  bool corrected() const { return corrected_; }
   const std::vector<Loop>& loops() const { return loops_; }
   // Odometry's edges and the accepted loops, at the present anchors.
   AnchorGraph graph() const;

@@ -21,6 +21,10 @@ struct LoopOptions {
   double drift_sigma_deg_per_100m = 1.0;
   // Hypotheses of each submap that are registered.
   int registrations = 4;
+  // A correction takes effect so many keyframes after the submap that led to it was complete.
+  int hand_over_lag_keyframes = 10;
+  // Once there is a correction, scans are matched to the submaps that lie this near.
+  double reach_m = 100.0;
   SubmapOptions submap;
   PlaceOptions place;
   VerificationOptions verification;

@@ -1,50 +1,52 @@
 #include "backend/submaps/piece_loops.h"
 
 #include <algorithm>
-#include <utility>
 
 namespace lamina {
 
-PieceLoops::PieceLoops(const LoopOptions& options, const MapperOptions& mapping)
-    : options_(options), mapping_(mapping) {
+PieceLoops::PieceLoops(const LoopOptions& options, const VoxelMapOptions& map,
+                       const ScanMatcherOptions& matcher)
+    : options_(options), map_(map), matcher_(matcher) {
   CheckOptions(options, "loops");
 }
 
-void PieceLoops::Add(std::int64_t piece, const FinalKeyframe& keyframe) {
-  auto& closure = closures_[piece];
-  if (closure == nullptr) {
-    closure = std::make_unique<LoopClosure>(options_, mapping_.map, mapping_.odometry.matcher);
-  }
-  SubmapBuilder& builder =
-      builders_.try_emplace(piece, options_.submap, mapping_.map.LeafSize()).first->second;
-  if (auto submap = builder.Add(keyframe)) closure->Add(std::move(*submap));
+LoopTrack* PieceLoops::Track(std::int64_t piece) {
+  auto& track = tracks_[piece];
+  if (track == nullptr) track = std::make_unique<LoopTrack>(options_, map_, matcher_);
+  return track.get();
+}
+
+const LoopTrack* PieceLoops::Find(std::int64_t piece) const {
+  const auto found = tracks_.find(piece);
+  return found == tracks_.end() ? nullptr : found->second.get();
 }
 
 void PieceLoops::Finish() {
-  for (auto& [piece, builder] : builders_) {
-    LoopClosure& closure = *closures_.at(piece);
-    if (auto submap = builder.Finish()) closure.Add(std::move(*submap));
-    corrections_.try_emplace(piece, closure.submaps(), closure.anchors());
-  }
-  builders_.clear();
+  for (auto& [piece, track] : tracks_) track->Finish();
 }
 
 bool PieceLoops::AnyAccepted() const {
-  return std::any_of(closures_.begin(), closures_.end(), [](const auto& piece) {
+  const auto closures = pieces();
+  return std::any_of(closures.begin(), closures.end(), [](const auto& piece) {
     const auto& loops = piece.second->loops();
     return std::any_of(loops.begin(), loops.end(),
                        [](const Loop& loop) { return loop.status == Loop::Status::kAccepted; });
   });
 }
 
-SE3 PieceLoops::Corrected(const FinalPose& pose) const {
-  const auto found = corrections_.find(pose.piece);
-  if (found == corrections_.end()) return pose.pose.T_world_lidar;
-  return found->second.Corrected(pose.pose.stamp_ns, pose.pose.T_world_lidar);
+std::map<std::int64_t, const LoopClosure*> PieceLoops::pieces() const {
+  std::map<std::int64_t, const LoopClosure*> closures;
+  for (const auto& [piece, track] : tracks_) closures[piece] = &track->closure();
+  return closures;
+}
+
+SE3 PieceLoops::Corrected(std::int64_t piece, StampNs stamp_ns, const SE3& T_world_lidar) const {
+  const LoopTrack* const track = Find(piece);
+  return track == nullptr ? T_world_lidar : track->Corrected(stamp_ns, T_world_lidar);
 }
 
 void PieceLoops::AddCorrectedTo(VoxelMap* map) const {
-  for (const auto& [piece, closure] : closures_) {
+  for (const auto& [piece, closure] : pieces()) {
     if (map->HasPiece(piece)) {
       map->SelectPiece(piece);
     } else {

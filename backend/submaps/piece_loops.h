@@ -1,50 +1,45 @@
-// Loop closure beside mapping: submaps of each piece from its final keyframes, and the correction
-// of its poses and map.
+// Loop closure of all pieces of a mapping: a LoopTrack each, and their corrected poses and map.
 //
-//     MappingCallbacks callbacks;
-//     callbacks.on_final_keyframe = [&](auto piece, const auto& k) { loops.Add(piece, k); };
-//     ... map, Finish() ...
-//     loops.Finish();
-//     pose = loops.Corrected(final_pose);   loops.AddCorrectedTo(&map);
-//
-// Loops are looked for as submaps are completed; what comes of them changes nothing of the mapping
-// under way. Not thread-safe; the same bits at any number of threads.
+// Not thread-safe; the same bits at any number of threads.
 #pragma once
 
 #include <cstdint>
 #include <map>
 #include <memory>
 
-#include "backend/mapping/final_poses.h"
-#include "backend/mapping/mapper.h"
-#include "backend/submaps/loop_closure.h"
+#include "backend/submaps/loop_track.h"
 
 namespace lamina {
 
 class PieceLoops {
  public:
-  // Throws OptionError.
-  PieceLoops(const LoopOptions& options, const MapperOptions& mapping);
+  // Throws OptionError. `map`, `matcher`: as in mapping.
+  PieceLoops(const LoopOptions& options, const VoxelMapOptions& map,
+             const ScanMatcherOptions& matcher);
 
-  void Add(std::int64_t piece, const FinalKeyframe& keyframe);
+  // That of a piece, made if it is not there.
+  LoopTrack* Track(std::int64_t piece);
+  // Null before its first keyframe.
+  const LoopTrack* Find(std::int64_t piece) const;
   // No more keyframes are to come.
   void Finish();
 
   // Whether any loop was accepted: if not, nothing is corrected.
   bool AnyAccepted() const;
-  const std::map<std::int64_t, std::unique_ptr<LoopClosure>>& pieces() const { return closures_; }
+  // Waits for what is under way.
+  std::map<std::int64_t, const LoopClosure*> pieces() const;
 
-  // After Finish(): the pose, moved with its submap.
-  SE3 Corrected(const FinalPose& pose) const;
+  // Pose T_map_lidar as known now of a scan whose pose in the frame of its piece's odometry is
+  // final.
+  SE3 Corrected(std::int64_t piece, StampNs stamp_ns, const SE3& T_world_lidar) const;
   // After Finish(): all submaps at their anchors, into an empty map.
   void AddCorrectedTo(VoxelMap* map) const;
 
  private:
   LoopOptions options_;
-  MapperOptions mapping_;
-  std::map<std::int64_t, SubmapBuilder> builders_;
-  std::map<std::int64_t, std::unique_ptr<LoopClosure>> closures_;
-  std::map<std::int64_t, AnchorCorrection> corrections_;
+  VoxelMapOptions map_;
+  ScanMatcherOptions matcher_;
+  std::map<std::int64_t, std::unique_ptr<LoopTrack>> tracks_;
 };
 
 }  // namespace lamina

@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <utility>
 
 namespace lamina {
 
@@ -78,12 +77,9 @@ void SubmapBuilder::AddClusters(const FinalKeyframe& keyframe) {
   }
 }
 
-Submap SubmapBuilder::Complete() {
-  std::sort(cells_.begin(), cells_.end(), [](const Cell& a, const Cell& b) {
-    return std::lexicographical_compare(a.index, a.index + 3, b.index, b.index + 3);
-  });
-  submap_.leaf_size_m = leaf_size_m_;
-  submap_.leaves.reserve(cells_.size());
+std::vector<SubmapLeaf> SubmapBuilder::Leaves() const {
+  std::vector<SubmapLeaf> leaves;
+  leaves.reserve(cells_.size());
   for (const Cell& cell : cells_) {
     SubmapLeaf leaf;
     leaf.keyframes = cell.keyframes;
@@ -97,13 +93,28 @@ Submap SubmapBuilder::Complete() {
     const std::array<double, 6> covariance = {c.xx, c.xy, c.xz, c.yy, c.yz, c.zz};
     std::transform(covariance.begin(), covariance.end(), leaf.covariance,
                    [](double value) { return static_cast<float>(value); });
-    submap_.leaves.push_back(leaf);
+    leaves.push_back(leaf);
   }
-  Submap next;
-  next.id = submap_.id + 1;
+  std::sort(leaves.begin(), leaves.end(), [](const SubmapLeaf& a, const SubmapLeaf& b) {
+    return std::lexicographical_compare(a.index, a.index + 3, b.index, b.index + 3);
+  });
+  return leaves;
+}
+
+Submap SubmapBuilder::Current() const {
+  Submap submap = submap_;
+  submap.leaf_size_m = leaf_size_m_;
+  submap.leaves = Leaves();
+  return submap;
+}
+
+Submap SubmapBuilder::Complete() {
+  Submap complete = Current();
+  submap_ = Submap();
+  submap_.id = complete.id + 1;
   cells_.clear();
   index_ = VoxelIndex();
-  return std::exchange(submap_, std::move(next));
+  return complete;
 }
 
 }  // namespace lamina

@@ -16,7 +16,7 @@
 #include <optional>
 #include <vector>
 
-#include "backend/mapping/final_keyframe.h"
+#include "backend/submaps/final_keyframe.h"
 #include "core/geometry/point_cluster.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/se3.h"
@@ -70,12 +70,15 @@ class SubmapBuilder {
   // Returns the submap that was complete before this keyframe, which begins the next. Clusters
   // farther from the submap's origin than its indices reach (2^15 leaves) are left out.
   std::optional<Submap> Add(const FinalKeyframe& keyframe);
-  // What has come since the last complete one, if anything.
+  // What has come since the last complete one, as a submap; without keyframes if nothing has.
+  Submap Current() const;
+  // The same, if anything; and begins the next.
   std::optional<Submap> Finish();
 
  private:
   void AddClusters(const FinalKeyframe& keyframe);
   Submap Complete();
+  std::vector<SubmapLeaf> Leaves() const;
 
   struct Cell {
     std::int16_t index[3];

@@ -183,6 +183,17 @@ class VoxelMap {
   // gathered elsewhere, and caps its weight.
   void AddFixed(NodeId leaf, const PointCluster& cluster, int frames, std::int64_t last_frame);
 
+  // The fixed part of a leaf as it was put together elsewhere, in world coordinates.
+  struct FixedPart {
+    PointCluster cluster;
+    std::int32_t frames = 0, last_frame = -1;
+  };
+  // The fixed part of the selected piece, in memory and in the store, becomes these and nothing
+  // else; the window's part stays. Each joins the leaf around its mean, in this order, so that the
+  // last are touched last; those that CanHold() refuses are left out. Memory keeps the budget as by
+  // EvictToBudget(). Between two frames, after Refresh(); refreshes. (voxel_map_assembly.cc)
+  void ReplaceFixed(const std::vector<FixedPart>& parts);
+
   // While a leaf is held, its root is not evicted. Calls add up.
   void Hold(NodeId leaf);
   void Release(NodeId leaf);
@@ -228,6 +239,9 @@ class VoxelMap {
     return SlotBase(slot_) + RootKeyOf(p, inverse_root_size_);
   }
   int SlotOfPiece(std::int64_t piece) const;
+  void DropStored();
+  void DropFixed();
+  void DropFixedBelow(NodeId id);
   void TouchTile(VoxelKey tile, std::int64_t change);
   void RemoveRoot(NodeId root);
   // Before anything of a root changes that a snapshot would show, and marks it.

@@ -34,9 +34,9 @@ const std::map<std::string, std::vector<std::vector<std::string>>> kRooms = {
     {"backend",
      {{"backend/bundle"},
       {"backend/bundle/uncertainty"},
+      {"backend/submaps"},
       {"backend/bundle/formulations", "backend/mapping"},
-      {"backend/registration", "backend/calibration", "backend/session"},
-      {"backend/submaps"}}},
+      {"backend/registration", "backend/calibration", "backend/session"}}},
 };
 
 std::string RoomOf(const std::string& file) { return file.substr(0, file.rfind('/')); }

@@ -77,6 +77,8 @@ void RemoveStaleResults(const std::string& out, const std::vector<std::string>& 
                                                    "graph.g2o",
                                                    "trajectory_odometry_tum.txt",
                                                    "trajectory_odometry_kitti.txt",
+                                                   "trajectory_live_tum.txt",
+                                                   "trajectory_live_kitti.txt",
                                                    "summary.json"};
     const bool ours = std::find(kResults.begin(), kResults.end(), name) != kResults.end() ||
                       PieceOfFile(name, MapFileName) || PieceOfFile(name, PieceTrajectoryName);

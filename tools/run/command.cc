@@ -17,7 +17,6 @@
 #include "backend/mapping/deskew_choice.h"
 #include "backend/mapping/pipeline.h"
 #include "backend/session/scan_record.h"
-#include "backend/submaps/piece_loops.h"
 #include "config/config.h"
 #include "core/base/error.h"
 #include "core/base/printable_text.h"
@@ -109,11 +108,19 @@ class RunOutput {
 
   FrameTable& table() { return table_; }
   void Add(const FinalPose& pose) { poses_.push_back(pose); }
+  // The pose of each scan as known when it came.
+  void AddLive(const MappedScan& report) {
+    if (!report.skipped) live_ = report.odometry.T_world_lidar;
+    live_poses_.push_back({report.index, {report.stamp_ns, live_}, report.skipped, report.piece});
+  }
   // Moves all poses with their submaps; what they were goes to files of its own.
   void Correct(const PieceLoops& loops) {
     odometry_ = poses_;
     if (!loops.AnyAccepted()) return;
-    for (FinalPose& pose : poses_) pose.pose.T_world_lidar = loops.Corrected(pose);
+    for (FinalPose& pose : poses_) {
+      pose.pose.T_world_lidar =
+          loops.Corrected(pose.piece, pose.pose.stamp_ns, pose.pose.T_world_lidar);
+    }
   }
   // By piece, without the scans that were skipped.
   std::map<std::int64_t, Trajectory> Pieces() const {
@@ -132,12 +139,16 @@ class RunOutput {
                                         "map_surfels.ply"};
     if (loops != nullptr) {
       written.insert(written.end(), {"trajectory_odometry_tum.txt", "trajectory_odometry_kitti.txt",
+                                     "trajectory_live_tum.txt", "trajectory_live_kitti.txt",
                                      "loops.csv", "graph.g2o"});
     }
     RemoveStaleResults(directory_, written);
     // First what cannot be made again: poses, then the map.
     WriteTrajectories(poses_, "trajectory");
-    if (loops != nullptr) WriteTrajectories(odometry_, "trajectory_odometry");
+    if (loops != nullptr) {
+      WriteTrajectories(odometry_, "trajectory_odometry");
+      WriteTrajectories(live_poses_, "trajectory_live");
+    }
     if (loops != nullptr) WriteLoopFiles(directory_, *loops);
     WritePieceTrajectories(directory_, table_.pieces(), [&](const FinalPoses::Visit& visit) {
       for (const FinalPose& pose : poses_) visit(pose);
@@ -171,7 +182,8 @@ class RunOutput {
 
   std::string directory_;
   FrameTable table_;
-  std::vector<FinalPose> poses_, odometry_;
+  std::vector<FinalPose> poses_, odometry_, live_poses_;
+  SE3 live_;  // of the last scan
 };
 
 // The map of the corrected submaps.
@@ -243,26 +255,20 @@ int Run(const RunArguments& arguments) {
   MappingCallbacks callbacks;
   callbacks.on_scan = [&](const MappedScan& report) {
     output.table().Append(RecordOf(report));
+    if (config.loops.enabled) output.AddLive(report);
     LogScan(report, &progress);
     WatchMap(running->map(), &figures, &progress);
     progress.Step();
   };
   callbacks.on_final_pose = [&](const FinalPose& pose) { output.Add(pose); };
-  std::unique_ptr<PieceLoops> loops;
-  if (config.loops.enabled) {
-    loops = std::make_unique<PieceLoops>(config.loops, config.Mapping().mapper);
-    callbacks.on_final_keyframe = [&](std::int64_t piece, const FinalKeyframe& keyframe) {
-      loops->Add(piece, keyframe);
-    };
-  }
   Mapping mapping(config.Mapping(), callbacks, &tiles);
   running = &mapping;
   const std::size_t processed =
       MapScans(*source, {range.begin, range.begin, range.end}, &mapping, &stop);
   mapping.Finish();
   std::optional<CorrectedMap> corrected;
+  const PieceLoops* const loops = mapping.loops();
   if (loops != nullptr) {
-    loops->Finish();
     output.Correct(*loops);
     if (loops->AnyAccepted())
       corrected.emplace(*loops, config.map, output.Path("map_corrected.scratch"));
@@ -279,7 +285,7 @@ int Run(const RunArguments& arguments) {
   if (processed > 0) part.end = part.begin + processed;
   const nlohmann::json summary =
       output.Finish(mapping.counts(), corrected ? corrected->map() : mapping.map(), config, part,
-                    figures, errors, loops.get());
+                    figures, errors, loops);
   const std::string interruption =
       fmt::format("{} of {} scans were mapped; the results are those of these", processed,
                   range.end - range.begin);

@@ -1,0 +1,131 @@
+#include "backend/submaps/loop_track.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace lamina {
+namespace {
+
+// The map stays as it is while nothing in reach has moved farther than this, some share of a
+// plane's thickness.
+constexpr double kMovedM = 0.01, kMovedRad = 2e-4;
+
+}  // namespace
+
+LoopTrack::LoopTrack(const LoopOptions& options, const VoxelMapOptions& map,
+                     const ScanMatcherOptions& matcher)
+    : options_(options),
+      map_(map),
+      builder_(options.submap, map.LeafSize()),
+      closure_(options, map, matcher) {}
+
+void LoopTrack::Add(const FinalKeyframe& keyframe) {
+  sensor_ = keyframe.T_world_lidar.t;
+  ++keyframes_since_begin_;
+  if (auto submap = builder_.Add(keyframe)) complete_ = std::move(submap);
+}
+
+std::optional<std::vector<VoxelMap::FixedPart>> LoopTrack::Advance() {
+  std::optional<std::vector<VoxelMap::FixedPart>> parts;
+  if (under_way_ && (complete_ || keyframes_since_begin_ >= options_.hand_over_lag_keyframes)) {
+    background_.Wait();
+    const bool exchange = outcome_.exchange;
+    std::vector<VoxelMap::FixedPart> taken = TakeIn();
+    if (exchange) parts = std::move(taken);
+  }
+  if (complete_) Begin();
+  return parts;
+}
+
+void LoopTrack::Begin() {
+  under_way_ = true;
+  keyframes_since_begin_ = 0;
+  working_on_ = std::move(*complete_);
+  complete_.reset();
+  background_.Start([this, sensor = sensor_] { Work(sensor); });
+}
+
+void LoopTrack::Work(const Eigen::Vector3d& sensor) {
+  closure_.Add(std::move(working_on_));
+  outcome_ = Outcome();
+  if (!closure_.corrected()) return;
+  const Submap& newest = closure_.submaps().back();
+  outcome_.T_map_world = closure_.anchors().back() * newest.T_world_submap.Inverse();
+  outcome_.correction.emplace(closure_.submaps(), closure_.anchors());
+  const std::vector<PlacedSubmap> wanted = Within(outcome_.T_map_world.Inverse(), sensor);
+  if (Stands(wanted)) return;
+  outcome_.exchange = true;
+  for (const PlacedSubmap& placed : wanted)
+    outcome_.attached.push_back({placed.submap->id, placed.T_world_submap});
+  outcome_.parts = AssembleFixed(wanted, map_, sensor);
+}
+
+// In the order of their ids.
+std::vector<PlacedSubmap> LoopTrack::Within(const SE3& T_world_map,
+                                            const Eigen::Vector3d& sensor) const {
+  const std::vector<Submap>& submaps = closure_.submaps();
+  std::vector<PlacedSubmap> within;
+  for (std::size_t i = 0; i < submaps.size(); ++i) {
+    const SE3 T = T_world_map * closure_.anchors()[i];
+    const auto near = [&](const SubmapKeyframe& keyframe) {
+      return (T * keyframe.T_submap_lidar.t - sensor).norm() <= options_.reach_m;
+    };
+    if (std::any_of(submaps[i].keyframes.begin(), submaps[i].keyframes.end(), near))
+      within.push_back({&submaps[i], T});
+  }
+  return within;
+}
+
+// Whether the map has all of them where they are wanted.
+bool LoopTrack::Stands(const std::vector<PlacedSubmap>& wanted) const {
+  return std::all_of(wanted.begin(), wanted.end(), [&](const PlacedSubmap& placed) {
+    SE3 stands = placed.submap->T_world_submap;  // as it was mapped
+    if (!attached_.empty() && placed.submap->id <= attached_.back().id) {
+      const auto found = std::find_if(attached_.begin(), attached_.end(),
+                                      [&](const Attached& a) { return a.id == placed.submap->id; });
+      if (found == attached_.end()) return false;
+      stands = found->T_world_submap;
+    }
+    return (placed.T_world_submap.t - stands.t).norm() <= kMovedM &&
+           RotationAngle(placed.T_world_submap, stands) <= kMovedRad;
+  });
+}
+
+std::vector<VoxelMap::FixedPart> LoopTrack::TakeIn() {
+  under_way_ = false;
+  T_map_world_ = outcome_.T_map_world;
+  correction_ = std::move(outcome_.correction);
+  if (!outcome_.exchange) return {};
+  attached_ = std::move(outcome_.attached);
+  std::vector<VoxelMap::FixedPart> parts = std::move(outcome_.parts);
+  const Submap current = builder_.Current();
+  if (current.keyframes.empty()) return parts;
+  for (VoxelMap::FixedPart& part :
+       AssembleFixed({{&current, current.T_world_submap}}, map_, sensor_))
+    parts.push_back(std::move(part));
+  return parts;
+}
+
+void LoopTrack::Finish() {
+  Advance();
+  if (under_way_) {
+    background_.Wait();
+    TakeIn();
+  }
+  complete_ = builder_.Finish();
+  if (!complete_) return;
+  Begin();
+  background_.Wait();
+  TakeIn();
+}
+
+SE3 LoopTrack::Corrected(StampNs stamp_ns, const SE3& T_world_lidar) const {
+  return correction_ ? correction_->Corrected(stamp_ns, T_world_lidar) : T_world_lidar;
+}
+
+const LoopClosure& LoopTrack::closure() const {
+  background_.Wait();
+  return closure_;
+}
+
+}  // namespace lamina

@@ -1,0 +1,92 @@
+#include "backend/submaps/map_assembly.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "core/map/voxel_key.h"
+
+namespace lamina {
+namespace {
+
+PointCluster Capped(const PointCluster& cluster, double most) {
+  return cluster.count > most ? cluster.Scaled(most / cluster.count) : cluster;
+}
+
+// Sums by leaf, in the order in which leaves are met.
+class LeafSums {
+ public:
+  LeafSums(double leaf_size_m, double max_weight)
+      : inverse_leaf_(1.0 / leaf_size_m), max_weight_(max_weight) {}
+
+  // Of one submap after the other.
+  void Add(const PlacedSubmap& placed) {
+    const Submap& submap = *placed.submap;
+    const Eigen::Matrix3d R = placed.T_world_submap.R();
+    const auto last = static_cast<std::int32_t>(submap.keyframes.back().id);
+    EndSubmap();
+    for (const SubmapLeaf& leaf : submap.leaves) {
+      const PointCluster cluster = submap.Cluster(leaf).Moved(R, placed.T_world_submap.t);
+      if (!IsVoxelKeyInRange(cluster.mean, inverse_leaf_)) continue;
+      const auto next = static_cast<std::int32_t>(sums_.size());
+      const std::int32_t at = index_.FindOrInsert(VoxelKeyOf(cluster.mean, inverse_leaf_), next);
+      if (at == next) sums_.push_back({});
+      Sum& sum = sums_[static_cast<std::size_t>(at)];
+      if (sum.of_submap.Empty()) touched_.push_back(static_cast<std::size_t>(at));
+      sum.of_submap += cluster;
+      // Frames of neighbouring leaves of one submap are largely the same ones.
+      sum.frames_of_submap = std::max<std::int32_t>(sum.frames_of_submap, leaf.keyframes);
+      sum.part.last_frame = last;
+    }
+  }
+
+  std::vector<VoxelMap::FixedPart> Take() {
+    EndSubmap();
+    std::vector<VoxelMap::FixedPart> parts;
+    parts.reserve(sums_.size());
+    for (const Sum& sum : sums_) parts.push_back(sum.part);
+    return parts;
+  }
+
+ private:
+  struct Sum {
+    VoxelMap::FixedPart part;
+    PointCluster of_submap;
+    std::int32_t frames_of_submap = 0;
+  };
+
+  void EndSubmap() {
+    for (const std::size_t i : touched_) {
+      Sum& sum = sums_[i];
+      sum.part.cluster += Capped(std::exchange(sum.of_submap, {}), max_weight_);
+      sum.part.cluster = Capped(sum.part.cluster, max_weight_);
+      sum.part.frames += std::exchange(sum.frames_of_submap, 0);
+    }
+    touched_.clear();
+  }
+
+  double inverse_leaf_, max_weight_;
+  VoxelIndex index_;
+  std::vector<Sum> sums_;
+  std::vector<std::size_t> touched_;
+};
+
+}  // namespace
+
+std::vector<VoxelMap::FixedPart> AssembleFixed(const std::vector<PlacedSubmap>& submaps,
+                                               const VoxelMapOptions& map,
+                                               const Eigen::Vector3d& sensor) {
+  LeafSums sums(map.LeafSize(), map.max_fixed_weight);
+  for (const PlacedSubmap& placed : submaps) sums.Add(placed);
+  std::vector<VoxelMap::FixedPart> parts = sums.Take();
+  // By rings of so many metres: leaves that lie together stay together.
+  constexpr double kRingM = 10.0;
+  const auto ring = [&](const VoxelMap::FixedPart& part) {
+    return std::floor((part.cluster.mean - sensor).norm() / kRingM);
+  };
+  std::stable_sort(parts.begin(), parts.end(),
+                   [&](const auto& a, const auto& b) { return ring(a) > ring(b); });
+  return parts;
+}
+
+}  // namespace lamina
