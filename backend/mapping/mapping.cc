@@ -315,6 +315,8 @@ void Mapping::Archive(StateArchive& a) {
     }
     a(recording.mapper.get());
   }
+  if (localise_from_) loops_.reset();
+  if (loops_ != nullptr) a(loops_.get());
 }
 
 }  // namespace lamina

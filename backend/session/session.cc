@@ -98,11 +98,12 @@ void Session::OnScan(const MappedScan& report) {
     log_->Put(row);
   }
   ++next_;
-  tiles_->SetScan(next_);
   if (hooks_.on_scan) hooks_.on_scan(report, row);
 }
 
 void Session::OnSettled() {
+  // Not before: what a scan leads to after it was told of belongs to it, and to its checkpoint.
+  tiles_->SetScan(next_);
   checkpoints_->AfterScan(next_, setup_.session.checkpoint_every_scans);
   // Not while scans are repeated: the files hold these, and would lose the last of them for a time.
   if (!Repeating()) trajectory_->PublishIfDue(next_, setup_.session.trajectory_period_s);

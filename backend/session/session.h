@@ -15,6 +15,9 @@
 // window has passed (final). Checkpoints are written beside the mapping: the state is copied at one
 // moment, the map piece by piece while it goes on changing (VoxelMap), and the file appears whole.
 //
+// With loops.enabled the trajectory files have the corrected poses, the database those of odometry,
+// and a checkpoint all submaps.
+//
 // To continue, the newest undamaged checkpoint is loaded, the tiles go back to what they were then,
 // and the scans recorded after it are mapped again, from their files, in the recorded order. So the
 // result is the same, bit for bit, as if the session had never been interrupted.

@@ -2,16 +2,12 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <utility>
 
 #include "backend/session/scan_record.h"
 
 namespace lamina {
 namespace {
-
-void AppendLine(const FinalPose& pose, TrajectoryForm form, std::string* lines) {
-  if (form == TrajectoryForm::kTum && pose.skipped) return;
-  AppendPoseLine(pose.pose, form, lines);
-}
 
 std::string In(const std::string& folder, const char* name) {
   return (std::filesystem::path(folder) / name).string();
@@ -19,9 +15,17 @@ std::string In(const std::string& folder, const char* name) {
 
 }  // namespace
 
-TrajectoryFiles::TrajectoryFiles(const std::string& folder)
-    : files_{{{TrajectoryForm::kKitti, PublishedFile(In(folder, "trajectory_kitti.txt"))},
+TrajectoryFiles::TrajectoryFiles(const std::string& folder, PieceCorrections corrections)
+    : corrections_(std::move(corrections)),
+      files_{{{TrajectoryForm::kKitti, PublishedFile(In(folder, "trajectory_kitti.txt"))},
               {TrajectoryForm::kTum, PublishedFile(In(folder, "trajectory_tum.txt"))}}} {}
+
+void TrajectoryFiles::AppendLine(FinalPose pose, TrajectoryForm form, std::string* lines) const {
+  if (form == TrajectoryForm::kTum && pose.skipped) return;
+  pose.pose.T_world_lidar =
+      corrections_.Corrected(pose.piece, pose.pose.stamp_ns, pose.pose.T_world_lidar);
+  AppendPoseLine(pose.pose, form, lines);
+}
 
 void TrajectoryFiles::Publish(const SessionDatabase& database, std::int64_t scans,
                               const std::vector<FinalPose>& open) {
@@ -32,7 +36,7 @@ void TrajectoryFiles::Publish(const SessionDatabase& database, std::int64_t scan
 }
 
 void TrajectoryFiles::Publish(const SessionDatabase& database, std::int64_t final,
-                              const std::vector<FinalPose>& open, File* file) {
+                              const std::vector<FinalPose>& open, File* file) const {
   // Many rows are read in portions: under a reader the database's log cannot begin anew.
   constexpr std::int64_t kRowsAtOnce = 1000;
   std::string lines;

@@ -4,8 +4,9 @@
 //     trajectory_tum.txt      a line a scan that was not skipped
 //
 // Lines of final poses are written once; only those of the open ones are replaced. What a
-// publication costs does not depend on how long the session is; the first one of a process, which
-// trusts no file that is there, writes all lines from the database.
+// publication costs does not depend on how long the session is; the first one, which trusts no file
+// that is there, writes all lines from the database. Where loops correct poses, all change at once:
+// then it is a new TrajectoryFiles that writes them.
 #pragma once
 
 #include <array>
@@ -14,6 +15,7 @@
 #include <vector>
 
 #include "backend/mapping/final_poses.h"
+#include "backend/submaps/piece_loops.h"
 #include "io/file/published_file.h"
 #include "io/recording/trajectory_io.h"
 #include "io/store/session_database.h"
@@ -23,7 +25,8 @@ namespace lamina {
 // Not thread-safe. Throws OutputError; then the next publication makes up for it.
 class TrajectoryFiles {
  public:
-  explicit TrajectoryFiles(const std::string& folder);
+  // Poses in the database are those of odometry; the files have them corrected.
+  explicit TrajectoryFiles(const std::string& folder, PieceCorrections corrections = {});
 
   // The trajectory of scans [0, scans): the last ones as in `open`, those before, which must be
   // final, as in the database. What was final stays so.
@@ -36,9 +39,11 @@ class TrajectoryFiles {
     PublishedFile file;
     std::int64_t final = 0;  // scans whose lines are in the part that stays
   };
-  static void Publish(const SessionDatabase& database, std::int64_t final,
-                      const std::vector<FinalPose>& open, File* file);
+  void Publish(const SessionDatabase& database, std::int64_t final,
+               const std::vector<FinalPose>& open, File* file) const;
+  void AppendLine(FinalPose pose, TrajectoryForm form, std::string* lines) const;
 
+  PieceCorrections corrections_;
   std::array<File, 2> files_;
 };
 

@@ -9,7 +9,7 @@ TrajectoryPublisher::TrajectoryPublisher(const SessionFolder& folder, const Mapp
     : folder_(folder),
       mapping_(mapping),
       log_(log),
-      files_(folder.path()),
+      files_(std::make_unique<TrajectoryFiles>(folder.path())),
       thread_(LogFailure, 1) {}
 
 void TrajectoryPublisher::PublishIfDue(std::int64_t scans, double period_s) {
@@ -18,19 +18,29 @@ void TrajectoryPublisher::PublishIfDue(std::int64_t scans, double period_s) {
   published_ = scans;
   under_way_ = true;
   due_s_ = now_s + period_s;
+  TakeInCorrections();
   const auto open = std::make_shared<std::vector<FinalPose>>();
   mapping_->ShowOpenPoses([&](const FinalPose& pose) { open->push_back(pose); });
   thread_.Do([this, open, scans] {
     const auto end = [](std::atomic<bool>* under_way) { *under_way = false; };
     const std::unique_ptr<std::atomic<bool>, decltype(end)> at_the_end(&under_way_, end);
     log_->WaitDurable();
-    files_.Publish(SessionDatabase(folder_.Path("session.db"), false), scans, *open);
+    files_->Publish(SessionDatabase(folder_.Path("session.db"), false), scans, *open);
   });
+}
+
+void TrajectoryPublisher::TakeInCorrections() {
+  const PieceLoops* const loops = mapping_->loops();
+  if (loops == nullptr || loops->corrections() == corrections_) return;
+  corrections_ = loops->corrections();
+  files_.reset();  // it removes a file that the next one makes
+  files_ = std::make_unique<TrajectoryFiles>(folder_.path(), loops->Corrections());
 }
 
 void TrajectoryPublisher::PublishLast(const SessionDatabase& database, std::int64_t scans,
                                       const std::vector<FinalPose>& tail) {
-  files_.Publish(database, scans, tail);
+  TakeInCorrections();
+  files_->Publish(database, scans, tail);
 }
 
 }  // namespace lamina

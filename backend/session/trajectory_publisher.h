@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "backend/mapping/mapping.h"
@@ -31,6 +32,9 @@ class TrajectoryPublisher {
   void Wait() { thread_.Wait(); }
 
  private:
+  // Begins the files anew if poses have been corrected since.
+  void TakeInCorrections();
+
   const SessionFolder& folder_;
   const Mapping* mapping_;
   SessionLog* log_;
@@ -38,8 +42,9 @@ class TrajectoryPublisher {
   double due_s_ = 0.0;
   std::int64_t published_ = 0;  // scans in the files
   std::atomic<bool> under_way_{false};
-  TrajectoryFiles files_;  // of the thread, while one is under way
-  WorkerThread thread_;    // the last member: it ends before what it works on goes
+  std::int64_t corrections_ = 0;            // by loops, that are in the files
+  std::unique_ptr<TrajectoryFiles> files_;  // of the thread, while one is under way
+  WorkerThread thread_;                     // the last member: it ends before what it works on goes
 };
 
 }  // namespace lamina

@@ -37,6 +37,8 @@ struct Loop {
   double score = 0.0;            // of the images; 0 where the predicted pose was the hypothesis
   double way_m = 0.0;            // between them, along edges and the loops accepted before
   SubmapMatch match;             // T_other_query: T_from_to
+
+  void Archive(StateArchive& a);
 };
 const char* ToString(Loop::Status status);
 // What a loop says of the two anchors; submaps are taken as not quite rigid.
@@ -63,6 +65,9 @@ class LoopClosure {
   // Sums of squared residuals of that graph before any correction and now.
   double cost_before() const { return cost_before_; }
   double cost() const { return cost_; }
+
+  // All of it; reading, into one of the same options.
+  void Archive(StateArchive& a);
 
  private:
   struct Place {
@@ -105,8 +110,11 @@ class LoopClosure {
 // geodesic between both corrections, so that the trajectory has no steps.
 class AnchorCorrection {
  public:
+  AnchorCorrection() = default;  // moves nothing
   AnchorCorrection(const std::vector<Submap>& submaps, const std::vector<SE3>& anchors);
   SE3 Corrected(StampNs stamp_ns, const SE3& T_world_lidar) const;
+
+  void Archive(StateArchive& a) { a(&middles_, &corrections_); }
 
  private:
   std::vector<StampNs> middles_;

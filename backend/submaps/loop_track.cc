@@ -42,22 +42,26 @@ void LoopTrack::Begin() {
   keyframes_since_begin_ = 0;
   working_on_ = std::move(*complete_);
   complete_.reset();
-  background_.Start([this, sensor = sensor_] { Work(sensor); });
+  sensor_at_begin_ = sensor_;
+  background_.Start([this] {
+    closure_.Add(std::move(working_on_));
+    Settle();
+  });
 }
 
-void LoopTrack::Work(const Eigen::Vector3d& sensor) {
-  closure_.Add(std::move(working_on_));
+// What the anchors as they are now change in the map.
+void LoopTrack::Settle() {
   outcome_ = Outcome();
   if (!closure_.corrected()) return;
   const Submap& newest = closure_.submaps().back();
   outcome_.T_map_world = closure_.anchors().back() * newest.T_world_submap.Inverse();
   outcome_.correction.emplace(closure_.submaps(), closure_.anchors());
-  const std::vector<PlacedSubmap> wanted = Within(outcome_.T_map_world.Inverse(), sensor);
+  const std::vector<PlacedSubmap> wanted = Within(outcome_.T_map_world.Inverse(), sensor_at_begin_);
   if (Stands(wanted)) return;
   outcome_.exchange = true;
   for (const PlacedSubmap& placed : wanted)
     outcome_.attached.push_back({placed.submap->id, placed.T_world_submap});
-  outcome_.parts = AssembleFixed(wanted, map_, sensor);
+  outcome_.parts = AssembleFixed(wanted, map_, sensor_at_begin_);
 }
 
 // In the order of their ids.
@@ -94,6 +98,7 @@ bool LoopTrack::Stands(const std::vector<PlacedSubmap>& wanted) const {
 std::vector<VoxelMap::FixedPart> LoopTrack::TakeIn() {
   under_way_ = false;
   T_map_world_ = outcome_.T_map_world;
+  if (outcome_.correction) ++corrections_;
   correction_ = std::move(outcome_.correction);
   if (!outcome_.exchange) return {};
   attached_ = std::move(outcome_.attached);
@@ -126,6 +131,16 @@ SE3 LoopTrack::Corrected(StampNs stamp_ns, const SE3& T_world_lidar) const {
 const LoopClosure& LoopTrack::closure() const {
   background_.Wait();
   return closure_;
+}
+
+void LoopTrack::Archive(StateArchive& a) {
+  background_.Wait();
+  bool corrected = correction_.has_value();
+  a(&builder_, &closure_, &sensor_, &sensor_at_begin_, &keyframes_since_begin_, &T_map_world_,
+    &corrections_, &attached_, &under_way_, &corrected);
+  if (a.reading()) correction_ = corrected ? std::make_optional<AnchorCorrection>() : std::nullopt;
+  if (corrected) a(&*correction_);
+  if (a.reading() && under_way_) background_.Start([this] { Settle(); });
 }
 
 }  // namespace lamina

@@ -51,13 +51,20 @@ class LoopTrack {
   // Pose T_map_lidar of a scan whose pose in `world` is final. The same pose until there is a
   // correction.
   SE3 Corrected(StampNs stamp_ns, const SE3& T_world_lidar) const;
+  // What does that; empty until there is a correction. `corrections` counts its changes.
+  const std::optional<AnchorCorrection>& correction() const { return correction_; }
+  std::int64_t corrections() const { return corrections_; }
 
   // Waits for what is under way.
   const LoopClosure& closure() const;
 
+  // Between two scans, after Advance(). Waits for what is under way; reading starts anew what it
+  // has led to.
+  void Archive(StateArchive& a);
+
  private:
   void Begin();
-  void Work(const Eigen::Vector3d& sensor);
+  void Settle();
   std::vector<PlacedSubmap> Within(const SE3& T_world_map, const Eigen::Vector3d& sensor) const;
   bool Stands(const std::vector<PlacedSubmap>& wanted) const;
   std::vector<VoxelMap::FixedPart> TakeIn();
@@ -67,17 +74,20 @@ class LoopTrack {
   SubmapBuilder builder_;
   LoopClosure closure_;
   std::optional<Submap> complete_;  // waits to be begun with
-  Eigen::Vector3d sensor_ = Eigen::Vector3d::Zero();
+  Eigen::Vector3d sensor_ = Eigen::Vector3d::Zero(), sensor_at_begin_ = Eigen::Vector3d::Zero();
   int keyframes_since_begin_ = 0;
 
   // In effect.
   SE3 T_map_world_;
   std::optional<AnchorCorrection> correction_;
+  std::int64_t corrections_ = 0;
   // Submaps of which the fixed part of the map was put together; those after them are in it as they
   // were mapped.
   struct Attached {
     std::int64_t id = 0;
     SE3 T_world_submap;
+
+    void Archive(StateArchive& a) { a(&id, &T_world_submap); }
   };
   std::vector<Attached> attached_;
 

@@ -1,8 +1,15 @@
 #include "backend/submaps/piece_loops.h"
 
 #include <algorithm>
+#include <vector>
 
 namespace lamina {
+
+SE3 PieceCorrections::Corrected(std::int64_t piece, StampNs stamp_ns,
+                                const SE3& T_world_lidar) const {
+  const auto found = pieces.find(piece);
+  return found == pieces.end() ? T_world_lidar : found->second.Corrected(stamp_ns, T_world_lidar);
+}
 
 PieceLoops::PieceLoops(const LoopOptions& options, const VoxelMapOptions& map,
                        const ScanMatcherOptions& matcher)
@@ -45,6 +52,20 @@ SE3 PieceLoops::Corrected(std::int64_t piece, StampNs stamp_ns, const SE3& T_wor
   return track == nullptr ? T_world_lidar : track->Corrected(stamp_ns, T_world_lidar);
 }
 
+PieceCorrections PieceLoops::Corrections() const {
+  PieceCorrections corrections;
+  for (const auto& [piece, track] : tracks_) {
+    if (track->correction()) corrections.pieces.emplace(piece, *track->correction());
+  }
+  return corrections;
+}
+
+std::int64_t PieceLoops::corrections() const {
+  std::int64_t sum = 0;
+  for (const auto& [piece, track] : tracks_) sum += track->corrections();
+  return sum;
+}
+
 void PieceLoops::AddCorrectedTo(VoxelMap* map) const {
   for (const auto& [piece, closure] : pieces()) {
     if (map->HasPiece(piece)) {
@@ -54,6 +75,14 @@ void PieceLoops::AddCorrectedTo(VoxelMap* map) const {
     }
     AddToMap(closure->submaps(), closure->anchors(), map);
   }
+}
+
+void PieceLoops::Archive(StateArchive& a) {
+  std::vector<std::int64_t> pieces;
+  for (const auto& [piece, track] : tracks_) pieces.push_back(piece);
+  a(&pieces);
+  if (a.reading()) tracks_.clear();
+  for (const std::int64_t piece : pieces) a(Track(piece));
 }
 
 }  // namespace lamina

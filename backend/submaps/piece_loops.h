@@ -11,6 +11,14 @@
 
 namespace lamina {
 
+// The corrections of all pieces at one moment.
+struct PieceCorrections {
+  std::map<std::int64_t, AnchorCorrection> pieces;
+
+  // Pose T_map_lidar of a scan whose pose in the frame of its piece's odometry is final.
+  SE3 Corrected(std::int64_t piece, StampNs stamp_ns, const SE3& T_world_lidar) const;
+};
+
 class PieceLoops {
  public:
   // Throws OptionError. `map`, `matcher`: as in mapping.
@@ -32,8 +40,14 @@ class PieceLoops {
   // Pose T_map_lidar as known now of a scan whose pose in the frame of its piece's odometry is
   // final.
   SE3 Corrected(std::int64_t piece, StampNs stamp_ns, const SE3& T_world_lidar) const;
+  // What does that, for other threads; how often it has changed.
+  PieceCorrections Corrections() const;
+  std::int64_t corrections() const;
   // After Finish(): all submaps at their anchors, into an empty map.
   void AddCorrectedTo(VoxelMap* map) const;
+
+  // Between two scans.
+  void Archive(StateArchive& a);
 
  private:
   LoopOptions options_;

@@ -55,7 +55,14 @@ struct PlaceImage {
   // For each radius, the transform along the angle of log(1 + magnitude), its mean left out;
   // kAngles / 2 numbers each, all together of length 1.
   std::vector<std::complex<float>> polar;
+
+  void Archive(StateArchive& a);
 };
+template <>
+inline constexpr bool kPlainState<PlaceImage::Cell> = true;
+static_assert(sizeof(PlaceImage::Cell) == 3);
+template <>
+inline constexpr bool kPlainState<std::complex<float>> = true;
 
 // `expected_up` in the submap's frame. Pure function.
 PlaceImage MakePlaceImage(const Submap& submap, const std::vector<LeafPlane>& planes,

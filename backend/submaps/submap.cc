@@ -24,6 +24,10 @@ PointCluster Submap::Cluster(const SubmapLeaf& leaf) const {
   return cluster;
 }
 
+void Submap::Archive(StateArchive& a) {
+  a(&id, &leaf_size_m, &T_world_submap, &keyframes, &leaves, &way_m);
+}
+
 SubmapBuilder::SubmapBuilder(const SubmapOptions& options, double leaf_size_m)
     : options_(options), leaf_size_m_(leaf_size_m) {
   CheckOptions(options, "loops.submap");
@@ -115,6 +119,20 @@ Submap SubmapBuilder::Complete() {
   cells_.clear();
   index_ = VoxelIndex();
   return complete;
+}
+
+void SubmapBuilder::Archive(StateArchive& a) {
+  a(&submap_, &T_world_last_);
+  cells_.resize(a.Size(cells_.size(), sizeof(PointCluster)));
+  if (a.reading()) index_ = VoxelIndex();
+  for (std::size_t i = 0; i < cells_.size(); ++i) {
+    Cell& cell = cells_[i];
+    for (std::int16_t& index : cell.index) a(&index);
+    a(&cell.keyframes, &cell.last, &cell.cluster);
+    if (a.reading())
+      index_.FindOrInsert(PackVoxelKey(cell.index[0], cell.index[1], cell.index[2]),
+                          static_cast<std::int32_t>(i));
+  }
 }
 
 }  // namespace lamina

@@ -20,6 +20,7 @@
 #include "core/geometry/point_cluster.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/se3.h"
+#include "core/geometry/state_archive.h"
 #include "core/map/voxel_key.h"
 #include "core/options/options.h"
 
@@ -42,11 +43,15 @@ struct SubmapLeaf {
   float covariance[6] = {0.0F, 0.0F, 0.0F, 0.0F, 0.0F, 0.0F};  // xx xy xz yy yz zz, m^2
 };
 static_assert(sizeof(SubmapLeaf) == 48);
+template <>
+inline constexpr bool kPlainState<SubmapLeaf> = true;
 
 struct SubmapKeyframe {
   std::int64_t id = 0;
   StampNs stamp_ns = 0;
   SE3 T_submap_lidar;
+
+  void Archive(StateArchive& a) { a(&id, &stamp_ns, &T_submap_lidar); }
 };
 
 struct Submap {
@@ -59,6 +64,8 @@ struct Submap {
 
   // The cluster of a leaf, in the submap's frame.
   PointCluster Cluster(const SubmapLeaf& leaf) const;
+
+  void Archive(StateArchive& a);
 };
 
 // Gathers keyframes of one piece into submaps. Deterministic; not thread-safe.
@@ -74,6 +81,8 @@ class SubmapBuilder {
   Submap Current() const;
   // The same, if anything; and begins the next.
   std::optional<Submap> Finish();
+
+  void Archive(StateArchive& a);
 
  private:
   void AddClusters(const FinalKeyframe& keyframe);

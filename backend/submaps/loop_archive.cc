@@ -1,0 +1,24 @@
+// The state of loop closure, written and read (core/geometry/state_archive.h).
+#include "backend/submaps/loop_closure.h"
+
+namespace lamina {
+
+void PlaceImage::Archive(StateArchive& a) {
+  a(&T_level_submap, &cells, &polar);
+  ground.resize(a.Size(ground.size(), sizeof(float)));
+  for (Ground& g : ground) a(&g.x, &g.y, &g.height_m);
+}
+
+void Loop::Archive(StateArchive& a) {
+  a(&status, &solved, &reason, &from, &to, &score, &way_m, &match.T_other_query, &match.covariance,
+    &match.converged, &match.planes, &match.overlap, &match.structure, &match.residual_sigmas,
+    &match.facing);
+}
+
+void LoopClosure::Archive(StateArchive& a) {
+  a(&submaps_, &anchors_, &corrected_, &loops_, &cost_before_, &cost_);
+  places_.resize(submaps_.size());
+  for (Place& place : places_) a(&place.image, &place.way_m);
+}
+
+}  // namespace lamina
