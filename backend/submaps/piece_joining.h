@@ -36,7 +36,7 @@ namespace lamina {
 
 // A piece as its own loops have left it.
 struct MapPiece {
-  const std::vector<Submap>* submaps = nullptr;  // anchors as odometry has them
+  const std::vector<Submap>* submaps = nullptr;  // anchors as odometry has them; ids count on
   AnchorGraph graph;                             // present anchors, and all edges that count
 };
 
