@@ -39,6 +39,11 @@ void MakeStructure(const BlockPattern& pattern, std::size_t frames,
 
 BlockPattern::BlockPattern(const BundleProblem& problem, const BundleIndex& index)
     : partners_(problem.poses.size()) {
+  std::vector<std::vector<int>> prior_partners(partners_.size());
+  for (const RelativePrior& prior : problem.priors) {
+    prior_partners[static_cast<std::size_t>(std::max(prior.a, prior.b))].push_back(
+        std::min(prior.a, prior.b));
+  }
   std::vector<std::size_t> seen_by(partners_.size(), partners_.size());  // last frame that met it
   for (std::size_t f = 0; f < partners_.size(); ++f) {
     const auto add = [&](int k) {
@@ -50,6 +55,7 @@ BlockPattern::BlockPattern(const BundleProblem& problem, const BundleIndex& inde
         add(problem.observations[static_cast<std::size_t>(o)].frame);
       }
     }
+    for (const int k : prior_partners[f]) add(k);
     add(static_cast<int>(f));
     std::sort(partners_[f].begin(), partners_[f].end());
   }

@@ -20,11 +20,11 @@
 
 namespace lamina {
 
-// Which frames see planes together: the blocks of H that are not zero.
+// Which frames see planes together or have a prior between them: the blocks of H that are not zero.
 class BlockPattern {
  public:
   BlockPattern(const BundleProblem& problem, const BundleIndex& index);
-  // Frames k <= frame that share a plane with it, ascending; itself is always among them.
+  // Frames k <= frame that share a plane or a prior with it, ascending; itself is among them.
   const std::vector<std::int32_t>& partners(std::size_t frame) const { return partners_[frame]; }
   // Share of the blocks on and below the diagonal that are not zero.
   double Density() const;

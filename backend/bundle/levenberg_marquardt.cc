@@ -33,7 +33,7 @@ class StepSolver {
   StepSolver(const BundleProblem& problem, BundleCost* cost)
       : problem_(problem), index_(problem), pattern_(problem, index_), held_(problem), cost_(cost) {
     const auto size = static_cast<Eigen::Index>(6 * problem.poses.size());
-    sparse_ = problem.priors.empty() && size >= kSparseSize && pattern_.Density() < kSparseDensity;
+    sparse_ = size >= kSparseSize && pattern_.Density() < kSparseDensity;
   }
 
   // False if anything is not finite.
@@ -50,6 +50,7 @@ class StepSolver {
       }
     } else if (sparse_) {
       system_.Assemble(problem_, index_, pattern_, &sparse_H_);
+      value_ += AddPriors(problem_, poses, &system_.gradient, &sparse_H_);
       diagonal_ = sparse_H_.diagonal();
     } else {
       system_.Assemble(problem_, index_, &H_);

@@ -37,8 +37,13 @@ double PriorCost(const BundleProblem& problem, const std::vector<SE3>& poses) {
   return cost;
 }
 
-double AddPriors(const BundleProblem& problem, const std::vector<SE3>& poses,
-                 Eigen::VectorXd* gradient, Eigen::MatrixXd* H) {
+namespace {
+
+// add(a, b, block): what block row a and block column b of the matrix get; a, b of the same prior
+// in both orders.
+template <typename Add>
+double SumPriors(const BundleProblem& problem, const std::vector<SE3>& poses,
+                 Eigen::VectorXd* gradient, const Add& add) {
   double cost = 0.0;
   for (const RelativePrior& prior : problem.priors) {
     const PriorTerms terms = Linearise(prior, poses[static_cast<std::size_t>(prior.a)],
@@ -48,12 +53,31 @@ double AddPriors(const BundleProblem& problem, const std::vector<SE3>& poses,
     gradient->segment<6>(a) += terms.J_a.transpose() * terms.residual;
     gradient->segment<6>(b) += terms.J_b.transpose() * terms.residual;
     const Matrix6d cross = terms.J_a.transpose() * terms.J_b;
-    H->block<6, 6>(a, a) += terms.J_a.transpose() * terms.J_a;
-    H->block<6, 6>(b, b) += terms.J_b.transpose() * terms.J_b;
-    H->block<6, 6>(a, b) += cross;
-    H->block<6, 6>(b, a) += cross.transpose();
+    add(a, a, Matrix6d(terms.J_a.transpose() * terms.J_a));
+    add(b, b, Matrix6d(terms.J_b.transpose() * terms.J_b));
+    add(a, b, cross);
+    add(b, a, Matrix6d(cross.transpose()));
   }
   return cost;
+}
+
+}  // namespace
+
+double AddPriors(const BundleProblem& problem, const std::vector<SE3>& poses,
+                 Eigen::VectorXd* gradient, Eigen::MatrixXd* H) {
+  return SumPriors(problem, poses, gradient,
+                   [&](int a, int b, const Matrix6d& block) { H->block<6, 6>(a, b) += block; });
+}
+
+double AddPriors(const BundleProblem& problem, const std::vector<SE3>& poses,
+                 Eigen::VectorXd* gradient, Eigen::SparseMatrix<double>* H) {
+  return SumPriors(problem, poses, gradient, [&](int a, int b, const Matrix6d& block) {
+    for (int c = 0; c < 6; ++c) {
+      for (int r = 0; r < 6; ++r) {
+        if (a + r <= b + c) H->coeffRef(a + r, b + c) += block(r, c);
+      }
+    }
+  });
 }
 
 }  // namespace lamina

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/SparseCore>
 #include <vector>
 
 #include "backend/bundle/problem.h"
@@ -16,5 +17,8 @@ double PriorCost(const BundleProblem& problem, const std::vector<SE3>& poses);
 // Adds gradient (6N) and Gauss-Newton matrix (6N x 6N, both triangles), and returns the cost.
 double AddPriors(const BundleProblem& problem, const std::vector<SE3>& poses,
                  Eigen::VectorXd* gradient, Eigen::MatrixXd* H);
+// The same to the upper triangle alone, whose entries must be there (BlockPattern).
+double AddPriors(const BundleProblem& problem, const std::vector<SE3>& poses,
+                 Eigen::VectorXd* gradient, Eigen::SparseMatrix<double>* H);
 
 }  // namespace lamina

@@ -413,11 +413,22 @@ TEST(LevenbergMarquardt, SparseAndDenseFactorisationsAgree) {
     }
     scene.problem.planes.push_back(plane);
   }
+  // Priors along the chain, and one across it that closes a loop.
+  for (int k = 1; k < frames; ++k) {
+    const auto i = static_cast<std::size_t>(k);
+    scene.problem.priors.push_back(
+        {k - 1, k, scene.truth[i - 1].Inverse() * scene.truth[i], 10.0 * Matrix6d::Identity()});
+  }
+  scene.problem.priors.push_back(
+      {frames - 1, 0, scene.truth.back().Inverse() * scene.truth[0], 5.0 * Matrix6d::Identity()});
   ASSERT_LT(BlockPattern(scene.problem, BundleIndex(scene.problem)).Density(), 0.25);
   BundleAdjusterOptions options{100, 1e-14, 3};
   const BundleResult sparse = AdjustBundle(scene.problem, options);
-  // A prior that says nothing makes the solver take the dense way.
-  scene.problem.priors.push_back({0, 1, SE3(), Matrix6d::Zero()});
+  // Priors that say nothing between all frames make the solver take the dense way.
+  for (int a = 0; a < frames; ++a) {
+    for (int b = a + 1; b < frames; ++b)
+      scene.problem.priors.push_back({a, b, SE3(), Matrix6d::Zero()});
+  }
   const BundleResult dense = AdjustBundle(scene.problem, options);
   EXPECT_TRUE(sparse.usable());
   EXPECT_LT(sparse.final_cost, 0.1 * sparse.initial_cost);
