@@ -1,113 +1,15 @@
 #include "io/store/checkpoint_file.h"
 
-#include <fmt/format.h>
-
-#include <cstring>
-
-#include "core/base/error.h"
-#include "core/geometry/state_archive.h"
-#include "io/file/checksum.h"
-#include "io/file/text_input.h"
-
 namespace lamina {
 namespace {
 
 constexpr std::string_view kMagic = "LAMINAMP";
 constexpr std::uint32_t kVersion = 5;
-constexpr std::string_view kEnd = "END ";
-constexpr std::size_t kTagSize = 4;
-
-struct SectionHead {
-  char tag[kTagSize] = {};
-  std::uint32_t crc = 0;
-  std::uint64_t size = 0;
-};
-static_assert(sizeof(SectionHead) == 16, "written as it lies in memory");
-
-std::uint32_t SectionCrc(std::string_view tag, std::string_view bytes) {
-  return Crc32(bytes, Crc32(tag));
-}
+constexpr SectionFileKind kKind = {kMagic, kVersion, "a checkpoint"};
 
 }  // namespace
 
-CheckpointWriter::CheckpointWriter(const std::string& path) : writer_(path) {
-  StateArchive head;
-  std::uint32_t version = kVersion;
-  head(&version);
-  writer_.Write(kMagic);
-  writer_.Write(head.written());
-  bytes_ = kMagic.size() + head.written().size();
-}
-
-void CheckpointWriter::Write(std::string_view tag, std::string_view bytes) {
-  if (tag.size() != kTagSize) throw std::logic_error("a section's tag has 4 characters");
-  SectionHead head;
-  std::memcpy(head.tag, tag.data(), kTagSize);
-  head.crc = SectionCrc(tag, bytes);
-  head.size = bytes.size();
-  writer_.Write(std::string_view(reinterpret_cast<const char*>(&head), sizeof(head)));
-  writer_.Write(bytes);
-  bytes_ += sizeof(head) + bytes.size();
-  ++sections_;
-}
-
-void CheckpointWriter::Commit() {
-  StateArchive count;
-  count(&sections_);
-  Write(kEnd, count.written());
-  writer_.Commit();
-}
-
-struct CheckpointReader::Impl {
-  explicit Impl(const std::string& file) : path(file), input(file), left(input.size()) {}
-
-  void Read(void* to, std::size_t bytes) {
-    if (bytes > left) throw InputError(fmt::format("{}: ends too early", path));
-    input.Read(to, bytes);
-    left -= bytes;
-  }
-
-  std::string path;
-  InputFile input;
-  std::uint64_t left, sections = 0;
-};
-
-CheckpointReader::CheckpointReader(const std::string& path) : impl_(std::make_unique<Impl>(path)) {
-  std::string magic(kMagic.size(), ' ');
-  std::uint32_t version = 0;
-  impl_->Read(magic.data(), magic.size());
-  impl_->Read(&version, sizeof(version));
-  if (magic != kMagic) throw InputError(fmt::format("{}: is not a checkpoint of Lamina", path));
-  if (version != kVersion) {
-    throw InputError(fmt::format("{}: is of version {}, this program reads version {}", path,
-                                 version, kVersion));
-  }
-}
-
-CheckpointReader::~CheckpointReader() = default;
-
-bool CheckpointReader::Next(std::string* tag, std::string* bytes) {
-  SectionHead head;
-  impl_->Read(&head, sizeof(head));
-  if (head.size > impl_->left) throw InputError(fmt::format("{}: ends too early", impl_->path));
-  tag->assign(head.tag, kTagSize);
-  bytes->resize(static_cast<std::size_t>(head.size));
-  impl_->Read(bytes->data(), bytes->size());
-  if (SectionCrc(*tag, *bytes) != head.crc) {
-    throw InputError(fmt::format("{}: is damaged: the checksum of section {} differs", impl_->path,
-                                 impl_->sections));
-  }
-  if (*tag != kEnd) {
-    ++impl_->sections;
-    return true;
-  }
-  std::uint64_t count = 0;
-  StateArchive archive{std::string_view(*bytes)};
-  archive(&count);
-  if (count != impl_->sections || impl_->left > 0) {
-    throw InputError(fmt::format("{}: is damaged: sections are missing", impl_->path));
-  }
-  return false;
-}
+CheckpointWriter::CheckpointWriter(const std::string& path) : SectionWriter(path, kKind) {}
+CheckpointReader::CheckpointReader(const std::string& path) : SectionReader(path, kKind) {}
 
 }  // namespace lamina

@@ -1,0 +1,169 @@
+#include "tools/results/submap_file.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string_view>
+#include <utility>
+
+#include "core/base/error.h"
+#include "core/geometry/state_archive.h"
+#include "io/file/section_file.h"
+
+namespace lamina {
+
+template <>
+inline constexpr bool kPlainState<SubmapLeaf> = true;
+
+namespace {
+
+constexpr SectionFileKind kKind = {"LAMINASM", 1, "a file of submaps"};
+constexpr std::string_view kFrame = "FRAM", kSubmap = "SUBM";
+
+}  // namespace
+
+// Found by the archive, which looks in the namespace of what it writes.
+void Archive(StateArchive& a, SubmapKeyframe* k) { a(&k->id, &k->stamp_ns, &k->T_submap_lidar); }
+void Archive(StateArchive& a, Submap* s) {
+  a(&s->id, &s->leaf_size_m, &s->T_world_submap, &s->way_m, &s->keyframes, &s->leaves);
+}
+void Archive(StateArchive& a, AnchorEdge* e) {
+  std::uint64_t from = e->from, to = e->to;
+  a(&from, &to, &e->T_from_to, &e->information);
+  e->from = static_cast<std::size_t>(from);
+  e->to = static_cast<std::size_t>(to);
+}
+
+namespace {
+
+bool IsPose(const SE3& T) {
+  constexpr double kRounding = 1e-6;
+  return T.t.allFinite() && std::abs(T.q.coeffs().norm() - 1.0) < kRounding;
+}
+
+// What is wrong with it; empty if nothing is.
+std::string Fault(const AnchorGraph& graph) {
+  if (!std::all_of(graph.poses.begin(), graph.poses.end(), IsPose)) return "an anchor is no pose";
+  for (const auto* edges : {&graph.odometry, &graph.loops}) {
+    for (const AnchorEdge& edge : *edges) {
+      if (std::max(edge.from, edge.to) >= graph.poses.size() || edge.from == edge.to)
+        return "an edge is of a submap that there is not";
+      if (!IsPose(edge.T_from_to) || !edge.information.allFinite())
+        return "an edge has numbers that cannot be";
+    }
+  }
+  return "";
+}
+
+bool IsLeaf(const SubmapLeaf& leaf, double leaf_size_m) {
+  const auto within = [&](float x) { return std::abs(static_cast<double>(x)) <= leaf_size_m; };
+  return std::isfinite(leaf.count) && leaf.count >= 0.0F &&
+         std::all_of(leaf.mean, leaf.mean + 3, within) &&
+         std::all_of(leaf.covariance, leaf.covariance + 6,
+                     [](float x) { return std::isfinite(x); });
+}
+
+std::string Fault(const Submap& submap) {
+  if (!(submap.leaf_size_m > 0.0) || !std::isfinite(submap.leaf_size_m))
+    return "leaf_size_m must be > 0";
+  if (!(submap.way_m >= 0.0) || !std::isfinite(submap.way_m)) return "way_m must be >= 0";
+  if (submap.keyframes.empty()) return "it has no keyframe";
+  if (!IsPose(submap.T_world_submap)) return "its anchor is no pose";
+  for (const SubmapKeyframe& keyframe : submap.keyframes) {
+    if (!IsPose(keyframe.T_submap_lidar)) return "a keyframe has no pose";
+  }
+  for (std::size_t i = 0; i < submap.leaves.size(); ++i) {
+    const SubmapLeaf& leaf = submap.leaves[i];
+    if (!IsLeaf(leaf, submap.leaf_size_m)) return fmt::format("leaf {} is no cluster", i);
+    if (i == 0) continue;
+    const SubmapLeaf& before = submap.leaves[i - 1];
+    if (!std::lexicographical_compare(before.index, before.index + 3, leaf.index, leaf.index + 3))
+      return fmt::format("leaf {} is out of order", i);
+  }
+  return "";
+}
+
+// The sections of a file, checked.
+class SubmapReader {
+ public:
+  explicit SubmapReader(const std::string& path) : path_(path), reader_(path, kKind) {}
+
+  std::vector<SubmapFrame> Read() {
+    std::vector<SubmapFrame> frames;
+    std::string tag, bytes;
+    while (reader_.Next(&tag, &bytes)) {
+      StateArchive archive{std::string_view(bytes)};
+      if (tag == kFrame) {
+        if (!frames.empty()) CheckWhole(frames.back());
+        frames.push_back(ReadFrame(archive));
+      } else if (tag == kSubmap && !frames.empty()) {
+        ReadSubmap(archive, &frames.back());
+      } else {
+        Fail("has a section that does not belong there");
+      }
+      if (archive.unread() > 0) Fail("has a section that is too long");
+    }
+    if (!frames.empty()) CheckWhole(frames.back());
+    return frames;
+  }
+
+ private:
+  [[noreturn]] void Fail(const std::string& what) const {
+    throw InputError(fmt::format("{}: {}", path_, what));
+  }
+  SubmapFrame ReadFrame(StateArchive& archive) const {
+    SubmapFrame frame;
+    archive(&frame.frame, &frame.graph.poses, &frame.graph.odometry, &frame.graph.loops);
+    const std::string fault = Fault(frame.graph);
+    if (!fault.empty()) Fail(fmt::format("frame {}: {}", frame.frame, fault));
+    frame.graph.kept_before.assign(frame.graph.loops.size(), true);
+    return frame;
+  }
+  void ReadSubmap(StateArchive& archive, SubmapFrame* frame) const {
+    std::int64_t piece = 0;
+    Submap submap;
+    archive(&piece, &submap);
+    std::string fault = Fault(submap);
+    const bool first = frame->pieces.empty() || frame->pieces.back() != piece;
+    if (submap.id != (first ? 0 : frame->submaps.back().id + 1))
+      fault = "it does not follow the one before";
+    if (!fault.empty()) Fail(fmt::format("submap {} of piece {}: {}", submap.id, piece, fault));
+    frame->pieces.push_back(piece);
+    frame->submaps.push_back(std::move(submap));
+  }
+  void CheckWhole(const SubmapFrame& frame) const {
+    if (frame.submaps.size() != frame.graph.poses.size()) {
+      Fail(fmt::format("frame {}: {} submaps and {} anchors", frame.frame, frame.submaps.size(),
+                       frame.graph.poses.size()));
+    }
+  }
+
+  std::string path_;
+  SectionReader reader_;
+};
+
+}  // namespace
+
+void WriteSubmaps(const std::string& path, const std::vector<SubmapFrameView>& frames) {
+  SectionWriter writer(path, kKind);
+  for (const SubmapFrameView& frame : frames) {
+    StateArchive head;
+    std::int64_t number = frame.frame;
+    AnchorGraph graph = frame.graph;
+    head(&number, &graph.poses, &graph.odometry, &graph.loops);
+    writer.Write(kFrame, head.written());
+    for (std::size_t i = 0; i < frame.submaps.size(); ++i) {
+      StateArchive archive;
+      std::int64_t piece = frame.pieces[i];
+      Submap submap = *frame.submaps[i];
+      archive(&piece, &submap);
+      writer.Write(kSubmap, archive.written());
+    }
+  }
+  writer.Commit();
+}
+
+std::vector<SubmapFrame> ReadSubmaps(const std::string& path) { return SubmapReader(path).Read(); }
+
+}  // namespace lamina

@@ -1,0 +1,49 @@
+// submaps.bin: the submaps of a run, by frame, with their anchors and the graph that holds them
+// (backend/submaps): what `merge` and `refine` go on from.
+//
+// A file of sections (io/file/section_file.h):
+//
+//     "FRAM"   u64 number of the frame, u64 number of its submaps; anchors; edges of odometry,
+//              edges of loops
+//     "SUBM"   a submap of the frame before: piece, number in the piece, leaf size, its anchor as
+//              odometry has it, way; keyframes; leaves of 48 bytes each
+//
+// Read back to the last bit.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "backend/submaps/anchor_graph.h"
+#include "backend/submaps/submap.h"
+
+namespace lamina {
+
+inline constexpr const char* kSubmapFileName = "submaps.bin";
+
+// Submaps whose anchors are in one frame.
+struct SubmapFrame {
+  std::int64_t frame = 0;            // the first piece that it holds
+  std::vector<std::int64_t> pieces;  // of each submap
+  std::vector<Submap> submaps;       // of each piece in order, anchors as odometry has them
+  AnchorGraph graph;                 // present anchors, and the edges that count
+};
+
+// A view of the same for writing.
+struct SubmapFrameView {
+  std::int64_t frame = 0;
+  std::vector<std::int64_t> pieces;
+  std::vector<const Submap*> submaps;
+  AnchorGraph graph;
+};
+
+// Throws OutputError.
+void WriteSubmaps(const std::string& path, const std::vector<SubmapFrameView>& frames);
+
+// Throws InputError, naming the file, the submap and the rule: what is damaged, of another version,
+// or cannot be (numbers that are not finite, leaves out of order, edges of submaps that there are
+// not).
+std::vector<SubmapFrame> ReadSubmaps(const std::string& path);
+
+}  // namespace lamina
