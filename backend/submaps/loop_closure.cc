@@ -60,6 +60,7 @@ void LoopOptions::Visit(OptionVisitor& v) {
   v.Group("place", &place);
   v.Group("verification", &verification);
   v.Group("graph", &graph);
+  v.Group("bundle", &bundle);
 }
 
 // The voxel maps of the submaps that were registered against last.
@@ -364,6 +365,14 @@ AnchorCorrection::AnchorCorrection(const std::vector<Submap>& submaps,
   }
 }
 
+AnchorCorrection::AnchorCorrection(const std::vector<const Submap*>& submaps,
+                                   const std::vector<SE3>& from, const std::vector<SE3>& to) {
+  for (std::size_t i = 0; i < submaps.size(); ++i) {
+    middles_.push_back(submaps[i]->keyframes[submaps[i]->keyframes.size() / 2].stamp_ns);
+    corrections_.push_back(to[i] * from[i].Inverse());
+  }
+}
+
 SE3 AnchorCorrection::Corrected(StampNs stamp_ns, const SE3& T_world_lidar) const {
   if (middles_.empty()) return T_world_lidar;
   const auto after = static_cast<std::size_t>(
@@ -376,18 +385,19 @@ SE3 AnchorCorrection::Corrected(StampNs stamp_ns, const SE3& T_world_lidar) cons
                      share);
 }
 
-void AddToMap(const std::vector<Submap>& submaps, const std::vector<SE3>& anchors, VoxelMap* map) {
-  for (std::size_t i = 0; i < submaps.size(); ++i) {
-    const Eigen::Matrix3d R = anchors[i].R();
-    for (const SubmapLeaf& leaf : submaps[i].leaves) {
-      const PointCluster cluster = submaps[i].Cluster(leaf).Moved(R, anchors[i].t);
-      if (map->CanHold(cluster.mean))
-        map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes,
-                      submaps[i].keyframes.back().id);
-    }
-    map->Refresh();
-    map->EvictToBudget();
+void AddToMap(const Submap& submap, const SE3& T_world_submap, VoxelMap* map) {
+  const Eigen::Matrix3d R = T_world_submap.R();
+  for (const SubmapLeaf& leaf : submap.leaves) {
+    const PointCluster cluster = submap.Cluster(leaf).Moved(R, T_world_submap.t);
+    if (map->CanHold(cluster.mean))
+      map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes, submap.keyframes.back().id);
   }
+  map->Refresh();
+  map->EvictToBudget();
+}
+
+void AddToMap(const std::vector<Submap>& submaps, const std::vector<SE3>& anchors, VoxelMap* map) {
+  for (std::size_t i = 0; i < submaps.size(); ++i) AddToMap(submaps[i], anchors[i], map);
 }
 
 }  // namespace lamina

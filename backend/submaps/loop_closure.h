@@ -112,6 +112,9 @@ class AnchorCorrection {
  public:
   AnchorCorrection() = default;  // moves nothing
   AnchorCorrection(const std::vector<Submap>& submaps, const std::vector<SE3>& anchors);
+  // From these anchors to those.
+  AnchorCorrection(const std::vector<const Submap*>& submaps, const std::vector<SE3>& from,
+                   const std::vector<SE3>& to);
   SE3 Corrected(StampNs stamp_ns, const SE3& T_world_lidar) const;
 
   void Archive(StateArchive& a) { a(&middles_, &corrections_); }
@@ -121,7 +124,9 @@ class AnchorCorrection {
   std::vector<SE3> corrections_;  // T_corrected_world
 };
 
-// Adds the submaps at these anchors to the selected piece of a map, in their order.
+// Adds a submap at this anchor to the selected piece of a map.
+void AddToMap(const Submap& submap, const SE3& T_world_submap, VoxelMap* map);
+// The same of submaps, in their order.
 void AddToMap(const std::vector<Submap>& submaps, const std::vector<SE3>& anchors, VoxelMap* map);
 
 }  // namespace lamina

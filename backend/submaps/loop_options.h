@@ -4,6 +4,7 @@
 #include "backend/submaps/anchor_graph.h"
 #include "backend/submaps/place_image.h"
 #include "backend/submaps/submap.h"
+#include "backend/submaps/submap_bundle.h"
 #include "backend/submaps/submap_registration.h"
 
 namespace lamina {
@@ -29,6 +30,7 @@ struct LoopOptions {
   PlaceOptions place;
   VerificationOptions verification;
   AnchorGraphOptions graph;
+  SubmapBundleOptions bundle;
 
   void Visit(OptionVisitor& v);
 };

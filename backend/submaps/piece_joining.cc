@@ -156,8 +156,10 @@ void PieceJoiner::Describe() {
   ParallelChunks(pieces_.size(), 1, [&](std::size_t p, std::size_t) {
     const std::size_t first = result_.first_submap[p];
     for (std::size_t i = first; i < first + pieces_[p].submaps->size(); ++i) {
-      images_[i] = ImageOfSubmap(*submaps_[i], i > first ? submaps_[i - 1] : nullptr,
-                                 i > first ? &images_[i - 1] : nullptr, options_.place);
+      // A piece may have been joined of several.
+      const bool follows = i > first && submaps_[i]->id == submaps_[i - 1]->id + 1;
+      images_[i] = ImageOfSubmap(*submaps_[i], follows ? submaps_[i - 1] : nullptr,
+                                 follows ? &images_[i - 1] : nullptr, options_.place);
     }
   });
 }

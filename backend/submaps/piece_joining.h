@@ -17,8 +17,6 @@
 //
 // The largest groups join first. What is joined is solved by SolveAnchorGraph, all pieces at once;
 // a join none of whose loops survives is none. Each part lies in the frame of its first piece.
-//
-// Private to backend/submaps.
 #pragma once
 
 #include <cstddef>

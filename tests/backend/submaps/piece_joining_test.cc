@@ -4,54 +4,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <memory>
 #include <vector>
 
-#include "tests/support/submap_town.h"
+#include "tests/support/mapped_drives.h"
 
 namespace lamina {
 namespace {
 
-constexpr double kLeafM = 0.8;
-
-LoopOptions Options() {
-  LoopOptions options;
-  options.enabled = true;
-  options.min_way_m = 40.0;
-  return options;
-}
-
-// A drive that is mapped by itself: its world is the frame of its first LiDAR pose.
-struct MappedDrive {
-  std::vector<SE3> truth, odometry;  // of the keyframes
-  std::unique_ptr<LoopClosure> loops;
-  MapPiece piece() const { return {&loops->submaps(), loops->graph()}; }
-};
-
-MappedDrive MapDrive(const Town& town, const std::vector<SE3>& drive, unsigned seed,
-                     double turn_rad = 0.0004) {
-  MappedDrive mapped;
-  mapped.truth = drive;
-  Draws draws(seed);
-  SubmapBuilder builder(Options().submap, kLeafM);
-  mapped.loops = std::make_unique<LoopClosure>(Options(), VoxelMapOptions(), ScanMatcherOptions());
-  SE3 T;
-  for (std::size_t i = 0; i < drive.size(); ++i) {
-    if (i > 0)
-      T = T * (drive[i - 1].Inverse() * drive[i]) * SE3(ExpSO3({0, 0, turn_rad}), {0, 0, 0});
-    mapped.odometry.push_back(T);
-    if (auto submap = builder.Add(
-            KeyframeOf(town, static_cast<std::int64_t>(i), drive[i], T, kLeafM, &draws)))
-      mapped.loops->Add(std::move(*submap));
-  }
-  mapped.loops->Add(*builder.Finish());
-  return mapped;
-}
-
 JoinedPieces Join(const std::vector<const MappedDrive*>& drives) {
   std::vector<MapPiece> pieces;
-  for (const MappedDrive* drive : drives) pieces.push_back(drive->piece());
-  return JoinPieces(pieces, Options(), VoxelMapOptions(), ScanMatcherOptions());
+  for (const MappedDrive* drive : drives)
+    pieces.push_back({&drive->loops->submaps(), drive->loops->graph()});
+  return JoinPieces(pieces, DriveLoopOptions(), VoxelMapOptions(), ScanMatcherOptions());
 }
 
 // Of all submaps, against the truth in the frame of the first drive.

@@ -1,0 +1,287 @@
+#include "backend/submaps/submap_bundle.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <numeric>
+#include <unordered_map>
+
+#include "backend/bundle/adjuster.h"
+#include "backend/bundle/uncertainty/observability.h"
+#include "core/base/parallel.h"
+#include "core/geometry/robust_kernel.h"
+
+namespace lamina {
+namespace {
+
+// Planes may be so much thicker in the first round.
+constexpr double kFirstThickness = 2.0;
+// What is done when a round moves no anchor by more.
+constexpr double kSettledM = 0.001, kSettledRad = 1e-4;
+constexpr BundleAdjusterOptions kSolver = {20, 1e-6, 20};
+
+// Submaps that edges join, by position, and those edges among them.
+struct Part {
+  std::vector<std::size_t> submaps;
+  std::vector<RelativePrior> priors;
+};
+
+RelativePrior PriorOf(const AnchorEdge& edge) {
+  RelativePrior prior;
+  prior.T_a_b = edge.T_from_to;
+  // The translation of an edge is perturbed in the frame of `to`, that of a prior in `from`.
+  Matrix6d J = Matrix6d::Identity();
+  J.bottomRightCorner<3, 3>() = edge.T_from_to.R().transpose();
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(edge.information);
+  prior.sqrt_information = eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal() *
+                           eigen.eigenvectors().transpose() * J;
+  return prior;
+}
+
+std::vector<Part> PartsOf(const AnchorGraph& graph) {
+  std::vector<std::size_t> first(graph.poses.size());
+  std::iota(first.begin(), first.end(), std::size_t{0});
+  const auto root = [&](std::size_t i) {
+    while (first[i] != i) i = first[i] = first[first[i]];
+    return i;
+  };
+  for (const auto* edges : {&graph.odometry, &graph.loops}) {
+    for (const AnchorEdge& edge : *edges) {
+      const std::size_t a = root(edge.from), b = root(edge.to);
+      first[std::max(a, b)] = std::min(a, b);
+    }
+  }
+  std::vector<Part> parts;
+  std::vector<std::size_t> part(first.size()), place(first.size());
+  for (std::size_t i = 0; i < first.size(); ++i) {
+    if (root(i) == i) {
+      part[i] = parts.size();
+      parts.emplace_back();
+    }
+    part[i] = part[root(i)];
+    place[i] = parts[part[i]].submaps.size();
+    parts[part[i]].submaps.push_back(i);
+  }
+  for (const auto* edges : {&graph.odometry, &graph.loops}) {
+    for (const AnchorEdge& edge : *edges) {
+      RelativePrior prior = PriorOf(edge);
+      prior.a = static_cast<int>(place[edge.from]);
+      prior.b = static_cast<int>(place[edge.to]);
+      parts[part[edge.from]].priors.push_back(prior);
+    }
+  }
+  return parts;
+}
+
+// The position of the sensor, in the submap's frame, from which it has seen a place: that of the
+// nearest keyframe.
+Eigen::Vector3d SeenFrom(const Submap& submap, const Eigen::Vector3d& p) {
+  Eigen::Vector3d nearest = Eigen::Vector3d::Zero();
+  double least = std::numeric_limits<double>::infinity();
+  for (const SubmapKeyframe& keyframe : submap.keyframes) {
+    const double distance = (keyframe.T_submap_lidar.t - p).squaredNorm();
+    if (distance >= least) continue;
+    least = distance;
+    nearest = keyframe.T_submap_lidar.t;
+  }
+  return nearest;
+}
+
+// The submaps of a part cast into one map.
+class CastSubmaps {
+ public:
+  CastSubmaps(const std::vector<const Submap*>& submaps, const std::vector<SE3>& anchors,
+              const VoxelMapOptions& map)
+      : submaps_(submaps), anchors_(anchors), map_(map), leaves_(submaps.size()) {
+    for (std::size_t k = 0; k < submaps_.size(); ++k) {
+      const Eigen::Matrix3d R = anchors_[k].R();
+      for (const SubmapLeaf& leaf : submaps_[k]->leaves) {
+        const PointCluster cluster = submaps_[k]->Cluster(leaf).Moved(R, anchors_[k].t);
+        VoxelMap::NodeId node = VoxelMap::kNoNode;
+        if (map_.CanHold(cluster.mean)) {
+          node = map_.LeafAt(cluster.mean);
+          map_.AddWindow(node, cluster, static_cast<std::int64_t>(k));
+        }
+        leaves_[k].push_back(node);
+      }
+      fits_ = static_cast<double>(map_.bytes()) <= map.BudgetBytes();
+      if (!fits_) return;
+    }
+    map_.Refresh();
+  }
+
+  // Whether the map's budget holds them.
+  bool fits() const { return fits_; }
+
+  BundleProblem Problem(const SubmapBundleOptions& options, double noise_floor_m) const {
+    std::vector<std::vector<Seen>> seen(submaps_.size());
+    ParallelChunks(submaps_.size(), 1, [&](std::size_t k, std::size_t) {
+      seen[k] = SeenBy(k, options.kernel_sigma, noise_floor_m);
+    });
+    std::unordered_map<std::int64_t, std::size_t> number;
+    std::vector<std::vector<PlaneObservation>> planes;
+    std::vector<VoxelMap::NodeId> nodes;
+    for (std::size_t k = 0; k < seen.size(); ++k) {
+      for (const Seen& s : seen[k]) {
+        const auto [at, fresh] = number.try_emplace(s.key, planes.size());
+        if (fresh) {
+          planes.emplace_back();
+          nodes.push_back(static_cast<VoxelMap::NodeId>(s.key / 2));
+        }
+        std::vector<PlaneObservation>& plane = planes[at->second];
+        if (plane.empty() || plane.back().frame != static_cast<int>(k))
+          plane.push_back({static_cast<int>(k), {}});
+        plane.back().cluster += s.cluster;
+      }
+    }
+    BundleProblem problem;
+    problem.poses = anchors_;
+    for (std::size_t i = 0; i < planes.size(); ++i) {
+      if (planes[i].size() < 2) continue;
+      Plane plane;
+      plane.first = static_cast<std::int32_t>(problem.observations.size());
+      plane.count = static_cast<std::int32_t>(planes[i].size());
+      plane.weight = 1.0 / (noise_floor_m * noise_floor_m +
+                            static_cast<double>(map_.plane(nodes[i]).variance));
+      for (PlaneObservation& o : planes[i]) {
+        if (o.cluster.count > options.max_cluster_weight)
+          o.cluster = o.cluster.Scaled(options.max_cluster_weight / o.cluster.count);
+        problem.observations.push_back(o);
+      }
+      problem.planes.push_back(plane);
+    }
+    return problem;
+  }
+
+ private:
+  struct Seen {
+    std::int64_t key;      // node and side
+    PointCluster cluster;  // weighted, frame of the submap
+  };
+
+  std::vector<Seen> SeenBy(std::size_t k, double kernel_sigma, double noise_floor_m) const {
+    const Submap& submap = *submaps_[k];
+    std::vector<Seen> seen;
+    for (std::size_t i = 0; i < leaves_[k].size(); ++i) {
+      if (leaves_[k][i] == VoxelMap::kNoNode) continue;
+      const VoxelMap::NodeId node = map_.PlaneAbove(leaves_[k][i]);
+      if (node == VoxelMap::kNoNode) continue;
+      const Surface& surface = map_.plane(node);
+      const Eigen::Vector3d normal = surface.normal.cast<double>();
+      const PointCluster cluster = submap.Cluster(submap.leaves[i]);
+      const Eigen::Vector3d mean = anchors_[k] * cluster.mean;
+      const Eigen::Vector3d sensor = anchors_[k] * SeenFrom(submap, cluster.mean);
+      const double distance = normal.dot(mean - surface.mean);
+      const double scale2 = kernel_sigma * kernel_sigma *
+                            (noise_floor_m * noise_floor_m + static_cast<double>(surface.variance));
+      const double weight = GemanMcClureWeight(distance * distance / scale2);
+      seen.push_back(
+          {2 * static_cast<std::int64_t>(node) + (normal.dot(sensor - mean) < 0.0 ? 1 : 0),
+           cluster.Scaled(weight)});
+    }
+    return seen;
+  }
+
+  const std::vector<const Submap*>& submaps_;
+  const std::vector<SE3>& anchors_;
+  VoxelMap map_;
+  std::vector<std::vector<VoxelMap::NodeId>> leaves_;
+  bool fits_ = true;
+};
+
+struct Move {
+  double m = 0.0, rad = 0.0;
+};
+
+Move LargestMove(const std::vector<SE3>& from, const std::vector<SE3>& to) {
+  Move move;
+  for (std::size_t i = 0; i < from.size(); ++i) {
+    move.m = std::max(move.m, (from[i].t - to[i].t).norm());
+    move.rad = std::max(move.rad, RotationAngle(from[i], to[i]));
+  }
+  return move;
+}
+
+// All moved as one so that the first stays.
+void KeepFirst(const SE3& T_first, std::vector<SE3>* anchors) {
+  const SE3 back = T_first * anchors->front().Inverse();
+  for (SE3& T : *anchors) T = back * T;
+}
+
+// The anchors of a part; *result gets its figures.
+std::vector<SE3> AdjustPart(const std::vector<const Submap*>& submaps, std::vector<SE3> anchors,
+                            const std::vector<RelativePrior>& priors,
+                            const SubmapBundleOptions& options, const VoxelMapOptions& map,
+                            double noise_floor_m, SubmapBundleResult* result) {
+  const SE3 T_first = anchors.front();
+  SubmapBundleResult last;  // figures of this part
+  for (int round = 0; round < options.rounds; ++round) {
+    VoxelMapOptions sized = map;
+    if (round == 0) sized.max_thickness_m *= kFirstThickness;
+    const CastSubmaps cast(submaps, anchors, sized);
+    if (!cast.fits()) {
+      result->refusal = "all submaps at once are more than map.budget_mb";
+      break;
+    }
+    BundleProblem problem = cast.Problem(options, noise_floor_m);
+    const Observability observability =
+        FindObservability(problem, {}, round == 0 ? Slides::kFree : Slides::kHeld);
+    problem.holds = observability.holds;
+    problem.hold_first_pose = false;
+    problem.priors = priors;
+    const BundleResult solved = AdjustBundle(problem, kSolver);
+    const Move move = LargestMove(anchors, solved.poses);
+    if (!solved.usable() || move.m > map.root_size_m) {
+      result->refusal = solved.usable() ? "an anchor was carried farther than a voxel"
+                                        : "too few planes are shared, or the solver failed";
+      break;
+    }
+    if (round == 0) last.initial_cost = solved.initial_cost;
+    last.final_cost = solved.final_cost;
+    last.planes = problem.planes.size();
+    last.observations = problem.observations.size();
+    ++last.rounds;
+    anchors = solved.poses;
+    if (round > 0 && move.m < kSettledM && move.rad < kSettledRad) break;
+  }
+  result->rounds += last.rounds;
+  result->planes += last.planes;
+  result->initial_cost += last.initial_cost;
+  result->final_cost += last.final_cost;
+  result->observations += last.observations;
+  KeepFirst(T_first, &anchors);
+  return anchors;
+}
+
+}  // namespace
+
+void SubmapBundleOptions::Visit(OptionVisitor& v) {
+  v.Integer("rounds", &rounds, 0, 100);
+  v.Number("max_cluster_weight", &max_cluster_weight, 1.0, 1e6);
+  v.Number("kernel_sigma", &kernel_sigma, 0.1, 100.0);
+}
+
+SubmapBundleResult AdjustSubmaps(const std::vector<const Submap*>& submaps,
+                                 const AnchorGraph& graph, const SubmapBundleOptions& options,
+                                 const VoxelMapOptions& map, double noise_floor_m) {
+  CheckOptions(options, "loops.bundle");
+  SubmapBundleResult result;
+  result.anchors = graph.poses;
+  for (const Part& part : PartsOf(graph)) {
+    if (part.submaps.size() < 2) continue;
+    std::vector<const Submap*> members;
+    std::vector<SE3> anchors;
+    for (const std::size_t i : part.submaps) {
+      members.push_back(submaps[i]);
+      anchors.push_back(graph.poses[i]);
+    }
+    anchors = AdjustPart(members, anchors, part.priors, options, map, noise_floor_m, &result);
+    for (std::size_t i = 0; i < anchors.size(); ++i) result.anchors[part.submaps[i]] = anchors[i];
+  }
+  result.largest_move_m = LargestMove(graph.poses, result.anchors).m;
+  return result;
+}
+
+}  // namespace lamina
