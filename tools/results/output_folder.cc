@@ -9,6 +9,7 @@
 #include "core/base/error.h"
 #include "tools/results/piece_trajectories.h"
 #include "tools/results/process_report.h"
+#include "tools/results/submap_file.h"
 
 namespace lamina {
 namespace {
@@ -75,6 +76,7 @@ void RemoveStaleResults(const std::string& out, const std::vector<std::string>& 
                                                    "doctor.html",
                                                    "loops.csv",
                                                    "graph.g2o",
+                                                   kSubmapFileName,
                                                    "trajectory_odometry_tum.txt",
                                                    "trajectory_odometry_kitti.txt",
                                                    "trajectory_live_tum.txt",

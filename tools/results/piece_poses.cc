@@ -33,9 +33,10 @@ std::vector<FrameRow> ReadFrameRows(const std::string& folder) {
   const auto column = [&](std::string_view name) {
     return static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin());
   };
-  const std::size_t status = column("status"), stamp = column("stamp_s"), piece = column("piece"),
-                    points = column("points");
-  if (std::max(status, piece) == names.size()) return {};
+  const std::size_t status = column("status"), stamp = column("stamp_s"), points = column("points");
+  const std::size_t own = column("piece");
+  const std::size_t piece = column("frame") < names.size() ? column("frame") : own;
+  if (std::max(status, own) == names.size()) return {};
   std::vector<FrameRow> rows;
   while (lines.Next()) {
     const std::vector<std::string_view> cells = SplitAtCommas(lines.line());
@@ -50,6 +51,8 @@ std::vector<FrameRow> ReadFrameRows(const std::string& folder) {
     };
     FrameRow& row = rows.emplace_back();
     row.piece = static_cast<std::int64_t>(number(piece));
+    row.own_piece = static_cast<std::int64_t>(number(own));
+    row.status = cells[status];
     row.has_pose = is("first") || is("tracked") || is("degenerate") || is("lost");
     StampNs stamp_ns = 0;
     if (stamp < names.size() && ParseSecondsNs(cells[stamp], &stamp_ns)) row.stamp_ns = stamp_ns;

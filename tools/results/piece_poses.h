@@ -1,5 +1,7 @@
 // Which piece of the map the poses of a run or a session are of (backend/mapping/mapping.h).
-// Poses of different pieces are in different frames, and must not be put together.
+// Poses of different pieces are in different frames, and must not be put together. Pieces that were
+// joined at the end of a run share the frame of one of them (`frame` in frames.csv), and count as
+// that one here.
 #pragma once
 
 #include <cstddef>
@@ -18,8 +20,10 @@ std::vector<std::string_view> SplitAtCommas(std::string_view line);
 
 // What frames.csv tells of a scan.
 struct FrameRow {
-  std::int64_t piece = 0;
-  bool has_pose = false;  // it was not skipped
+  std::int64_t piece = 0;      // in whose frame the pose is
+  std::int64_t own_piece = 0;  // that it was mapped in
+  bool has_pose = false;       // it was not skipped
+  std::string status;
   // Nothing if there is no such column.
   std::optional<StampNs> stamp_ns;
   std::optional<std::size_t> points;  // usable ones

@@ -56,6 +56,41 @@ void FrameTable::CountPiece(const SessionScan& s) {
   piece.recorded_stamps = piece.recorded_stamps && s.recorded_stamp;
 }
 
+void FrameTable::Join(const std::map<std::int64_t, std::int64_t>& joins) {
+  joins_ = joins;
+  for (const auto& [piece, frame] : joins) verdict_.Join(piece);
+}
+
+std::int64_t FrameTable::FrameOf(std::int64_t piece) const {
+  const auto join = joins_.find(piece);
+  return join == joins_.end() ? piece : join->second;
+}
+
+std::map<std::int64_t, PieceFigures> FrameTable::FramesOfPieces() const {
+  std::map<std::int64_t, PieceFigures> frames;
+  for (const auto& [number, piece] : pieces_) {
+    const auto [at, fresh] = frames.try_emplace(FrameOf(number), piece);
+    if (fresh) continue;
+    at->second.last_scan = piece.last_scan;
+    at->second.frames += piece.frames;
+    at->second.lost += piece.lost;
+  }
+  return frames;
+}
+
+nlohmann::json FrameTable::PiecesToJson() const {
+  nlohmann::json json = ToJson(pieces_);
+  for (nlohmann::json& piece : json) {
+    const auto number = piece["piece"].get<std::int64_t>();
+    if (!joins_.empty()) piece["frame"] = FrameOf(number);
+    for (const auto& [other, figures] : pieces_) {
+      if (other != number && FrameOf(other) == FrameOf(number))
+        piece["connected_to"].push_back(other);
+    }
+  }
+  return json;
+}
+
 double ProcessCpuSeconds() {
   timespec t{};
   clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);

@@ -34,13 +34,21 @@ class FrameTable {
   void Commit() { writer_.Commit(); }
   // Those of the scans so far, by number.
   const std::map<std::int64_t, PieceFigures>& pieces() const { return pieces_; }
+  // Pieces that lie in the frame of another, by their number.
+  void Join(const std::map<std::int64_t, std::int64_t>& joins);
+  // The pieces of each frame together, by the number of the frame.
+  std::map<std::int64_t, PieceFigures> FramesOfPieces() const;
+  // For summary.json.
+  nlohmann::json PiecesToJson() const;
   RunVerdict Judge() const { return verdict_.Judge(); }
 
  private:
   void CountPiece(const SessionScan& scan);
+  std::int64_t FrameOf(std::int64_t piece) const;
 
   FileWriter writer_;
   std::map<std::int64_t, PieceFigures> pieces_;
+  std::map<std::int64_t, std::int64_t> joins_;
   VerdictCounter verdict_;
 };
 

@@ -51,6 +51,8 @@ class VerdictCounter {
 
   // Scans in order, those that were skipped too.
   void Add(const SessionScan& scan);
+  // A piece that was found to be connected to another one.
+  void Join(std::int64_t piece) { pieces_.erase(piece); }
   RunVerdict Judge() const;
 
  private:

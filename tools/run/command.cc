@@ -28,6 +28,7 @@
 #include "tools/results/piece_trajectories.h"
 #include "tools/results/process_report.h"
 #include "tools/results/recording_part.h"
+#include "tools/run/joined_run.h"
 #include "tools/run/loop_results.h"
 #include "tools/run/opening_lines.h"
 
@@ -80,11 +81,16 @@ void PrintSummary(const std::string& out, const MappingCounts& counts, const Pie
   if (counts.lost > 0) {
     fmt::print("lost on {} frames (status `lost` in frames.csv)\n", counts.lost);
   }
-  if (counts.pieces > 1) {
+  std::size_t joined = 0;
+  if (json.contains("loops")) joined = json["loops"]["pieces_joined"].get<std::size_t>();
+  if (joined > 0)
+    fmt::print("{} of {} pieces joined to earlier ones (`frame` in frames.csv)\n", joined,
+               counts.pieces);
+  if (counts.pieces > joined + 1) {
     fmt::print(
-        "{} pieces that are not connected (`piece` in frames.csv): each has a frame of its own and "
+        "{} pieces that are not connected (`{}` in frames.csv): each has a frame of its own and "
         "files map_surfels_pieceN.ply and trajectory_tum_pieceN.txt\n",
-        counts.pieces);
+        counts.pieces - joined, joined > 0 ? "frame" : "piece");
   }
   if (counts.degenerate > 0) {
     fmt::print("degenerate on {} frames: motion along unobservable directions is predicted\n",
@@ -114,15 +120,16 @@ class RunOutput {
     live_poses_.push_back({report.index, {report.stamp_ns, live_}, report.skipped, report.piece});
   }
   // Moves all poses with their submaps; what they were goes to files of its own.
-  void Correct(const PieceLoops& loops) {
+  void Correct(const JoinedRun& run) {
     odometry_ = poses_;
-    if (!loops.AnyAccepted()) return;
+    table_.Join(run.joins());
     for (FinalPose& pose : poses_) {
       pose.pose.T_world_lidar =
-          loops.Corrected(pose.piece, pose.pose.stamp_ns, pose.pose.T_world_lidar);
+          run.Corrected(pose.piece, pose.pose.stamp_ns, pose.pose.T_world_lidar);
+      pose.piece = run.FrameOf(pose.piece);
     }
   }
-  // By piece, without the scans that were skipped.
+  // By the piece in whose frame they are, without the scans that were skipped.
   std::map<std::int64_t, Trajectory> Pieces() const {
     std::map<std::int64_t, Trajectory> pieces;
     for (const FinalPose& pose : poses_) {
@@ -133,14 +140,14 @@ class RunOutput {
 
   nlohmann::json Finish(const MappingCounts& counts, const VoxelMap& map,
                         const LaminaConfig& config, const RecordingPart& part, RunFigures figures,
-                        const PieceErrors& errors, const PieceLoops* loops) {
+                        const PieceErrors& errors, const JoinedRun* loops) {
     // Not before now: until here the results of an earlier run are whole.
     std::vector<std::string> written = {"trajectory_kitti.txt", "trajectory_tum.txt", "frames.csv",
                                         "map_surfels.ply"};
     if (loops != nullptr) {
       written.insert(written.end(), {"trajectory_odometry_tum.txt", "trajectory_odometry_kitti.txt",
                                      "trajectory_live_tum.txt", "trajectory_live_kitti.txt",
-                                     "loops.csv", "graph.g2o"});
+                                     "loops.csv", "graph.g2o", kSubmapFileName});
     }
     RemoveStaleResults(directory_, written);
     // First what cannot be made again: poses, then the map.
@@ -150,15 +157,19 @@ class RunOutput {
       WriteTrajectories(live_poses_, "trajectory_live");
     }
     if (loops != nullptr) WriteLoopFiles(directory_, *loops);
-    WritePieceTrajectories(directory_, table_.pieces(), [&](const FinalPoses::Visit& visit) {
-      for (const FinalPose& pose : poses_) visit(pose);
-    });
+    if (loops != nullptr) WriteSubmaps(Path(kSubmapFileName), loops->Frames());
+    WritePieceTrajectories(directory_, table_.FramesOfPieces(),
+                           [&](const FinalPoses::Visit& visit) {
+                             for (const FinalPose& pose : poses_) visit(pose);
+                           });
     table_.Commit();
+    if (loops != nullptr && !loops->joins().empty())
+      AddFrameColumn(Path("frames.csv"), loops->joins());
     WriteTextFile(Path("config.yaml"), ToYaml(config));
     figures.map_surfels =
         WriteMap(directory_, map, LeastSurfelFrames(config.backend.min_surfel_frames, counts));
     nlohmann::json summary = Summarise(counts, map, figures);
-    summary["pieces"] = ToJson(table_.pieces());
+    summary["pieces"] = table_.PiecesToJson();
     if (!errors.empty()) AddErrors(errors, &summary);
     if (loops != nullptr) summary["loops"] = LoopSummary(*loops);
     summary["recording"] = ToJson(part);
@@ -189,9 +200,9 @@ class RunOutput {
 // The map of the corrected submaps.
 class CorrectedMap {
  public:
-  CorrectedMap(const PieceLoops& loops, const VoxelMapOptions& options, const std::string& scratch)
+  CorrectedMap(const JoinedRun& run, const VoxelMapOptions& options, const std::string& scratch)
       : tiles_(scratch, TileStore::Lifetime::kScratch), map_(options, &tiles_) {
-    loops.AddCorrectedTo(&map_);
+    run.AddTo(&map_);
   }
   const VoxelMap& map() const { return map_; }
 
@@ -267,11 +278,12 @@ int Run(const RunArguments& arguments) {
       MapScans(*source, {range.begin, range.begin, range.end}, &mapping, &stop);
   mapping.Finish();
   std::optional<CorrectedMap> corrected;
-  const PieceLoops* const loops = mapping.loops();
-  if (loops != nullptr) {
-    output.Correct(*loops);
-    if (loops->AnyAccepted())
-      corrected.emplace(*loops, config.map, output.Path("map_corrected.scratch"));
+  std::optional<JoinedRun> joined;
+  if (const PieceLoops* const loops = mapping.loops(); loops != nullptr) {
+    joined.emplace(loops->pieces(), config);
+    output.Correct(*joined);
+    if (joined->moved())
+      corrected.emplace(*joined, config.map, output.Path("map_corrected.scratch"));
   }
   figures.interrupted = processed < range.end - range.begin;
   progress.Finish();
@@ -285,7 +297,7 @@ int Run(const RunArguments& arguments) {
   if (processed > 0) part.end = part.begin + processed;
   const nlohmann::json summary =
       output.Finish(mapping.counts(), corrected ? corrected->map() : mapping.map(), config, part,
-                    figures, errors, loops);
+                    figures, errors, joined ? &*joined : nullptr);
   const std::string interruption =
       fmt::format("{} of {} scans were mapped; the results are those of these", processed,
                   range.end - range.begin);
