@@ -10,6 +10,7 @@
 #include "tools/export/command.h"
 #include "tools/graph/command.h"
 #include "tools/info/command.h"
+#include "tools/merge/command.h"
 #include "tools/plot/command.h"
 #include "tools/register/command.h"
 #include "tools/report/command.h"
@@ -31,6 +32,7 @@ void AddProductCommands(CLI::App* app, std::function<int()>* run) {
   AddReportCommand(app, run);
   AddDoctorCommand(app, run);
   AddSolveGraphCommand(app, run);
+  AddMergeCommand(app, run);
 }
 
 const char* PurposeOfLabCommand(const std::string& name) {

@@ -1,0 +1,114 @@
+#include "tools/merge/merged_map.h"
+
+#include <fmt/format.h>
+
+#include "core/base/error.h"
+
+namespace lamina {
+namespace {
+
+void CheckLeaves(const std::vector<Drive>& drives) {
+  const Submap* first = nullptr;
+  for (const Drive& drive : drives) {
+    for (const SubmapFrame& frame : drive.frames) {
+      for (const Submap& submap : frame.submaps) {
+        if (first == nullptr) first = &submap;
+        if (submap.leaf_size_m == first->leaf_size_m) continue;
+        throw InputError(fmt::format(
+            "{}: its voxels are of {} m, those of {} of {} m: drives to be merged need the same "
+            "map.root_size_m and map.depth",
+            drive.folder, submap.leaf_size_m, drives.front().folder, first->leaf_size_m));
+      }
+    }
+  }
+}
+
+}  // namespace
+
+MergedMap::MergedMap(const std::vector<Drive>& drives, const LaminaConfig& config)
+    : drives_(drives) {
+  CheckLeaves(drives);
+  std::vector<MapPiece> pieces;
+  for (std::size_t d = 0; d < drives.size(); ++d) {
+    for (std::size_t f = 0; f < drives[d].frames.size(); ++f) {
+      parts_.emplace_back(d, f);
+      pieces.push_back({&drives[d].frames[f].submaps, drives[d].frames[f].graph});
+    }
+  }
+  joined_ = JoinPieces(pieces, config.loops, config.map, config.frontend.matcher);
+  AddOrigins();
+  NumberFrames();
+  std::vector<const Submap*> submaps;
+  for (const Origin& origin : origins_) submaps.push_back(origin.submap);
+  bundle_ = AdjustSubmaps(submaps, joined_.graph, config.loops.bundle, config.map,
+                          config.frontend.matcher.noise_floor_m);
+  joined_.graph.poses = bundle_.anchors;
+  CorrectDrives();
+}
+
+void MergedMap::AddOrigins() {
+  for (const auto& [d, f] : parts_) {
+    const SubmapFrame& frame = drives_[d].frames[f];
+    for (std::size_t i = 0; i < frame.submaps.size(); ++i)
+      origins_.push_back({d, frame.pieces[i], &frame.submaps[i]});
+  }
+}
+
+void MergedMap::NumberFrames() {
+  std::map<std::size_t, std::size_t> number;
+  frame_of_.resize(origins_.size());
+  for (std::size_t p = 0; p < parts_.size(); ++p) {
+    const auto [at, fresh] = number.try_emplace(joined_.part[p], members_.size());
+    if (fresh) members_.emplace_back();
+    const auto& [d, f] = parts_[p];
+    const std::size_t first = joined_.first_submap[p];
+    for (std::size_t i = first; i < first + drives_[d].frames[f].submaps.size(); ++i) {
+      frame_of_[i] = at->second;
+      members_[at->second].push_back(i);
+      frame_of_piece_[{d, origins_[i].piece}] = at->second;
+    }
+  }
+}
+
+void MergedMap::CorrectDrives() {
+  for (std::size_t p = 0; p < parts_.size(); ++p) {
+    const auto& [d, f] = parts_[p];
+    const SubmapFrame& frame = drives_[d].frames[f];
+    for (std::size_t begin = 0, end = 0; begin < frame.submaps.size(); begin = end) {
+      std::vector<const Submap*> submaps;
+      std::vector<SE3> from, to;
+      for (; end < frame.submaps.size() && frame.pieces[end] == frame.pieces[begin]; ++end) {
+        submaps.push_back(&frame.submaps[end]);
+        from.push_back(frame.graph.poses[end]);
+        to.push_back(joined_.graph.poses[joined_.first_submap[p] + end]);
+      }
+      corrections_.try_emplace({d, frame.pieces[begin]}, submaps, from, to);
+    }
+  }
+}
+
+std::vector<MergedMap::Posed> MergedMap::PosesOf(std::size_t drive) const {
+  std::vector<Posed> posed;
+  for (const DrivePose& pose : drives_[drive].poses) {
+    const auto correction = corrections_.find({drive, pose.piece});
+    if (correction == corrections_.end()) continue;
+    posed.push_back({frame_of_piece_.at({drive, pose.piece}), &pose,
+                     correction->second.Corrected(pose.pose.stamp_ns, pose.pose.T_world_lidar)});
+  }
+  return posed;
+}
+
+void MergedMap::AddTo(VoxelMap* map) const {
+  for (std::size_t frame = 0; frame < members_.size(); ++frame) {
+    const auto piece = static_cast<std::int64_t>(frame);
+    if (map->HasPiece(piece)) {
+      map->SelectPiece(piece);
+    } else {
+      map->BeginPiece(piece);
+    }
+    for (const std::size_t i : members_[frame])
+      AddToMap(*origins_[i].submap, joined_.graph.poses[i], map);
+  }
+}
+
+}  // namespace lamina

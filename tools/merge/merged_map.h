@@ -1,0 +1,70 @@
+// Drives of one place as one map: their pieces joined (backend/submaps/piece_joining.h), then
+// adjusted together (backend/submaps/submap_bundle.h).
+//
+// What is joined lies in one frame, that of its oldest submap; frames are numbered from 0, the
+// oldest first.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <utility>
+#include <vector>
+
+#include "backend/submaps/piece_joining.h"
+#include "backend/submaps/submap_bundle.h"
+#include "tools/merge/drive.h"
+
+namespace lamina {
+
+class MergedMap {
+ public:
+  // Drives sorted by age, one at least; they must outlive it. Throws InputError if their submaps
+  // have leaves of different sizes.
+  MergedMap(const std::vector<Drive>& drives, const LaminaConfig& config);
+
+  std::size_t frames() const { return members_.size(); }
+  // Positions in graph() of a frame's submaps.
+  const std::vector<std::size_t>& SubmapsOfFrame(std::size_t frame) const {
+    return members_[frame];
+  }
+  const AnchorGraph& graph() const { return joined_.graph; }
+  const std::vector<Loop>& loops() const { return joined_.loops; }
+  const SubmapBundleResult& bundle() const { return bundle_; }
+
+  struct Origin {
+    std::size_t drive = 0;
+    std::int64_t piece = 0;
+    const Submap* submap = nullptr;
+  };
+  const Origin& origin(std::size_t submap) const { return origins_[submap]; }
+
+  struct Posed {
+    std::size_t frame = 0;
+    const DrivePose* pose = nullptr;
+    SE3 T_frame_lidar;
+  };
+  // The poses of a drive; those of pieces without a submap are left out.
+  std::vector<Posed> PosesOf(std::size_t drive) const;
+
+  // All submaps of all frames, each a piece of the map.
+  void AddTo(VoxelMap* map) const;
+
+ private:
+  void AddOrigins();
+  void NumberFrames();
+  void CorrectDrives();
+
+  const std::vector<Drive>& drives_;
+  std::vector<std::pair<std::size_t, std::size_t>> parts_;  // drive, and which of its frames
+  JoinedPieces joined_;
+  SubmapBundleResult bundle_;
+  std::vector<Origin> origins_;
+  std::vector<std::size_t> frame_of_;              // of each submap
+  std::vector<std::vector<std::size_t>> members_;  // of each frame
+  // Of each piece of each drive.
+  std::map<std::pair<std::size_t, std::int64_t>, AnchorCorrection> corrections_;
+  std::map<std::pair<std::size_t, std::int64_t>, std::size_t> frame_of_piece_;
+};
+
+}  // namespace lamina
