@@ -182,11 +182,19 @@ void AddOptions(CLI::App* command, SynthArguments* a) {
       ->add_option("--speed", o.speed_m_per_s,
                    "mean speed of the sensor, m/s; 0: 10 in a street, else on foot")
       ->capture_default_str();
-  command->add_option("--route", a->route, OneOf("street: where to drive", synth::RouteNames()))
+  command
+      ->add_option("--route", a->route, OneOf("street, city: where to drive", synth::RouteNames()))
       ->capture_default_str();
   command
-      ->add_option("--loop-blocks", o.loop_blocks,
-                   "street: blocks (96 x 64 m) along each side of a loop")
+      ->add_option(
+          "--loop-blocks", o.loop_blocks,
+          "street, city: blocks (96 x 64 m) along each side of a loop, or of the town of a "
+          "tour")
+      ->capture_default_str();
+  command
+      ->add_option("--drive", o.drive,
+                   "city: drives of other numbers begin elsewhere, go another way, and find other "
+                   "cars parked")
       ->capture_default_str();
   command
       ->add_option("--points", o.points,

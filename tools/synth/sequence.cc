@@ -28,6 +28,7 @@ constexpr double kPaneReturns = 0.2, kPaneMirrors = 0.25;
 double DefaultSpeed(SceneKind scene) {
   switch (scene) {
     case SceneKind::kStreet:
+    case SceneKind::kCity:
       return 10.0;
     case SceneKind::kRoom:
       return 0.6;
@@ -66,6 +67,7 @@ void SynthOptions::Visit(OptionVisitor& v) {
   v.Number("speed_m_per_s", &speed_m_per_s, 0.0, 40.0);
   v.EnumChoice("route", &route, synth::RouteNames());
   v.Integer("loop_blocks", &loop_blocks, 1, 50);
+  v.Integer("drive", &drive, 0, 1000000);
   v.Integer("points", &points, 0, 1000000);
   v.Integer("rings", &rings, 0, 512);
   v.Group("profile", &profile);
@@ -96,7 +98,7 @@ SynthSequence::SynthSequence(const SynthOptions& options)
                                                   options_.seed);
   profile_ = std::make_shared<const synth::Profile>(options_.profile, options_.speed_m_per_s,
                                                     options_.frames, options_.seed);
-  if (options_.scene == SceneKind::kStreet) {
+  if (options_.scene == SceneKind::kStreet || options_.scene == SceneKind::kCity) {
     BuildStreet();
   } else if (synth::IsTrialScene(options_.scene)) {
     BuildTrial();
@@ -111,10 +113,13 @@ SynthSequence::SynthSequence(const SynthOptions& options)
 }
 
 void SynthSequence::BuildStreet() {
-  auto model = std::make_unique<synth::StreetModel>(options_.seed);
+  auto model = options_.scene == SceneKind::kCity
+                   ? std::make_unique<synth::StreetModel>(options_.seed, options_.drive)
+                   : std::make_unique<synth::StreetModel>(options_.seed);
   const synth::Terrain terrain = model->terrain();
-  const auto route = std::make_shared<const synth::Route>(options_.route, options_.loop_blocks,
-                                                          model->BlockSize());
+  const auto route =
+      std::make_shared<const synth::Route>(options_.route, options_.loop_blocks, model->BlockSize(),
+                                           synth::HashOf({options_.seed, options_.drive}));
   const auto drive = std::make_shared<const synth::DriveProfile>(*route, options_.speed_m_per_s);
   scene_ = std::make_unique<synth::SyntheticScene>(std::move(model), kMaxCachedBlocks);
   motion_ = std::make_unique<synth::CarMotion>(terrain, route, drive, options_.seed);

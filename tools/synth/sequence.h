@@ -43,9 +43,12 @@ struct SynthOptions {
   bool sweep = false;
   // Mean speed of the sensor; 0: the scene's own (street 10, hall 1.2; TrialSpeed).
   double speed_m_per_s = 0.0;
-  // Street: where to drive, and the number of blocks along each side of a loop.
+  // Street and city: where to drive, and the number of blocks along each side of a loop or, of a
+  // tour, of the town.
   synth::RouteKind route = synth::RouteKind::kWinding;
   int loop_blocks = 2;
+  // City: drives of other numbers begin elsewhere, go another way, and find other cars parked.
+  int drive = 0;
   // Rays a scan, and beams of the sensor `spinning`; 0: the sensor's own.
   int points = 0;
   int rings = 0;

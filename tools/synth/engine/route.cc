@@ -5,6 +5,8 @@
 #include <cmath>
 #include <functional>
 
+#include "tools/synth/engine/tour.h"
+
 namespace lamina::synth {
 namespace {
 
@@ -61,17 +63,15 @@ T Hermite(const T& p0, const T& m0, const T& p1, const T& m1, double u) {
          (u * u * v) * m1;
 }
 
-// Along some blocks, then around a corner: +1 left, -1 right, 0 straight on.
-struct Leg {
-  int blocks, turn_after;
-};
+// Blocks of a tour for each one of the town, and at most.
+constexpr int kTourFactor = 4, kTourMost = 400;
 
-std::vector<Leg> LegsOf(RouteKind kind, int loop_blocks) {
+std::vector<RouteLeg> LegsOf(RouteKind kind, int loop_blocks) {
   switch (kind) {
     case RouteKind::kStraight:
       return {{4, 0}};
     case RouteKind::kLoop:
-      return std::vector<Leg>(4, {loop_blocks, 1});
+      return std::vector<RouteLeg>(4, {loop_blocks, 1});
     default:
       return {{2, 1}, {2, -1}, {1, -1}, {2, 1}};
   }
@@ -80,17 +80,27 @@ std::vector<Leg> LegsOf(RouteKind kind, int loop_blocks) {
 }  // namespace
 
 const std::vector<std::string>& RouteNames() {
-  static const std::vector<std::string> names = {"winding", "straight", "loop"};
+  static const std::vector<std::string> names = {"winding", "straight", "loop", "tour"};
   return names;
 }
 
-Route::Route(RouteKind kind, int loop_blocks, const Eigen::Vector2d& block_size_m)
+Route::Route(RouteKind kind, int loop_blocks, const Eigen::Vector2d& block_size_m,
+             std::uint64_t tour_key)
     : turn_(IntegrateTurn()) {
-  const std::vector<Leg> legs = LegsOf(kind, loop_blocks);
+  std::vector<RouteLeg> legs;
+  if (kind == RouteKind::kTour) {
+    const int blocks = std::min(kTourMost, kTourFactor * (loop_blocks + 1) * (loop_blocks + 1));
+    const Tour tour = MakeTour(loop_blocks, blocks, tour_key);
+    legs = tour.legs;
+    end_ = tour.start.cast<double>().cwiseProduct(block_size_m);
+    end_quarter_ = tour.quarter;
+  } else {
+    legs = LegsOf(kind, loop_blocks);
+  }
   // A turn begins this far before the crossing and ends as far behind.
   const double tangent = turn_.back().x();
-  if (legs.front().turn_after != 0) end_.x() = tangent;
-  for (const Leg& leg : legs) {
+  if (legs.front().turn_after != 0) end_ += Rotated({tangent, 0.0}, end_quarter_);
+  for (const RouteLeg& leg : legs) {
     const double pitch = end_quarter_ % 2 == 0 ? block_size_m.x() : block_size_m.y();
     AddPiece(leg.blocks * pitch - (leg.turn_after != 0 ? 2.0 * tangent : 0.0), 0);
     if (leg.turn_after != 0) AddPiece(kTurnLength, leg.turn_after);

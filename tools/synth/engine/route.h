@@ -12,6 +12,7 @@ enum class RouteKind {
   kWinding,   // endless, with turns to both sides; never meets itself
   kStraight,  // endless, along one street
   kLoop,      // around a number of blocks, again and again through the same places
+  kTour,      // closed, through the streets of a town in both directions (tour.h)
 };
 // In the order of RouteKind.
 const std::vector<std::string>& RouteNames();
@@ -35,8 +36,10 @@ struct PlanarPose {
 // shift: memory does not depend on the length of the drive. Immutable: thread-safe.
 class Route {
  public:
-  // `loop_blocks` is the number of blocks along each side of a loop.
-  Route(RouteKind kind, int loop_blocks, const Eigen::Vector2d& block_size_m);
+  // `loop_blocks` is the number of blocks along each side of a loop, or of the town that a tour
+  // stays in. Tours of another key go another way.
+  Route(RouteKind kind, int loop_blocks, const Eigen::Vector2d& block_size_m,
+        std::uint64_t tour_key = 0);
 
   RoutePoint At(double s) const;
   // `offset_m` to the left of the centre line; offset_slope = d offset / ds.

@@ -69,7 +69,7 @@ bool CastInBlock(const Block& block, const Ray& ray, float enter, float leave, f
 
 const std::vector<std::string>& SceneNames() {
   static const std::vector<std::string> names = {
-      "street", "room",   "corridor", "stairs",  "hall",     "bays",  "lorry",
+      "street", "room",   "corridor", "stairs",  "hall",     "city",  "bays", "lorry",
       "field",  "tunnel", "forest",   "carpark", "pavement", "glass", "lift"};
   return names;
 }

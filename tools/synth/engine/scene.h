@@ -31,6 +31,7 @@ enum class SceneKind {
   kCorridor,
   kStairs,
   kHall,
+  kCity,
   // Those of tools/synth/scenes/trial_scenes.h:
   kBays,
   kLorry,

@@ -124,6 +124,42 @@ void AddGardens(const Ground& ground, std::vector<Primitive>* out, HashStream* r
   }
 }
 
+enum class BlockKind { kHouses, kTerrace, kPark, kSquare };
+
+BlockKind KindOf(std::int64_t seed, const BlockIndex& index) {
+  const double u = UniformFrom(HashOf({seed, 0xc17, index.x, index.y}));
+  if (u < 0.55) return BlockKind::kHouses;
+  if (u < 0.75) return BlockKind::kTerrace;
+  return u < 0.88 ? BlockKind::kPark : BlockKind::kSquare;
+}
+
+// The same house on every lot.
+void AddTerrace(const Frontage& side, float u_begin, float u_end) {
+  constexpr float kWidth = 8.0F, kSetback = 4.0F, kDepth = 9.0F;
+  for (float u = u_begin; u + kWidth <= u_end; u += kWidth) {
+    HashStream house(0x7e44ace);
+    AddHouse(side.At(u, kSetback), {kWidth, kDepth, 2}, &house);
+  }
+}
+
+void AddPark(const Ground& ground, std::vector<Primitive>* out, HashStream* random) {
+  for (int i = 0; i < 60; ++i) {
+    const float x = Draw(random, kRoadHalfWidth + 4.0, kStreetBlockX - kRoadHalfWidth - 4.0);
+    const float y = Draw(random, kRoadHalfWidth + 4.0, kStreetBlockY - kRoadHalfWidth - 4.0);
+    AddTree(ShapeBuilder(out, {x, y, ground.HeightAt(x, y)}, Draw(random, 0, 3)),
+            Draw(random, 1.5, 2.8), random);
+  }
+}
+
+// A church or a market hall in the middle of an open place.
+void AddSquare(const Ground& ground, std::vector<Primitive>* out, HashStream* random) {
+  const float width = Draw(random, 18, 34), depth = Draw(random, 12, 18);
+  const float x = 0.5F * kStreetBlockX - 0.5F * width + Draw(random, -12, 12);
+  const float y = 0.5F * kStreetBlockY - 0.5F * depth + Draw(random, -6, 6);
+  AddHouse(ShapeBuilder(out, {x, y, ground.HeightAt(x, y)}, Draw(random, -0.3, 0.3)),
+           {width, depth, 3 + random->Index(2)}, random);
+}
+
 }  // namespace
 
 std::unique_ptr<const Block> StreetModel::MakeBlock(const BlockIndex& index) const {
@@ -133,17 +169,23 @@ std::unique_ptr<const Block> StreetModel::MakeBlock(const BlockIndex& index) con
   block->ground.emplace(terrain_, corner, Eigen::Vector2i(kStreetBlockX, kStreetBlockY),
                         kRoadHalfWidth, kCurbHeight);
   HashStream random(HashOf({seed_, 0xb10c, index.x, index.y}));
+  HashStream parked(HashOf({seed_, 0xca4, day_, index.x, index.y}));
+  const BlockKind kind = city_ ? KindOf(seed_, index) : BlockKind::kHouses;
   std::vector<Primitive> primitives;
   for (int side = 0; side < 4; ++side) {
     const Frontage frontage(*block->ground, side, &primitives);
     // The long sides own the corners of the parcel, the short ones what is between.
     const bool is_long = side % 2 == 0;
     const float margin = is_long ? 4.0F : 18.0F;
-    AddLots(frontage, margin, frontage.length() - margin, is_long ? 16.0F : 14.0F, &random);
+    if (kind == BlockKind::kHouses)
+      AddLots(frontage, margin, frontage.length() - margin, is_long ? 16.0F : 14.0F, &random);
+    if (kind == BlockKind::kTerrace) AddTerrace(frontage, margin, frontage.length() - margin);
     AddStreetFurniture(frontage, &random);
-    AddParkedCars(frontage, &random);
+    AddParkedCars(frontage, city_ ? &parked : &random);
   }
-  AddGardens(*block->ground, &primitives, &random);
+  if (kind == BlockKind::kHouses) AddGardens(*block->ground, &primitives, &random);
+  if (kind == BlockKind::kPark) AddPark(*block->ground, &primitives, &random);
+  if (kind == BlockKind::kSquare) AddSquare(*block->ground, &primitives, &random);
   block->tree = PrimitiveTree(std::move(primitives));
   return block;
 }

@@ -1,5 +1,9 @@
 // A town of rectangular blocks: streets along every edge of a block, within them a raised parcel
 // with pavements, houses, gardens, trees, street furniture and parked cars.
+//
+// A city has blocks of other kinds among these: parks, squares around one large house, and
+// terraces, whose houses are all the same, from one block to the next, too: what repeats is taken
+// for another place. What is parked differs from one drive to the next.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,12 +24,16 @@ inline constexpr double kPavementOffset = 6.6;  // to where people walk
 class StreetModel final : public SceneModel {
  public:
   explicit StreetModel(std::int64_t seed) : seed_(seed), terrain_(seed) {}
+  // A city, on a day of this number.
+  StreetModel(std::int64_t seed, int day) : seed_(seed), city_(true), day_(day), terrain_(seed) {}
   Eigen::Vector2d BlockSize() const override { return {kStreetBlockX, kStreetBlockY}; }
   std::unique_ptr<const Block> MakeBlock(const BlockIndex& index) const override;
   const Terrain& terrain() const { return terrain_; }
 
  private:
   std::int64_t seed_;
+  bool city_ = false;
+  int day_ = 0;
   Terrain terrain_;
 };
 
