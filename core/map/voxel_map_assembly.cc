@@ -1,5 +1,6 @@
 // The fixed part of a piece, exchanged as a whole: what was put together elsewhere takes its place.
 #include <algorithm>
+#include <utility>
 
 #include "core/map/voxel_map.h"
 
@@ -58,7 +59,7 @@ void VoxelMap::DropFixedBelow(NodeId id) {
     trees_.leaf(id).fixed_frames = 0;
     return;
   }
-  const NodeId* const child = trees_.children(id);
+  const NodeId* const child = std::as_const(trees_).children(id);
   for (int slot = 0; slot < 8; ++slot) {
     if (child[slot] != kNoNode) DropFixedBelow(child[slot]);
   }
