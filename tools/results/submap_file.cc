@@ -13,9 +13,6 @@
 
 namespace lamina {
 
-template <>
-inline constexpr bool kPlainState<SubmapLeaf> = true;
-
 namespace {
 
 constexpr SectionFileKind kKind = {"LAMINASM", 1, "a file of submaps"};
@@ -24,10 +21,6 @@ constexpr std::string_view kFrame = "FRAM", kSubmap = "SUBM";
 }  // namespace
 
 // Found by the archive, which looks in the namespace of what it writes.
-void Archive(StateArchive& a, SubmapKeyframe* k) { a(&k->id, &k->stamp_ns, &k->T_submap_lidar); }
-void Archive(StateArchive& a, Submap* s) {
-  a(&s->id, &s->leaf_size_m, &s->T_world_submap, &s->way_m, &s->keyframes, &s->leaves);
-}
 void Archive(StateArchive& a, AnchorEdge* e) {
   std::uint64_t from = e->from, to = e->to;
   a(&from, &to, &e->T_from_to, &e->information);
