@@ -1,7 +1,6 @@
 #include "backend/bundle/held_directions.h"
 
 #include <algorithm>
-#include <cstdint>
 
 namespace lamina {
 
@@ -46,27 +45,44 @@ void HeldDirections::TakeOut(Eigen::MatrixXd* H) const {
   }
 }
 
-void HeldDirections::TakeOut(const BundleProblem& problem, ReducedSystem* system) const {
-  if (frames_.empty()) return;
+void HeldDirections::TakeOut(std::vector<Matrix6d>* diagonal) const {
   double largest = 0.0;
-  for (const Matrix6d& block : system->diagonal) {
-    largest = std::max(largest, block.diagonal().maxCoeff());
-  }
-  constexpr std::int32_t kFree = -1;
-  std::vector<std::int32_t> held(system->diagonal.size(), kFree);
-  for (std::size_t i = 0; i < frames_.size(); ++i) {
-    const Frame& f = frames_[i];
-    held[f.frame] = static_cast<std::int32_t>(i);
-    Matrix6d& block = system->diagonal[f.frame];
+  for (const Matrix6d& block : *diagonal) largest = std::max(largest, block.diagonal().maxCoeff());
+  for (const Frame& f : frames_) {
+    Matrix6d& block = (*diagonal)[f.frame];
     block = (f.projector * block * f.projector).eval();
     block += largest * f.space * f.space.transpose();
   }
-  for (std::size_t o = 0; o < system->rows.size(); ++o) {
-    const std::int32_t i = held[static_cast<std::size_t>(problem.observations[o].frame)];
-    if (i == kFree) continue;
-    system->rows[o] = (system->rows[o] * frames_[static_cast<std::size_t>(i)].projector).eval();
+}
+
+Eigen::SparseMatrix<double> HeldDirections::TakenOut(const Eigen::SparseMatrix<double>& H) const {
+  if (frames_.empty()) return H;
+  const double largest = H.diagonal().maxCoeff();
+  // Blocks of 6x6 with all their entries, so that the structure of the product is that of H.
+  std::vector<Eigen::Triplet<double>> P, held;
+  const auto add = [](const Frame& f, const Matrix6d& block,
+                      std::vector<Eigen::Triplet<double>>* all) {
+    const auto i = static_cast<Eigen::Index>(6 * f.frame);
+    for (Eigen::Index c = 0; c < 6; ++c) {
+      for (Eigen::Index r = 0; r < 6; ++r) all->emplace_back(i + r, i + c, block(r, c));
+    }
+  };
+  std::vector<bool> free(static_cast<std::size_t>(H.cols() / 6), true);
+  for (const Frame& f : frames_) {
+    free[f.frame] = false;
+    add(f, f.projector, &P);
+    add(f, largest * f.space * f.space.transpose(), &held);
   }
-  Project(&system->gradient);
+  for (Eigen::Index i = 0; i < H.cols(); ++i) {
+    if (free[static_cast<std::size_t>(i / 6)]) P.emplace_back(i, i, 1.0);
+  }
+  Eigen::SparseMatrix<double> projector(H.rows(), H.cols()), stiff(H.rows(), H.cols());
+  projector.setFromTriplets(P.begin(), P.end());
+  stiff.setFromTriplets(held.begin(), held.end());
+  const Eigen::SparseMatrix<double> all = H.selfadjointView<Eigen::Upper>();
+  const Eigen::SparseMatrix<double> projected = projector * all * projector;
+  const Eigen::SparseMatrix<double> sum = projected + stiff;
+  return sum.triangularView<Eigen::Upper>();
 }
 
 }  // namespace lamina

@@ -2,10 +2,10 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/SparseCore>
 #include <cstddef>
 #include <vector>
 
-#include "backend/bundle/cost.h"
 #include "backend/bundle/problem.h"
 
 namespace lamina {
@@ -38,8 +38,10 @@ class HeldDirections {
   const std::vector<Frame>& frames() const { return frames_; }
 
   void TakeOut(Eigen::MatrixXd* H) const;
-  // The same before it is assembled, gradient included.
-  void TakeOut(const BundleProblem& problem, ReducedSystem* system) const;
+  // The same of frames that decouple.
+  void TakeOut(std::vector<Matrix6d>* diagonal) const;
+  // The same of the upper triangle of H, whose structure stays.
+  Eigen::SparseMatrix<double> TakenOut(const Eigen::SparseMatrix<double>& H) const;
   // Of a gradient, or of columns of right sides, six rows a frame.
   template <typename Derived>
   void Project(Eigen::MatrixBase<Derived>* g) const {

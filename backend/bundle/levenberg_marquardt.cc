@@ -41,24 +41,25 @@ class StepSolver {
     cost_->Linearise(poses, &system_);
     value_ = system_.cost;
     decoupled_ = system_.rows.empty() && problem_.priors.empty();
-    if (decoupled_ || sparse_) held_.TakeOut(problem_, &system_);
     const auto size = system_.gradient.size();
     diagonal_.resize(size);
     if (decoupled_) {
+      held_.TakeOut(&system_.diagonal);
       for (Eigen::Index i = 0; i < size; ++i) {
         diagonal_(i) = system_.diagonal[static_cast<std::size_t>(i / 6)](i % 6, i % 6);
       }
     } else if (sparse_) {
-      system_.Assemble(problem_, index_, pattern_, &sparse_H_);
-      value_ += AddPriors(problem_, poses, &system_.gradient, &sparse_H_);
+      system_.Assemble(problem_, index_, pattern_, &assembled_);
+      value_ += AddPriors(problem_, poses, &system_.gradient, &assembled_);
+      sparse_H_ = held_.TakenOut(assembled_);
       diagonal_ = sparse_H_.diagonal();
     } else {
       system_.Assemble(problem_, index_, &H_);
       value_ += AddPriors(problem_, poses, &system_.gradient, &H_);
       held_.TakeOut(&H_);
-      held_.Project(&system_.gradient);
       diagonal_ = H_.diagonal();
     }
+    held_.Project(&system_.gradient);
     const double least = kLeastDiagonal * diagonal_.cwiseAbs().maxCoeff() + 1e-300;
     diagonal_ = diagonal_.cwiseAbs().cwiseMax(least);
     return std::isfinite(value_) && system_.gradient.allFinite() && diagonal_.allFinite();
@@ -151,7 +152,7 @@ class StepSolver {
   double value_ = 0.0;
   Eigen::MatrixXd H_, factor_;
   bool sparse_ = false, analysed_ = false;
-  Eigen::SparseMatrix<double> sparse_H_;
+  Eigen::SparseMatrix<double> assembled_, sparse_H_;
   Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Upper> sparse_llt_;
   Eigen::VectorXd diagonal_;
 };

@@ -69,7 +69,7 @@ TEST(HeldDirections, TheSolutionIsThatAmongTheFreeMotions) {
   }
 }
 
-TEST(HeldDirections, TakenOutBeforeAndAfterAssemblyIsTheSame) {
+TEST(HeldDirections, OfASparseMatrixAsOfADenseOne) {
   Draws draws(2);
   const BundleScene scene = HeldScene(&draws);
   CondensedCost cost(scene.problem);
@@ -77,21 +77,37 @@ TEST(HeldDirections, TakenOutBeforeAndAfterAssemblyIsTheSame) {
   cost.Linearise(scene.problem.poses, &system);
   const BundleIndex index(scene.problem);
   const HeldDirections held(scene.problem);
-  Eigen::MatrixXd before, after;
-  system.Assemble(scene.problem, index, &after);
-  Eigen::VectorXd gradient = system.gradient;
-  held.TakeOut(&after);
-  held.Project(&gradient);
-  held.TakeOut(scene.problem, &system);
-  system.Assemble(scene.problem, index, &before);
-  EXPECT_LT((system.gradient - gradient).norm(), 1e-12 * gradient.norm());
-  // The s of both is that of what is taken out of, which is larger before planes are eliminated.
-  for (const HeldDirections::Frame& f : held.frames()) {
-    const auto i = static_cast<Eigen::Index>(6 * f.frame);
-    before.block<6, 6>(i, i) = f.projector * before.block<6, 6>(i, i) * f.projector;
-    after.block<6, 6>(i, i) = f.projector * after.block<6, 6>(i, i) * f.projector;
+  Eigen::MatrixXd dense;
+  system.Assemble(scene.problem, index, &dense);
+  held.TakeOut(&dense);
+  Eigen::SparseMatrix<double> H;
+  system.Assemble(scene.problem, index, BlockPattern(scene.problem, index), &H);
+  const Eigen::SparseMatrix<double> sparse = held.TakenOut(H);
+  EXPECT_EQ(sparse.nonZeros(), H.nonZeros());
+  const Eigen::MatrixXd all = Eigen::MatrixXd(sparse).selfadjointView<Eigen::Upper>();
+  EXPECT_LT((all - dense).norm(), 1e-12 * dense.norm());
+}
+
+TEST(HeldDirections, OfFramesThatDecoupleAsOfADenseMatrix) {
+  Draws draws(4);
+  const BundleScene scene = HeldScene(&draws);
+  const HeldDirections held(scene.problem);
+  const std::size_t frames = scene.problem.poses.size();
+  std::vector<Matrix6d> blocks;
+  Eigen::MatrixXd dense = Eigen::MatrixXd::Zero(6 * static_cast<Eigen::Index>(frames),
+                                                6 * static_cast<Eigen::Index>(frames));
+  for (std::size_t k = 0; k < frames; ++k) {
+    const Matrix6d half = Matrix6d::Random();
+    blocks.push_back(half * half.transpose());
+    const auto i = static_cast<Eigen::Index>(6 * k);
+    dense.block<6, 6>(i, i) = blocks.back();
   }
-  EXPECT_LT((before - after).norm(), 1e-12 * after.norm());
+  held.TakeOut(&blocks);
+  held.TakeOut(&dense);
+  for (std::size_t k = 0; k < frames; ++k) {
+    const auto i = static_cast<Eigen::Index>(6 * k);
+    EXPECT_LT((dense.block<6, 6>(i, i) - blocks[k]).norm(), 1e-12 * dense.norm());
+  }
 }
 
 // Nothing held moves in an adjustment, and what is free comes to rest.
