@@ -52,27 +52,6 @@ std::optional<std::string_view> IpOf(std::string_view frame, std::uint32_t link)
   return frame.substr(head);
 }
 
-// The UDP packet in a frame, without its stamp.
-bool TakeUdp(std::string_view frame, std::uint32_t link, UdpPacket* packet) {
-  constexpr unsigned char kUdp = 17;
-  constexpr std::size_t kIpBytes = 20, kUdpBytes = 8;
-  const auto found = IpOf(frame, link);
-  if (!found || found->size() < kIpBytes) return false;
-  std::string_view ip = *found;
-  const auto byte = [&](std::size_t at) { return static_cast<unsigned char>(ip[at]); };
-  const std::size_t head = 4 * static_cast<std::size_t>(byte(0) & 0xFU);
-  const bool fragment = (BigAt(ip, 6) & 0x3FFFU) != 0;
-  if (byte(0) >> 4U != 4 || head < kIpBytes || byte(9) != kUdp || fragment) return false;
-  const std::size_t total = std::min<std::size_t>(BigAt(ip, 2), ip.size());
-  if (total < head + kUdpBytes) return false;
-  const std::string_view udp = ip.substr(head, total - head);
-  packet->source =
-      fmt::format("{}.{}.{}.{}:{}", byte(12), byte(13), byte(14), byte(15), BigAt(udp, 2));
-  const std::size_t length = std::min<std::size_t>(BigAt(udp, 4), udp.size());
-  packet->payload = length < kUdpBytes ? "" : udp.substr(kUdpBytes, length - kUdpBytes);
-  return true;
-}
-
 }  // namespace
 
 bool IsPacketCapture(std::string_view head) {
@@ -112,6 +91,39 @@ void PacketReader::ReadHead() {
   stream_.Skip(kBeforeLink);
   // The upper bits tell of check sums.
   format_.interfaces = {{Number<std::uint32_t>() & 0xFFFFU, nanoseconds ? 1.0 : 1000.0}};
+}
+
+// The UDP packet that a frame holds or makes whole.
+bool PacketReader::TakeUdp(std::string_view frame, std::uint32_t link, UdpPacket* packet) {
+  constexpr unsigned char kUdp = 17;
+  constexpr std::size_t kIpBytes = 20, kUdpBytes = 8;
+  const auto found = IpOf(frame, link);
+  if (!found || found->size() < kIpBytes) return false;
+  const std::string_view ip = *found;
+  const auto byte = [&](std::size_t at) { return static_cast<unsigned char>(ip[at]); };
+  const std::size_t head = 4 * static_cast<std::size_t>(byte(0) & 0xFU);
+  if (byte(0) >> 4U != 4 || head < kIpBytes || byte(9) != kUdp) return false;
+  const std::size_t total = std::min<std::size_t>(BigAt(ip, 2), ip.size());
+  if (total < head) return false;
+  std::string_view udp = ip.substr(head, total - head);
+  const unsigned offset = BigAt(ip, 6) & 0x1FFFU;
+  const bool more = (BigAt(ip, 6) & 0x2000U) != 0;
+  std::optional<IpFragments::Datagram> whole;
+  if (offset > 0 || more) {
+    std::string key(ip.substr(12, 8));  // sender and receiver
+    key += ip.substr(4, 2);
+    whole = fragments_.Add({key, std::size_t{8} * offset, more, udp, packet->stamp_ns, place_});
+    if (!whole) return false;
+    udp = whole->data;
+    packet->stamp_ns = whole->stamp_ns;
+    place_ = whole->place;
+  }
+  if (udp.size() < kUdpBytes) return false;
+  packet->source =
+      fmt::format("{}.{}.{}.{}:{}", byte(12), byte(13), byte(14), byte(15), BigAt(udp, 2));
+  const std::size_t length = std::min<std::size_t>(BigAt(udp, 4), udp.size());
+  packet->payload = length < kUdpBytes ? "" : udp.substr(kUdpBytes, length - kUdpBytes);
+  return true;
 }
 
 bool PacketReader::Next(UdpPacket* packet) {

@@ -1,5 +1,5 @@
 // UDP packets in a capture file: pcap (either byte order, us or ns) and pcapng. IPv4 over Ethernet
-// (with VLAN tags), Linux cooked captures or raw IP; fragments of packets are passed over.
+// (with VLAN tags), Linux cooked captures or raw IP; fragments are put together.
 #pragma once
 
 #include <cstdint>
@@ -10,6 +10,7 @@
 
 #include "core/geometry/scan.h"
 #include "io/container/byte_stream.h"
+#include "io/container/ip_fragments.h"
 
 namespace lamina {
 
@@ -45,7 +46,7 @@ class PacketReader {
   // `cut` is true then.
   bool Next(UdpPacket* packet);
   bool cut() const { return cut_; }
-  // Of the packet that was read last.
+  // Of the packet that was read last: where the first of its bytes are.
   std::uint64_t place() const { return place_; }
   const CaptureFormat& format() const { return format_; }
 
@@ -56,11 +57,13 @@ class PacketReader {
   bool NextRecord(std::string* data, std::uint32_t* link, StampNs* stamp_ns);
   bool NextBlock(std::string* data, std::uint32_t* link, StampNs* stamp_ns);
   void AddInterface(std::string_view block);
+  bool TakeUdp(std::string_view frame, std::uint32_t link, UdpPacket* packet);
 
   const RandomFile& file_;
   const std::uint64_t begin_;
   FileStream stream_;
   CaptureFormat format_;
+  IpFragments fragments_;
   std::uint64_t place_ = 0;
   bool cut_ = false;
 };

@@ -13,10 +13,10 @@ namespace {
 
 constexpr const VelodyneModel* kModels[] = {&kVlp16, &kVlp32c, &kHdl32e};
 
-constexpr std::size_t kBlocks = 12, kBlockBytes = 100, kBlockHead = 4, kReturns = 32;
+constexpr std::size_t kBlocks = kVelodyneBlocks, kReturns = kVelodyneReturns;
+constexpr std::size_t kBlockBytes = 100, kBlockHead = 4;
 constexpr std::size_t kReturnBytes = 3, kTimeAt = 1200, kModeAt = 1204, kModelAt = 1205;
 constexpr std::uint8_t kDual = 0x39;
-constexpr std::uint16_t kBlockFlag = 0xEEFF;
 constexpr std::uint32_t kTurn = 36000;
 constexpr double kUsPerHour = 3600e6;
 
@@ -34,12 +34,6 @@ const VelodyneModel* FindModel(std::uint8_t id) {
   return nullptr;
 }
 
-std::string_view Block(std::string_view packet, std::size_t b) {
-  return packet.substr(b * kBlockBytes, kBlockBytes);
-}
-
-std::uint32_t AzimuthOf(std::string_view block) { return NumberAt<std::uint16_t>(block, 2); }
-
 // How far the sensor turns, in 0.01 deg, from each block to the next one that fires later. Of the
 // last one it is taken as before.
 std::array<double, kBlocks> TurnsOf(std::string_view packet, std::size_t apart) {
@@ -50,7 +44,7 @@ std::array<double, kBlocks> TurnsOf(std::string_view packet, std::size_t apart) 
   for (std::size_t b = 0; b < kBlocks; ++b) {
     if (b + apart < kBlocks) {
       const std::uint32_t turn =
-          (AzimuthOf(Block(packet, b + apart)) + kTurn - AzimuthOf(Block(packet, b)) % kTurn) %
+          (VelodyneAzimuthOf(packet, b + apart) + kTurn - VelodyneAzimuthOf(packet, b) % kTurn) %
           kTurn;
       if (turn <= kMost) last = turn;
     }
@@ -73,11 +67,24 @@ struct BeamAngles {
 
 }  // namespace
 
+std::uint16_t VelodyneFlag(std::string_view packet, std::size_t b) {
+  return NumberAt<std::uint16_t>(packet, b * kBlockBytes);
+}
+
+std::uint16_t VelodyneAzimuthOf(std::string_view packet, std::size_t b) {
+  return NumberAt<std::uint16_t>(packet, b * kBlockBytes + 2);
+}
+
+VelodyneReturn VelodyneReturnAt(std::string_view packet, std::size_t b, std::size_t k) {
+  const std::size_t at = b * kBlockBytes + kBlockHead + k * kReturnBytes;
+  return {NumberAt<std::uint16_t>(packet, at), NumberAt<std::uint8_t>(packet, at + 2)};
+}
+
 std::uint32_t VelodyneAzimuth(std::string_view packet) {
-  if (packet.size() != kVelodynePacketBytes) return kTurn;
-  const std::string_view block = Block(packet, 0);
-  if (NumberAt<std::uint16_t>(block, 0) != kBlockFlag) return kTurn;
-  return AzimuthOf(block) % kTurn;
+  if (packet.size() != kVelodynePacketBytes || VelodyneFlag(packet, 0) != kVelodyneFlag) {
+    return kTurn;
+  }
+  return VelodyneAzimuthOf(packet, 0) % kTurn;
 }
 
 double VelodyneDecoder::StartOf(std::string_view packet, StampNs stamp_ns) {
@@ -92,17 +99,29 @@ double VelodyneDecoder::StartOf(std::string_view packet, StampNs stamp_ns) {
 void VelodyneDecoder::Add(std::string_view packet, StampNs stamp_ns, const std::string& name,
                           Scan* scan) {
   if (VelodyneAzimuth(packet) == kTurn) return;
+  if (!any_) {
+    first_stamp_ns_ = stamp_ns;
+    first_us_ = NumberAt<std::uint32_t>(packet, kTimeAt);
+    any_ = true;
+  }
+  if (IsHdl64ePacket(packet)) {
+    if (calibration_ == nullptr) {
+      throw InputError(
+          fmt::format("{}: packets of an HDL-64E, whose calibration must lie beside the capture: "
+                      "under its name "
+                      "with the ending .xml, or as db.xml, as it came with the sensor",
+                      name));
+    }
+    hdl64e_ = true;
+    return AddHdl64ePacket(packet, *calibration_, StartOf(packet, stamp_ns), scan);
+  }
   const auto id = NumberAt<std::uint8_t>(packet, kModelAt);
   const VelodyneModel* model = FindModel(id);
   if (model == nullptr) {
     throw InputError(fmt::format(
-        "{}: packets of a Velodyne sensor that is not read ({:#04x}); read are VLP-16, VLP-32C and "
-        "HDL-32E",
+        "{}: packets of a Velodyne sensor that is not read ({:#04x}); read are VLP-16, VLP-32C, "
+        "HDL-32E and HDL-64E",
         name, id));
-  }
-  if (model_ == nullptr) {
-    first_stamp_ns_ = stamp_ns;
-    first_us_ = NumberAt<std::uint32_t>(packet, kTimeAt);
   }
   model_ = model;
   dual_ = NumberAt<std::uint8_t>(packet, kModeAt) == kDual;
@@ -112,21 +131,18 @@ void VelodyneDecoder::Add(std::string_view packet, StampNs stamp_ns, const std::
   const std::array<double, kBlocks> turns = TurnsOf(packet, apart);
   const double block_us = static_cast<double>(firings) * model->firing_us;
   for (std::size_t b = 0; b < kBlocks; ++b) {
-    const std::string_view block = Block(packet, b);
-    if (NumberAt<std::uint16_t>(block, 0) != kBlockFlag) continue;
+    if (VelodyneFlag(packet, b) != kVelodyneFlag) continue;
     for (std::size_t k = 0; k < kReturns; ++k) {
-      const std::size_t at = kBlockHead + k * kReturnBytes;
-      const auto distance = NumberAt<std::uint16_t>(block, at);
+      const auto [distance, intensity] = VelodyneReturnAt(packet, b, k);
       if (distance == 0) continue;
       // Of two equal returns of one pulse the second tells nothing.
-      if (dual_ && b % 2 == 1 && NumberAt<std::uint16_t>(Block(packet, b - 1), at) == distance) {
-        continue;
-      }
+      if (dual_ && b % 2 == 1 && VelodyneReturnAt(packet, b - 1, k).distance == distance) continue;
       const std::size_t beam = k % model->beam_count;
       const double in_block_us = static_cast<double>(k / model->beam_count) * model->firing_us +
                                  static_cast<double>(beam / model->at_once) * model->laser_us;
-      const double azimuth_deg = 0.01 * (AzimuthOf(block) + turns[b] * in_block_us / block_us) +
-                                 model->beams[beam].azimuth_deg;
+      const double azimuth_deg =
+          0.01 * (VelodyneAzimuthOf(packet, b) + turns[b] * in_block_us / block_us) +
+          model->beams[beam].azimuth_deg;
       const auto azimuth = static_cast<float>(azimuth_deg * M_PI / 180.0);
       const auto range = static_cast<float>(distance * model->range_unit_m);
       const float flat = range * angles.cosine[beam];
@@ -134,7 +150,7 @@ void VelodyneDecoder::Add(std::string_view packet, StampNs stamp_ns, const std::
       scan->points.push_back(
           {flat * std::cos(azimuth), -flat * std::sin(azimuth),
            range * angles.sine[beam] + static_cast<float>(model->beams[beam].up_m),
-           static_cast<float>(NumberAt<std::uint8_t>(block, at + 2))});
+           static_cast<float>(intensity)});
       const double block_s = 1e-6 * block_us * static_cast<double>(b / apart);
       scan->time_s.push_back(static_cast<float>(start_s + block_s + 1e-6 * in_block_us));
     }
@@ -142,8 +158,19 @@ void VelodyneDecoder::Add(std::string_view packet, StampNs stamp_ns, const std::
 }
 
 std::string VelodyneDecoder::Describe() const {
+  if (hdl64e_) return "HDL-64E";
   if (model_ == nullptr) return "";
   return fmt::format("{}, {} return", model_->name, dual_ ? "dual" : "one");
+}
+
+std::optional<std::uint32_t> VelodyneSensor::PlaceOf(std::string_view packet) const {
+  const std::uint32_t azimuth = VelodyneAzimuth(packet);
+  if (azimuth == kTurn) return std::nullopt;
+  return azimuth;
+}
+
+std::unique_ptr<SweepDecoder> VelodyneSensor::NewSweep() const {
+  return std::make_unique<VelodyneDecoder>(calibration_ ? &*calibration_ : nullptr);
 }
 
 }  // namespace lamina

@@ -7,10 +7,13 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 
 #include "core/geometry/scan.h"
+#include "io/message/packet_sensor.h"
+#include "io/message/velodyne_hdl64e.h"
 
 namespace lamina {
 
@@ -37,29 +40,55 @@ extern const VelodyneModel kVlp32c;
 extern const VelodyneModel kHdl32e;
 
 inline constexpr std::size_t kVelodynePacketBytes = 1206;
+inline constexpr std::size_t kVelodyneBlocks = 12, kVelodyneReturns = 32;
+inline constexpr std::uint16_t kVelodyneFlag = 0xEEFF;
+
+// Parts of a packet of that size: of block b, and of return k in it.
+struct VelodyneReturn {
+  std::uint16_t distance = 0;
+  std::uint8_t intensity = 0;
+};
+std::uint16_t VelodyneFlag(std::string_view packet, std::size_t b);
+std::uint16_t VelodyneAzimuthOf(std::string_view packet, std::size_t b);  // 0.01 deg
+VelodyneReturn VelodyneReturnAt(std::string_view packet, std::size_t b, std::size_t k);
 
 // The azimuth of its first block in 0.01 deg; 36000 if it is no such packet.
 std::uint32_t VelodyneAzimuth(std::string_view packet);
 
-// Packets of one sweep, in order.
-class VelodyneDecoder {
+class VelodyneDecoder final : public SweepDecoder {
  public:
-  // Adds the points of a packet to the scan, with times from the first packet on. `stamp_ns` is
-  // when the packet was received: its own time is taken instead where both agree within 50 ms.
-  // Throws InputError, which begins with `name`, for a packet of an unknown sensor; what is no data
-  // packet is passed over.
-  void Add(std::string_view packet, StampNs stamp_ns, const std::string& name, Scan* scan);
+  // That of an HDL-64E, which must outlive it, or null.
+  explicit VelodyneDecoder(const Hdl64eCalibration* calibration = nullptr)
+      : calibration_(calibration) {}
 
-  // "VLP-16, dual return"; empty before the first packet.
-  std::string Describe() const;
+  // The time in a packet is taken instead of `stamp_ns` where both agree within 50 ms. Throws
+  // InputError for a packet of an unknown sensor, or of an HDL-64E without calibration.
+  void Add(std::string_view packet, StampNs stamp_ns, const std::string& name, Scan* scan) override;
+  std::string Describe() const override;
 
  private:
   double StartOf(std::string_view packet, StampNs stamp_ns);
 
+  const Hdl64eCalibration* calibration_;
   const VelodyneModel* model_ = nullptr;
-  bool dual_ = false;
+  bool any_ = false, hdl64e_ = false, dual_ = false;
   StampNs first_stamp_ns_ = 0;
   std::uint32_t first_us_ = 0;
+};
+
+// All of them, for captures. A sweep begins where the sensor passes straight ahead.
+class VelodyneSensor final : public PacketSensor {
+ public:
+  explicit VelodyneSensor(std::optional<Hdl64eCalibration> calibration)
+      : calibration_(calibration) {}
+
+  std::optional<std::uint32_t> PlaceOf(std::string_view packet) const override;
+  bool BeginsSweep(std::uint32_t before, std::uint32_t now) const override { return now < before; }
+  std::unique_ptr<SweepDecoder> NewSweep() const override;
+  const char* unit_of_times() const override { return "us"; }
+
+ private:
+  const std::optional<Hdl64eCalibration> calibration_;
 };
 
 }  // namespace lamina

@@ -4,10 +4,8 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <map>
 
 #include "core/base/error.h"
-#include "io/message/velodyne_packet.h"
 
 namespace lamina {
 namespace {
@@ -31,60 +29,89 @@ bool HoldsPackets(const std::string& path) {
 }
 
 CaptureScans::CaptureScans(const std::string& path, const ScanSourceOptions& options)
-    : file_(path) {
-  struct Sensor {
-    std::vector<Sweep> sweeps;
-    std::uint64_t packets = 0;
-    std::uint32_t azimuth = 0;
-  };
-  std::map<std::string, Sensor> sensors;
-  PacketReader reader(file_);
-  UdpPacket packet;
-  while (reader.Next(&packet)) {
-    const std::uint32_t azimuth = VelodyneAzimuth(packet.payload);
-    if (azimuth >= 36000 || (sensors.size() >= kMostSensors && sensors.count(packet.source) == 0)) {
-      continue;
-    }
-    Sensor& sensor = sensors[packet.source];
-    if (sensor.packets++ == 0 || azimuth < sensor.azimuth ||
-        sensor.sweeps.back().packets >= kMostPackets) {
-      if (sensor.sweeps.size() >= kMostSweeps) break;
-      sensor.sweeps.push_back({reader.place(), 0, packet.stamp_ns});
-    }
-    ++sensor.sweeps.back().packets;
-    sensor.azimuth = azimuth;
-  }
-  format_ = reader.format();
+    : file_(path), sensors_(path) {
+  std::map<std::string, Source> sources = FindSources();
   std::string all;
-  for (const auto& [source, sensor] : sensors) {
-    all += fmt::format("{}{} ({} packets)", all.empty() ? "" : ", ", source, sensor.packets);
+  for (const auto& [name, source] : sources) {
+    all += fmt::format("{}{} ({} packets)", all.empty() ? "" : ", ", name, source.packets);
   }
-  if (all.empty()) throw InputError(fmt::format("{}: holds no packets of a Velodyne sensor", path));
   const auto chosen =
-      options.topic.empty() && sensors.size() == 1 ? sensors.begin() : sensors.find(options.topic);
-  if (chosen == sensors.end()) {
+      options.topic.empty() && sources.size() == 1 ? sources.begin() : sources.find(options.topic);
+  if (chosen == sources.end()) {
     throw InputError(
         fmt::format("{}: holds packets of {}; choose one by --topic NAME "
                     "(scans.topic)",
                     path, all));
   }
   source_ = chosen->first;
+  sensor_ = chosen->second.sensor;
   sweeps_ = std::move(chosen->second.sweeps);
-  described_.stamps = "the times of capture";
-  if (reader.cut()) {
-    described_.doubts.push_back(
-        fmt::format("{}: byte {}: the file ends, or is damaged; it was read as far as it goes",
-                    path, reader.place()));
-  }
-  std::string sensor;
+  CheckFirstPackets();
+  std::string described;
   try {
-    Decode(0, &sensor);
+    Decode(0, &described);
   } catch (const InputError&) {
     // Reading the scans tells.
   }
+  described_.stamps = "the times of capture";
   described_.scans =
       fmt::format("{} sweeps of {} packets{}{} from {}", sweeps_.size(), chosen->second.packets,
-                  sensor.empty() ? "" : " of ", sensor, source_);
+                  described.empty() ? "" : " of ", described, source_);
+}
+
+std::map<std::string, CaptureScans::Source> CaptureScans::FindSources() {
+  std::map<std::string, Source> sources;
+  PacketReader reader(file_);
+  UdpPacket packet;
+  std::string why_not;
+  while (reader.Next(&packet)) {
+    const PacketSensor* sensor = sensors_.Find(packet.payload);
+    if (sensor == nullptr && why_not.empty()) why_not = sensors_.WhyNot(packet.payload);
+    if (sensor == nullptr ||
+        (sources.size() >= kMostSensors && sources.count(packet.source) == 0)) {
+      continue;
+    }
+    Source& source = sources[packet.source];
+    if (source.sensor == nullptr) source.sensor = sensor;
+    if (source.sensor != sensor) continue;
+    const std::uint32_t place = *sensor->PlaceOf(packet.payload);
+    if (source.packets++ == 0 || sensor->BeginsSweep(source.place, place) ||
+        source.sweeps.back().packets >= kMostPackets) {
+      if (source.sweeps.size() >= kMostSweeps) break;
+      source.sweeps.push_back({reader.place(), 0, packet.stamp_ns});
+    }
+    ++source.sweeps.back().packets;
+    source.place = place;
+  }
+  format_ = reader.format();
+  if (reader.cut()) {
+    described_.doubts.push_back(
+        fmt::format("{}: byte {}: the file ends, or is damaged; it was read as far as it goes",
+                    file_.path(), reader.place()));
+  }
+  if (sources.empty()) {
+    throw InputError(fmt::format("{}: holds no packets of a Velodyne or Ouster sensor{}{}",
+                                 file_.path(), why_not.empty() ? "" : "; ", why_not));
+  }
+  return sources;
+}
+
+// Throws InputError if none of the first ones can be read: that of its sensor is missing.
+void CaptureScans::CheckFirstPackets() const {
+  constexpr std::size_t kTries = 5;
+  for (std::size_t i = 0; i < std::min(kTries, sweeps_.size()); ++i) {
+    PacketReader reader(file_, format_, sweeps_[i].place);
+    UdpPacket packet;
+    Scan ignored;
+    try {
+      if (reader.Next(&packet)) {
+        sensor_->NewSweep()->Add(packet.payload, packet.stamp_ns, file_.path(), &ignored);
+      }
+      return;
+    } catch (const InputError&) {
+      if (i + 1 == std::min(kTries, sweeps_.size())) throw;
+    }
+  }
 }
 
 std::string CaptureScans::Name(std::size_t i) const {
@@ -92,31 +119,31 @@ std::string CaptureScans::Name(std::size_t i) const {
   return fmt::format("{}#{}", file_.path(), i);
 }
 
-Scan CaptureScans::Decode(std::size_t i, std::string* sensor) const {
+Scan CaptureScans::Decode(std::size_t i, std::string* described) const {
   const Sweep& sweep = sweeps_.at(i);
   PacketReader reader(file_, format_, sweep.place);
-  VelodyneDecoder decoder;
+  const std::unique_ptr<SweepDecoder> decoder = sensor_->NewSweep();
   UdpPacket packet;
   Scan scan;
   for (std::uint32_t seen = 0; seen < sweep.packets && reader.Next(&packet);) {
-    if (packet.source != source_ || VelodyneAzimuth(packet.payload) >= 36000) continue;
+    if (packet.source != source_ || !sensor_->PlaceOf(packet.payload)) continue;
     ++seen;
-    decoder.Add(packet.payload, packet.stamp_ns, Name(i), &scan);
+    decoder->Add(packet.payload, packet.stamp_ns, Name(i), &scan);
   }
-  *sensor = decoder.Describe();
+  *described = decoder->Describe();
   if (scan.points.empty()) throw InputError(fmt::format("{}: holds no returns", Name(i)));
   return scan;
 }
 
 Scan CaptureScans::Read(std::size_t i) const {
-  std::string sensor;
-  Scan scan = Decode(i, &sensor);
+  std::string ignored;
+  Scan scan = Decode(i, &ignored);
   scan.stamp_ns = Stamp(i);
   return scan;
 }
 
 PointTimeField CaptureScans::PointTimes(std::size_t) const {
-  return {"packets", "us", false, true};
+  return {"packets", sensor_->unit_of_times(), false, true};
 }
 
 }  // namespace lamina

@@ -3,10 +3,12 @@
 // Private to io/recording.
 #pragma once
 
+#include <map>
 #include <string>
 #include <vector>
 
 #include "io/container/packet_capture.h"
+#include "io/recording/capture_sensors.h"
 #include "io/recording/scan_source.h"
 
 namespace lamina {
@@ -14,12 +16,13 @@ namespace lamina {
 // Whether `path` is a file that begins like a capture.
 bool HoldsPackets(const std::string& path);
 
-// A sweep begins where the sensor passes straight ahead; it is stamped when its first packet was
-// captured. The file is read through once when it is opened. Data packets of Velodyne sensors are
-// read (io/message/velodyne_packet.h); a sensor is named by its address and port, as by a topic.
+// A sweep is stamped when its first packet was captured. The file is read through once when it is
+// opened. Which sensors' packets are read is for io/recording/capture_sensors.h; a sensor is named
+// by its address and port, as by a topic.
 class CaptureScans final : public ScanSource {
  public:
-  // Throws InputError if there are no such packets, or, naming all, if those of several sensors.
+  // Throws InputError if there are no such packets or they lack what tells how to read them, or,
+  // naming all, if there are those of several sensors.
   CaptureScans(const std::string& path, const ScanSourceOptions& options);
 
   std::size_t size() const override { return sweeps_.size(); }
@@ -35,10 +38,20 @@ class CaptureScans final : public ScanSource {
     std::uint32_t packets = 0;
     StampNs stamp_ns = 0;
   };
-  Scan Decode(std::size_t i, std::string* sensor) const;
+  struct Source {
+    const PacketSensor* sensor = nullptr;
+    std::vector<Sweep> sweeps;
+    std::uint64_t packets = 0;
+    std::uint32_t place = 0;
+  };
+  std::map<std::string, Source> FindSources();
+  void CheckFirstPackets() const;
+  Scan Decode(std::size_t i, std::string* described) const;
 
   RandomFile file_;
+  const CaptureSensors sensors_;
   CaptureFormat format_;
+  const PacketSensor* sensor_ = nullptr;
   std::string source_;
   std::vector<Sweep> sweeps_;
   RecordingDescription described_;

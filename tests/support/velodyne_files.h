@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "core/geometry/scan.h"
 #include "tests/support/io_test_files.h"
@@ -27,6 +28,22 @@ inline std::string VelodynePacket(const VelodyneBlocks& blocks, std::uint8_t mod
   return packet + Pack(us_of_hour, mode, model);
 }
 
+// The calibration of an HDL-64E: laser i is i deg up and turned by i deg.
+inline std::string Hdl64eXml() {
+  std::string xml = "<boost_serialization><DB><distLSB_>0.2</distLSB_><points_>";
+  for (int i = 0; i < 64; ++i) {
+    const auto tag = [](const std::string& name, const std::string& value) {
+      return "<" + name + ">" + value + "</" + name + ">";
+    };
+    xml += "<item><px>" + tag("id_", std::to_string(i)) + tag("rotCorrection_", std::to_string(i)) +
+           tag("vertCorrection_", std::to_string(i)) + tag("distCorrection_", "100.0") +
+           tag("distCorrectionX_", "90.0") + tag("distCorrectionY_", "110.0") +
+           tag("vertOffsetCorrection_", "20.0") + tag("horizOffsetCorrection_", "2.6") +
+           "</px></item>\n";
+  }
+  return xml + "</points_></DB></boost_serialization>";
+}
+
 // Of a VLP-16: the same distance all around, from this azimuth on.
 inline std::string RoundPacket(std::uint16_t azimuth, std::uint32_t us_of_hour) {
   VelodyneBlocks blocks;
@@ -41,17 +58,41 @@ inline std::string BigEndian(std::uint16_t value) {
   return Pack(static_cast<std::uint16_t>(value << 8U | value >> 8U));
 }
 
-// An Ethernet frame of a UDP packet to port 2368 from 10.0.0.`host`.
-inline std::string UdpFrame(const std::string& payload, std::uint8_t host, bool vlan = false) {
-  const auto size = static_cast<std::uint16_t>(payload.size());
-  const std::string udp = BigEndian(2368) + BigEndian(2368) +
-                          BigEndian(static_cast<std::uint16_t>(size + 8)) + BigEndian(0) + payload;
-  const std::string ip = std::string("\x45\0", 2) +
-                         BigEndian(static_cast<std::uint16_t>(size + 28)) +
-                         std::string("\0\0\x40\0\x40\x11\0\0\x0A\0\0", 11) + Pack(host) +
-                         std::string("\xFF\xFF\xFF\xFF", 4);
+// An Ethernet frame of a part of an IPv4 packet from 10.0.0.`host`; `fragment`: its flags and
+// offset.
+inline std::string IpFrame(const std::string& part, std::uint8_t host, std::uint16_t fragment,
+                           std::uint16_t number, bool vlan = false) {
+  const std::string ip =
+      std::string("\x45\0", 2) + BigEndian(static_cast<std::uint16_t>(part.size() + 20)) +
+      BigEndian(number) + BigEndian(fragment) + std::string("\x40\x11\0\0\x0A\0\0", 7) +
+      Pack(host) + std::string("\xFF\xFF\xFF\xFF", 4);
   return std::string(12, '\1') + (vlan ? BigEndian(0x8100) + BigEndian(5) : "") +
-         BigEndian(0x0800) + ip + udp;
+         BigEndian(0x0800) + ip + part;
+}
+
+inline std::string UdpDatagram(const std::string& payload) {
+  const auto size = static_cast<std::uint16_t>(payload.size());
+  return BigEndian(2368) + BigEndian(2368) + BigEndian(static_cast<std::uint16_t>(size + 8)) +
+         BigEndian(0) + payload;
+}
+
+// An Ethernet frame of a UDP packet to port 2368.
+inline std::string UdpFrame(const std::string& payload, std::uint8_t host, bool vlan = false) {
+  return IpFrame(UdpDatagram(payload), host, 0x4000, 0, vlan);
+}
+
+// The same in frames of an MTU of 1500 bytes.
+inline std::vector<std::string> UdpFragments(const std::string& payload, std::uint8_t host,
+                                             std::uint16_t number) {
+  constexpr std::size_t kBytes = 1480;
+  const std::string datagram = UdpDatagram(payload);
+  std::vector<std::string> frames;
+  for (std::size_t at = 0; at < datagram.size(); at += kBytes) {
+    const unsigned more = at + kBytes < datagram.size() ? 0x2000 : 0;
+    frames.push_back(IpFrame(datagram.substr(at, kBytes), host,
+                             static_cast<std::uint16_t>(at / 8 | more), number));
+  }
+  return frames;
 }
 
 inline std::string PcapHead(bool nanoseconds) {

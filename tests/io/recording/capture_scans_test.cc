@@ -3,6 +3,7 @@
 
 #include "io/recording/scan_source.h"
 #include "tests/support/container_files.h"
+#include "tests/support/ouster_files.h"
 #include "tests/support/velodyne_files.h"
 
 namespace lamina {
@@ -118,6 +119,98 @@ TEST_F(CaptureScansTest, FlippedBitsGiveErrorsAndNoCrash) {
   }
 }
 
+class OusterCaptureTest : public CaptureScansTest {
+ protected:
+  static constexpr int kChannels = 16;
+  static constexpr const char* kProfile = "RNG19_RFL8_SIG16_NIR16";
+
+  // Frames of 4 packets; every channel at 5 m.
+  static std::string Packet(std::size_t i) {
+    return OusterPacket(false, static_cast<std::uint16_t>(i / 4), static_cast<int>(i % 4) * 16,
+                        kChannels, [](int, int) { return Pack(5000U, 0U, 0U); });
+  }
+  // The frames of the packets in turn, some of them sent twice or in another order.
+  static std::string Capture(std::size_t packets) {
+    std::string bytes = PcapHead(true);
+    for (std::size_t i = 0; i < packets; ++i) {
+      auto frames = UdpFragments(Packet(i), 7, static_cast<std::uint16_t>(i));
+      if (i == 2) std::swap(frames[0], frames[1]);
+      for (const std::string& frame : frames) bytes += PcapPacket(StampOf(i), frame, true);
+    }
+    return bytes;
+  }
+  std::string MessageOfOpening(const std::string& path) const {
+    return MessageOf<InputError>([&] { OpenScans(path, {}); });
+  }
+};
+
+TEST_F(OusterCaptureTest, FramesOutOfFragments) {
+  Write("a.json", OusterMetadataText(kProfile, kChannels, true));
+  const auto scans = OpenScans(Write("a.pcap", Capture(12)), {});
+  ASSERT_EQ(scans->size(), 3U);
+  EXPECT_THAT(scans->Describe().scans,
+              AllOf(HasSubstr("3 sweeps of 12 packets of OS-1-16, RNG19_RFL8_SIG16_NIR16"),
+                    HasSubstr("10.0.0.7:2368")));
+  for (std::size_t i = 0; i < 3; ++i) {
+    const Scan scan = scans->Read(i);
+    EXPECT_THAT(scan.points, SizeIs(60 * kChannels));
+    EXPECT_EQ(scan.stamp_ns, StampOf(4 * i));
+    EXPECT_NEAR(scan.time_s.back(), 62e-4, 1e-7);
+  }
+  // A fragment that is missing costs its packet alone.
+  std::string bytes = PcapHead(true);
+  for (std::size_t i = 0; i < 4; ++i) {
+    const auto frames = UdpFragments(Packet(i), 7, static_cast<std::uint16_t>(i));
+    for (std::size_t k = i == 1 ? 1 : 0; k < frames.size(); ++k) {
+      bytes += PcapPacket(StampOf(i), frames[k], true);
+    }
+  }
+  EXPECT_THAT(OpenScans(Write("a.pcap", bytes), {})->Read(0).points, SizeIs(45 * kChannels));
+}
+
+TEST_F(OusterCaptureTest, WithoutItsMetadataAClearError) {
+  const std::string path = Write("a.pcap", Capture(4));
+  EXPECT_THAT(MessageOfOpening(path), AllOf(HasSubstr("Ouster"), HasSubstr("a.json")));
+  Write("metadata.json", "{}");
+  EXPECT_THAT(MessageOfOpening(path), AllOf(HasSubstr("metadata.json"), HasSubstr("lidar_mode")));
+  Write("metadata.json", OusterMetadataText(kProfile, 32, true));
+  EXPECT_THAT(MessageOfOpening(path), HasSubstr("of another sensor, or of another mode"));
+  Write("metadata.json", OusterMetadataText(kProfile, kChannels, false));
+  EXPECT_EQ(OpenScans(path, {})->size(), 1U);
+}
+
+TEST_F(OusterCaptureTest, HostileFragmentsTakeNoMemoryAndCrashNothing) {
+  Write("a.json", OusterMetadataText(kProfile, kChannels, true));
+  std::string bytes = PcapHead(true);
+  // Datagrams that never end, overlap, or are longer than any.
+  for (std::uint16_t i = 0; i < 500; ++i) {
+    const std::string part(1480, 'x');
+    bytes += PcapPacket(kFirst, IpFrame(part, 7, 0x2000, i), true);
+    bytes += PcapPacket(kFirst, IpFrame(part, 7, 0x2001, static_cast<std::uint16_t>(i + 7)), true);
+    bytes += PcapPacket(kFirst, IpFrame(part, 7, 0x1FFF, static_cast<std::uint16_t>(i + 9)), true);
+    bytes += PcapPacket(kFirst, IpFrame("", 7, 0x2000, static_cast<std::uint16_t>(i + 11)), true);
+  }
+  EXPECT_THAT(MessageOfOpening(Write("a.pcap", bytes)), HasSubstr("holds no packets"));
+  const std::string sound = Capture(4);
+  EXPECT_EQ(OpenScans(Write("a.pcap", bytes + sound.substr(24)), {})->size(), 1U);
+}
+
+TEST_F(CaptureScansTest, AnHdl64eNeedsItsCalibration) {
+  std::string bytes = PcapHead(true);
+  for (std::size_t i = 0; i < 4; ++i) {
+    std::string packet = Packet(i);
+    for (std::size_t b = 1; b < 12; b += 2) packet.replace(100 * b, 2, "\xFF\xDD");
+    bytes += PcapPacket(StampOf(i), UdpFrame(packet, 7), true);
+  }
+  const std::string path = Write("a.pcap", bytes);
+  EXPECT_THAT(MessageOf<InputError>([&] { OpenScans(path, {}); }),
+              AllOf(HasSubstr("HDL-64E"), HasSubstr("db.xml")));
+  Write("db.xml", Hdl64eXml());
+  const auto scans = OpenScans(path, {});
+  EXPECT_THAT(scans->Describe().scans, HasSubstr("of HDL-64E"));
+  EXPECT_THAT(scans->Read(0).points, SizeIs(kPoints * 4));
+}
+
 // Captures of real sensors, with the counts that other programs found in them.
 TEST_F(CaptureScansTest, RealSensors) {
   const char* recordings = std::getenv("LAMINA_RECORDINGS");
@@ -137,6 +230,21 @@ TEST_F(CaptureScansTest, RealSensors) {
   const auto puck = OpenScans(folder + "velodyne_pcap/sample_velodyne_vlp16_gps.pcap", {});
   EXPECT_EQ(puck->size(), 5U);
   EXPECT_EQ(points(*puck), 73486U);
+  // Of Ouster: first returns, and at most so many second ones.
+  const struct {
+    const char* name;
+    std::size_t first, second;
+  } ouster[] = {{"OS-2-32-U0_v2.0.0_1024x10", 28541, 0},
+                {"OS-2-128-U1_v2.3.0_1024x10", 119682, 0},
+                {"OS-0-32-U1_v2.2.0_1024x10", 21631, 172},
+                {"OS-1-128_767798045_1024x10_20230712_120049", 16373, 1089},
+                {"windowed_frame1", 9246, 0}};
+  for (const auto& sample : ouster) {
+    const auto scans = OpenScans(folder + "ouster/" + sample.name + ".pcap", {});
+    EXPECT_EQ(scans->size(), 1U) << sample.name;
+    EXPECT_GE(points(*scans), sample.first) << sample.name;
+    EXPECT_LE(points(*scans), sample.first + sample.second) << sample.name;
+  }
   // Messages of packets, both returns.
   const auto bag = OpenScans(folder + "velodyne_ros2_vlp16/1673400471837873222", {});
   EXPECT_EQ(bag->size(), 4U);
