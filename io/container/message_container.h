@@ -68,6 +68,13 @@ inline constexpr std::size_t kMostTopics = 4096;
 // recording.
 bool IsMessageContainer(const std::string& path);
 
+// The files that metadata.yaml of a ROS 2 bag names, taken to be beside it. Throws InputError.
+std::vector<std::string> ContainerFilesInMetadata(const std::string& path);
+
+// False if the file says of itself that its recorder has not ended: a bag without index, an MCAP
+// file or a database without its end. True of what tells nothing, and of other files.
+bool IsWholeContainer(const std::string& path);
+
 // Throws InputError if it cannot be read, is none, or is damaged at its beginning.
 std::unique_ptr<MessageContainer> OpenMessageContainer(const std::string& path,
                                                        const TopicFilter& wanted);

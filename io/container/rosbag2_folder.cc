@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "io/container/message_container.h"
 #include "io/file/folder_list.h"
 #include "io/file/text_input.h"
 
@@ -43,6 +44,14 @@ std::vector<std::string> FilesInMetadata(const std::string& path) {
 
 }  // namespace
 
+std::vector<std::string> ContainerFilesInMetadata(const std::string& path) {
+  std::vector<std::string> files;
+  for (const std::string& name : FilesInMetadata(path)) {
+    files.push_back((fs::path(path).parent_path() / name).string());
+  }
+  return files;
+}
+
 bool IsContainerName(std::string_view name) {
   if (name.empty() || name.front() == '.') return false;
   for (const char* packed : {".zstd", ".zst"}) {
@@ -57,11 +66,7 @@ std::vector<std::string> ContainerFilesIn(const std::string& folder) {
   const fs::path metadata = fs::path(folder) / "metadata.yaml";
   std::error_code ignored;
   std::vector<std::string> files;
-  if (fs::is_regular_file(metadata, ignored)) {
-    for (const std::string& name : FilesInMetadata(metadata.string())) {
-      files.push_back((fs::path(folder) / name).string());
-    }
-  }
+  if (fs::is_regular_file(metadata, ignored)) files = ContainerFilesInMetadata(metadata.string());
   if (!files.empty()) return files;
   for (const fs::path& file : ListFiles(folder, IsContainerName)) files.push_back(file.string());
   return files;

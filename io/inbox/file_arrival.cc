@@ -5,6 +5,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <climits>
 #include <cstdlib>
@@ -13,8 +14,10 @@
 #include <memory>
 #include <optional>
 
+#include "core/base/error.h"
 #include "core/geometry/scan.h"
 #include "io/recording/point_file_check.h"
+#include "io/recording/recording_file.h"
 
 namespace lamina {
 namespace {
@@ -66,6 +69,21 @@ FileLook LookThroughLink(const std::string& root, const std::string& path) {
   return look;
 }
 
+// As long as files that belong to it grow, it does.
+void AddParts(const std::string& path, FileLook* look) {
+  try {
+    for (const std::string& part : FilesOfRecording(path)) {
+      struct stat status;
+      if (part == path || stat(part.c_str(), &status) != 0) continue;
+      const FileLook of_part = FromStatus(status);
+      look->size += of_part.size;
+      look->modified_ns = std::max(look->modified_ns, of_part.modified_ns);
+    }
+  } catch (const InputError&) {
+    // Opening it tells.
+  }
+}
+
 }  // namespace
 
 FileLook LookAtFile(const std::string& root, const std::string& name) {
@@ -75,12 +93,19 @@ FileLook LookAtFile(const std::string& root, const std::string& name) {
     if (errno == ENOENT || errno == ENOTDIR) return FileLook();
     return Refused(fmt::format("cannot be looked at: {}", std::strerror(errno)));
   }
-  return S_ISLNK(status.st_mode) ? LookThroughLink(root, path) : FromStatus(status);
+  FileLook look = S_ISLNK(status.st_mode) ? LookThroughLink(root, path) : FromStatus(status);
+  if (look.what == FileLook::What::kFile &&
+      IsRecordingFile(std::filesystem::path(name).filename().string())) {
+    AddParts(path, &look);
+  }
+  return look;
 }
 
 bool IsWhole(const std::string& path, std::uint64_t size) {
   if (size == 0) return false;
-  const std::string ending = std::filesystem::path(path).extension().string();
+  const std::filesystem::path name(path);
+  const std::string ending = name.extension().string();
+  if (IsRecordingFile(name.filename().string())) return IsWholeRecording(path);
   if (ending == ".bin") return size % sizeof(ScanPoint) == 0;
   if (ending != ".pcd" && ending != ".ply") return true;
   const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);

@@ -24,7 +24,8 @@ struct FileLook {
   std::string reason;
 };
 
-// Looks at root/name. `root` must be canonical. Never throws and opens nothing.
+// Looks at root/name. `root` must be canonical. Never throws, and opens nothing but a
+// metadata.yaml, whose size and time of change are those of all its files.
 FileLook LookAtFile(const std::string& root, const std::string& name);
 
 // Whether a file of `size` bytes, of which it is not known whether it is still written, holds what

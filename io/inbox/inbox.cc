@@ -10,8 +10,10 @@
 #include "io/inbox/arriving_files.h"
 #include "io/inbox/file_arrival.h"
 #include "io/inbox/name_set.h"
+#include "io/inbox/recordings.h"
 #include "io/inbox/sequences.h"
 #include "io/inbox/watcher.h"
+#include "io/recording/recording_file.h"
 
 namespace lamina {
 namespace {
@@ -50,11 +52,13 @@ class Inbox::Impl final : public InboxWatcher::Events {
         sequences_(root_, scans, options, &watcher_,
                    [this](const std::string& name, const std::string& reason, bool is_late) {
                      Dropped(name, reason, is_late);
-                   }) {
+                   }),
+        recordings_(root_, scans, options) {
     Look();
   }
 
   void Continue(const SequenceProgress& progress) {
+    if (ScanNumber(progress.sequence, progress.last_name)) return recordings_.Continue(progress);
     InboxSequence* sequence = sequences_.Of(progress.sequence);
     sequence->Continue(progress);
     sequences_.Wake(sequence);
@@ -65,9 +69,9 @@ class Inbox::Impl final : public InboxWatcher::Events {
   void Drain();
 
   InboxWatcher& watcher() { return watcher_; }
-  std::vector<InboxNotice> late, refused;
+  std::vector<InboxNotice> late, refused, ended;
   const NameSet& seen() const { return seen_; }
-  std::size_t waiting() const { return sequences_.waiting(); }
+  std::size_t waiting() const { return sequences_.waiting() + recordings_.waiting(); }
 
  private:
   using How = InboxWatcher::How;
@@ -79,14 +83,17 @@ class Inbox::Impl final : public InboxWatcher::Events {
   void ScanBegins() override { ++scan_; }
   void ScanEnds() override;
 
+  void RecordingSeen(const std::string& name, How how);
   void LinkSeen(const std::string& name);
   void Follow(const ArrivingFiles::Verdict& verdict, InboxSequence* sequence,
               const std::string& file);
+  void FollowRecording(const ArrivingFiles::Verdict& verdict, const std::string& name);
   void CheckArriving();
   void Remove(InboxSequence* sequence, const std::string& file);
   void Refuse(const std::string& name, const std::string& reason);
   void Dropped(const std::string& name, const std::string& reason, bool is_late);
 
+  std::optional<InboxFile> NextOfRecording();
   void Look();
   void Advance();
   InboxTime NextDue() const;
@@ -102,6 +109,7 @@ class Inbox::Impl final : public InboxWatcher::Events {
   std::uint32_t scan_ = 0;
   InboxTime next_look_ = kNever;
   InboxSequences sequences_;
+  InboxRecordings recordings_;
 };
 
 // A link whose name is no scan's matters only if it leads to a folder elsewhere: the user may
@@ -120,7 +128,8 @@ void Inbox::Impl::FileSeen(const std::string& folder, const std::string& file, H
     return sequences_.StampFileSeen(folder, file, how);
   }
   const std::string name = folder.empty() ? file : folder + "/" + file;
-  if (KindOfName(file) == ScanName::kNone) return LinkSeen(name);
+  const bool recording = IsRecordingFile(file);
+  if (!recording && KindOfName(file) == ScanName::kNone) return LinkSeen(name);
   if (seen_.Contains(name)) {
     // It stays where it is when it is kept; made again, it is another file that no run will map.
     const bool made = how == How::kCreated || how == How::kMovedIn;
@@ -129,6 +138,7 @@ void Inbox::Impl::FileSeen(const std::string& folder, const std::string& file, H
     }
     return;
   }
+  if (recording) return RecordingSeen(name, how);
   InboxSequence* sequence = sequences_.Of(folder);
   if (sequence->Has(file)) {
     sequence->Mark(file, scan_);
@@ -140,6 +150,24 @@ void Inbox::Impl::FileSeen(const std::string& folder, const std::string& file, H
     sequences_.Add(sequence, file, scan_);
   }
   Follow(arriving_.See(name, how, watcher_.polls().empty(), now_()), sequence, file);
+}
+
+void Inbox::Impl::RecordingSeen(const std::string& name, How how) {
+  if (!recordings_.Has(name)) {
+    if (known_ && known_(name)) return seen_.Insert(name);
+    recordings_.Add(name, scan_);
+  } else {
+    recordings_.Mark(name, scan_);
+    if (how == How::kFound || !arriving_.Has(name)) return;
+  }
+  FollowRecording(arriving_.See(name, how, watcher_.polls().empty(), now_()), name);
+}
+
+void Inbox::Impl::FollowRecording(const ArrivingFiles::Verdict& verdict, const std::string& name) {
+  using Kind = ArrivingFiles::Verdict::Kind;
+  if (verdict.kind == Kind::kGone || verdict.kind == Kind::kRefused) recordings_.Remove(name);
+  if (verdict.kind == Kind::kRefused) Refuse(name, verdict.reason);
+  if (verdict.kind == Kind::kComplete) recordings_.SetReady(name, verdict.since);
 }
 
 void Inbox::Impl::Follow(const ArrivingFiles::Verdict& verdict, InboxSequence* sequence,
@@ -155,6 +183,10 @@ void Inbox::Impl::CheckArriving() {
   std::string name;
   ArrivingFiles::Verdict verdict;
   while (arriving_.Check(now_(), &name, &verdict)) {
+    if (recordings_.Has(name)) {
+      FollowRecording(verdict, name);
+      continue;
+    }
     const std::size_t slash = name.rfind('/');
     const bool at_root = slash == std::string::npos;
     Follow(verdict, sequences_.Of(at_root ? "" : name.substr(0, slash)),
@@ -180,10 +212,19 @@ void Inbox::Impl::Dropped(const std::string& name, const std::string& reason, bo
 }
 
 void Inbox::Impl::FileGone(const std::string& folder, const std::string& file) {
-  if (KindOfName(file) != ScanName::kNone) Remove(sequences_.Of(folder), file);
+  if (IsRecordingFile(file)) {
+    const std::string name = folder.empty() ? file : folder + "/" + file;
+    arriving_.Forget(name);
+    recordings_.Remove(name);
+  } else if (KindOfName(file) != ScanName::kNone) {
+    Remove(sequences_.Of(folder), file);
+  }
 }
 
-void Inbox::Impl::FolderGone(const std::string& folder) { sequences_.RemoveFolder(folder); }
+void Inbox::Impl::FolderGone(const std::string& folder) {
+  sequences_.RemoveFolder(folder);
+  recordings_.RemoveFolder(folder);
+}
 
 void Inbox::Impl::FolderUnreadable(const std::string& folder, const std::string& reason) {
   const std::string name = folder + "/";
@@ -192,6 +233,7 @@ void Inbox::Impl::FolderUnreadable(const std::string& folder, const std::string&
 
 void Inbox::Impl::ScanEnds() {
   sequences_.RemoveUnmarked(scan_);
+  recordings_.RemoveUnmarked(scan_);
   arriving_.TrustRest(now_());
 }
 
@@ -212,7 +254,8 @@ void Inbox::Impl::Advance() {
 }
 
 InboxTime Inbox::Impl::NextDue() const {
-  const InboxTime next = std::min(next_look_, sequences_.NextDue(now_(), drained_));
+  const InboxTime next =
+      std::min({next_look_, sequences_.NextDue(now_(), drained_), recordings_.NextDue(drained_)});
   return std::min(next, arriving_.NextCheck());
 }
 
@@ -220,7 +263,7 @@ std::optional<InboxFile> Inbox::Impl::Next() {
   Advance();
   for (;;) {
     const InboxSequences::NextFile next = sequences_.Next(now_(), drained_);
-    if (next.sequence == nullptr) return std::nullopt;
+    if (next.sequence == nullptr) return NextOfRecording();
     const InboxSequence::Decision& decision = next.decision;
     const std::string name = next.sequence->NameOf(decision.file);
     // It may have gone, or become another, unseen.
@@ -244,12 +287,28 @@ std::optional<InboxFile> Inbox::Impl::Next() {
   }
 }
 
+std::optional<InboxFile> Inbox::Impl::NextOfRecording() {
+  using Kind = InboxRecordings::Step::Kind;
+  for (;;) {
+    InboxRecordings::Step step = recordings_.Next(now_(), drained_);
+    if (step.kind == Kind::kNothing) return std::nullopt;
+    if (step.kind == Kind::kScan) return std::move(step.scan);
+    arriving_.Forget(step.name);
+    if (step.kind == Kind::kRefused) {
+      Refuse(step.name, step.reason);
+      continue;
+    }
+    seen_.Insert(step.name);
+    if (step.kind == Kind::kEnded) ended.push_back({step.name, step.reason});
+  }
+}
+
 Inbox::Woken Inbox::Impl::Wait(std::chrono::nanoseconds timeout) {
   const std::size_t notices = late.size() + refused.size();
   const auto ready = [&] {
     Advance();
     return sequences_.Next(now_(), drained_).sequence != nullptr ||
-           late.size() + refused.size() > notices;
+           recordings_.NextDue(drained_) <= now_() || late.size() + refused.size() > notices;
   };
   const InboxTime start = now_();
   for (;;) {
@@ -292,6 +351,7 @@ void Inbox::Continue(const SequenceProgress& progress) { impl_->Continue(progres
 std::optional<InboxFile> Inbox::Next() { return impl_->Next(); }
 std::vector<InboxNotice> Inbox::TakeLate() { return std::exchange(impl_->late, {}); }
 std::vector<InboxNotice> Inbox::TakeRefused() { return std::exchange(impl_->refused, {}); }
+std::vector<InboxNotice> Inbox::TakeEnded() { return std::exchange(impl_->ended, {}); }
 void Inbox::Drain() { impl_->Drain(); }
 Inbox::Woken Inbox::Wait(std::chrono::nanoseconds timeout) { return impl_->Wait(timeout); }
 void Inbox::Interrupt() noexcept { impl_->watcher().Interrupt(); }

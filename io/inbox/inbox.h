@@ -30,6 +30,11 @@
 //             below 10^9 are line numbers from 0, others take the lines in the order of the files.
 //             Without a stamp file, from the names if all are stamps of one form. Else made up. How
 //             a sequence has its stamps is settled when its first file is handed out.
+//   recording A bag, an MCAP file or a capture of packets is a sequence of its own, whose scans are
+//             handed out one by one, named FILE#0, FILE#1, ... (io/recording/recording_file.h). It
+//             counts as other files do, when its recorder has written what comes last, and settle_s
+//             later; recordings come in natural order of their names, where no other file is ready.
+//             A ROS 2 bag counts by its metadata.yaml: *.db3 without one wait for it.
 //   links     A symbolic link to a file within the inbox is a file of its own name. Links out of
 //             the inbox are refused, links to folders are not followed.
 //
@@ -75,6 +80,10 @@ struct InboxFile {
   bool recorded_stamp = false;  // false: made up, number in the sequence * frame_period_s
   // For the first file of a sequence: the stamp of the second. Nothing if none came in time.
   std::optional<StampNs> next_stamp_ns;
+  // For a scan of a recording in one file, which is its sequence: that, opened, and the scan's
+  // number in it.
+  std::shared_ptr<const ScanSource> recording = nullptr;
+  std::size_t scan_in_recording = 0;
 };
 
 // A file that is never handed out, and why.
@@ -117,6 +126,8 @@ class Inbox {
 
   // Files set aside since the last call, because they came after later ones of their sequence.
   std::vector<InboxNotice> TakeLate();
+  // Recordings of which all scans were handed out since the last call.
+  std::vector<InboxNotice> TakeEnded();
   // Files refused since the last call: links out of the inbox, no regular files, files without a
   // stamp among others with one, names that were taken before. Folders that cannot be read, too.
   std::vector<InboxNotice> TakeRefused();

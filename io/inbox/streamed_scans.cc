@@ -48,8 +48,14 @@ SE3 StreamedScans::T_vehicle_lidar(std::size_t i) const {
   return mount ? mount->T_vehicle_lidar : SE3();
 }
 
+std::string StreamedScans::Name(std::size_t i) const {
+  const InboxFile& file = File(i);
+  return file.recording == nullptr ? file.path : file.recording->Name(file.scan_in_recording);
+}
+
 Scan StreamedScans::Read(std::size_t i) const {
   const InboxFile& file = File(i);
+  if (file.recording != nullptr) return file.recording->Read(file.scan_in_recording);
   return ReadStampedScan(file.path, file.stamp_ns, file.recorded_stamp, options_);
 }
 

@@ -33,7 +33,7 @@ class StreamedScans final : public ScanSource {
   void Forget(std::size_t next);
 
   std::size_t size() const override { return first_ + files_.size(); }
-  std::string Name(std::size_t i) const override { return File(i).path; }
+  std::string Name(std::size_t i) const override;
   StampNs Stamp(std::size_t i) const override { return File(i).stamp_ns; }
   std::string Recording(std::size_t i) const override;
   std::string Sensor(std::size_t i) const override { return File(i).sequence; }

@@ -146,6 +146,7 @@ int Watch(const WatchArguments& a) {
 
 void AddMappingOptions(CLI::App* command, WatchArguments* a) {
   AddConfigOptions(command, "; read again on SIGHUP (session.*, log.level)", &a->config);
+  AddTopicOption(command, &a->config);
   AddThreadsOption(command, "", &a->threads);
   command
       ->add_option("--mode", a->mode,
@@ -171,7 +172,8 @@ void AddWatchCommand(CLI::App* app, std::function<int()>* run) {
   command
       ->add_option("--inbox", a.inbox,
                    "Folder into which files come: .bin, .pcd or .ply, in it or in subfolders, one "
-                   "for each sequence, in the layouts that `run` knows")
+                   "for each sequence, in the layouts that `run` knows; or .bag, .mcap, .pcap, "
+                   ".pcapng and ROS 2 bags, each a recording of its own")
       ->required();
   command
       ->add_option("--session", a.session,

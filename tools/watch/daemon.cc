@@ -13,6 +13,7 @@
 #include "tools/cli/common.h"
 #include "tools/results/piece_trajectories.h"
 #include "tools/results/process_report.h"
+#include "tools/watch/continued.h"
 #include "tools/watch/log.h"
 #include "tools/watch/service_notify.h"
 
@@ -38,10 +39,8 @@ SystemClock::time_point LastChange(const std::string& path) {
       std::chrono::nanoseconds(status.st_ctim.tv_nsec)));
 }
 
-InboxFile FileOf(const SessionScan& row, const WatchFiles& files) {
-  return {row.file,     files.Find(row.file), row.sequence,
-          row.stamp_ns, row.recorded_stamp,   row.next_stamp_ns};
-}
+// Scans of a recording in one file are decoded for their stamps, too: so many stay unpacked.
+constexpr std::size_t kBatchOfRecording = 8;
 
 LivePose LivePoseOf(const FinalPose& pose) {
   return {static_cast<std::int64_t>(pose.scan), pose.pose.stamp_ns, pose.pose.T_world_lidar,
@@ -58,7 +57,7 @@ WatchDaemon::WatchDaemon(WatchSetup setup)
       verdict_(setup_.config.frontend.matcher.max_iterations) {
   session_ = std::make_unique<Session>(MakeSessionSetup(), Hooks());
   WriteTextFile((fs::path(setup_.session) / "config.yaml").string(), ToYaml(setup_.config));
-  ContinueInbox();
+  OpenInbox();
   if (!setup_.http) return;
   session_->TrackTiles();
   session_->database().ForEach(0, session_->next_scan(), [this](const SessionScan& row) {
@@ -119,27 +118,14 @@ SessionHooks WatchDaemon::Hooks() {
   return hooks;
 }
 
-// The inbox goes on where the session stands: behind the scans that are to be repeated.
-void WatchDaemon::ContinueInbox() {
+void WatchDaemon::OpenInbox() {
   const SessionDatabase& database = session_->database();
   inbox_ = std::make_unique<Inbox>(
       setup_.inbox, setup_.config.scans, setup_.config.inbox,
       [&database](const std::string& name) { return database.Knows(name); });
   if (!inbox_->polls().empty()) spdlog::info("the inbox is polled: {}", inbox_->polls());
-  const std::int64_t recorded = database.scans();
-  for (const SessionDatabase::Sequence& sequence : database.Sequences(recorded)) {
-    inbox_->Continue({sequence.last.sequence, static_cast<std::size_t>(sequence.scans),
-                      sequence.last.file, sequence.last.stamp_ns, sequence.last.recorded_stamp});
-  }
-  const std::int64_t next = session_->next_scan();
-  scans_ = std::make_unique<StreamedScans>(static_cast<std::size_t>(next), setup_.config.scans);
-  for (const SessionDatabase::Sequence& sequence : database.Sequences(next)) {
-    for (const SessionScan& row :
-         database.LastOf(sequence.last.sequence, next, static_cast<int>(StreamedScans::kHistory))) {
-      scans_->AppendPast(row.sequence, static_cast<std::size_t>(row.scan), row.stamp_ns);
-    }
-  }
-  late_ = static_cast<std::size_t>(database.set_aside());
+  late_ = ContinueInbox(database, inbox_.get());
+  scans_ = ContinueScans(database, session_->next_scan(), setup_.config.scans);
 }
 
 void WatchDaemon::Run(const std::atomic<bool>& stop) {
@@ -159,6 +145,8 @@ void WatchDaemon::Run(const std::atomic<bool>& stop) {
     if (setup_.once) break;
     Rest(LiveState::kIdle);
   }
+  // What the last look at the inbox refused.
+  TakeNotices();
   NotifyService("STOPPING=1");
   ShowStatus(LiveState::kStopping);
   session_->Finish();
@@ -168,13 +156,14 @@ void WatchDaemon::Run(const std::atomic<bool>& stop) {
 // Scans that were recorded after the checkpoint that was loaded, from their files as they are now.
 void WatchDaemon::Repeat(const std::atomic<bool>& stop) {
   const std::vector<SessionScan>& rows = session_->to_repeat();
+  RepeatedFiles files(files_, setup_.config.scans);
   for (std::size_t i = 0; i < rows.size() && !stop;) {
     if (!room_.Enough()) {
       Rest(LiveState::kStarting);
       continue;
     }
     for (const std::size_t end = std::min(rows.size(), i + kBatch); i < end; ++i) {
-      scans_->Append(FileOf(rows[i], files_));
+      scans_->Append(files.FileOf(rows[i]));
     }
     session_->Process(scans_.get(), &stop);
   }
@@ -214,16 +203,24 @@ bool WatchDaemon::MapWaiting(const std::atomic<bool>& stop) {
   while (taken < kBatch) {
     std::optional<InboxFile> file = inbox_->Next();
     if (!file) break;
+    const bool of_recording = file->recording != nullptr;
     scans_->Append(std::move(*file));
     ++taken;
+    if (of_recording && taken >= kBatchOfRecording) break;
   }
   if (taken > 0) session_->Process(scans_.get(), &stop);
+  // Its scans are recorded by now. So it is not opened again after a restart.
+  for (const InboxNotice& notice : inbox_->TakeEnded()) {
+    if (stop) break;
+    spdlog::info("{}: {}", notice.name, notice.reason);
+    session_->SetAside(notice.name, notice.reason);
+  }
   return taken > 0;
 }
 
 void WatchDaemon::OnMapped(const MappedScan& report) {
   // What lay there before is late for reasons of its own.
-  const auto complete = std::max(start_on_clock_, LastChange(scans_->Name(report.index)));
+  const auto complete = std::max(start_on_clock_, LastChange(scans_->File(report.index).path));
   const std::lock_guard<std::mutex> lock(mutex_);
   under_way_.push_back({SteadyClock::now(), complete});
 }
@@ -238,7 +235,11 @@ void WatchDaemon::OnScan(const MappedScan& report, const SessionScan& row) {
     ++rejected_;
     WarnRepeated("skipped: " + row.status,
                  fmt::format("skipped scan {}: {}", row.scan, row.detail));
-    session_->DoLater([this, row] { files_.Reject(row.file, row.detail); });
+    const bool of_recording = scans_->File(report.index).recording != nullptr;
+    session_->DoLater([this, row, of_recording] {
+      if (of_recording) return files_.NoteReason(row.file, row.detail);
+      files_.Reject(row.file, row.detail);
+    });
   } else if (report.odometry.status == OdometryFrame::Status::kLost) {
     WarnRepeated("lost", fmt::format("lost at scan {}: {:.0f} % of its clusters agree with the map",
                                      row.scan, 100.0 * row.inlier_share));

@@ -63,7 +63,7 @@ class WatchDaemon {
 
   SessionSetup MakeSessionSetup() const;
   SessionHooks Hooks();
-  void ContinueInbox();
+  void OpenInbox();
   void Repeat(const std::atomic<bool>& stop);
   void Rest(LiveState state);
   void TakeNotices();

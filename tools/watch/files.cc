@@ -10,6 +10,7 @@
 #include "core/base/printable_text.h"
 #include "io/file/disk_room.h"
 #include "io/file/file_writer.h"
+#include "io/recording/recording_file.h"
 
 namespace lamina {
 namespace {
@@ -94,14 +95,62 @@ std::int64_t WatchFiles::Release(const SessionDatabase& database, std::int64_t f
   std::int64_t next = from;
   try {
     database.ForEach(from, to, [&](const SessionScan& scan) {
-      ReleaseOne(scan);
+      if (!ScanNumber(scan.sequence, scan.file)) ReleaseOne(scan);
       next = scan.scan + 1;
     });
+    ReleaseRecordings(database, to);
   } catch (const DiskFullError& error) {
     spdlog::warn("mapped files stay in the inbox until there is room: {}", error.what());
     return next;
   }
   return to;
+}
+
+void WatchFiles::MoveTo(const char* folder, const std::string& name) const {
+  const fs::path to = fs::path(session_) / folder / name;
+  MakeDirectory(to.parent_path().string());
+  Move(fs::path(inbox_) / name, to);
+}
+
+bool WatchFiles::HasRejectedScans(const std::string& recording) const {
+  const fs::path reasons = fs::path(session_) / "rejected" / recording;
+  const std::string begin = reasons.filename().string() + "#";
+  std::error_code none;
+  for (const auto& entry : fs::directory_iterator(reasons.parent_path(), none)) {
+    if (entry.path().filename().string().compare(0, begin.size(), begin) == 0) return true;
+  }
+  return false;
+}
+
+// Those of which the inbox has said that nothing is left, and whose last scan is before `to`.
+void WatchFiles::ReleaseRecordings(const SessionDatabase& database, std::int64_t to) const {
+  for (const SessionDatabase::Sequence& sequence : database.Sequences(database.scans())) {
+    const std::string& name = sequence.last.sequence;
+    if (!ScanNumber(name, sequence.last.file) || sequence.last.scan >= to) continue;
+    const fs::path from = fs::path(inbox_) / name;
+    if (!database.Knows(name) || !fs::exists(fs::symlink_status(from))) continue;
+    try {
+      ReleaseRecording(name);
+    } catch (const DiskFullError&) {
+      throw;
+    } catch (const std::exception& error) {
+      spdlog::warn("{}: is mapped, but cannot be {}: {}", from.string(),
+                   policy_ == DonePolicy::kMove ? "moved" : "deleted", error.what());
+    }
+  }
+}
+
+void WatchFiles::ReleaseRecording(const std::string& name) const {
+  const bool rejected = HasRejectedScans(name);
+  for (const std::string& file : FilesOfRecording((fs::path(inbox_) / name).string())) {
+    const fs::path part = fs::path(name).parent_path() / fs::path(file).filename();
+    if (!fs::exists(fs::symlink_status(fs::path(inbox_) / part))) continue;
+    if (policy_ == DonePolicy::kDelete && !rejected) {
+      fs::remove(fs::path(inbox_) / part);
+    } else {
+      MoveTo(policy_ == DonePolicy::kMove ? "done" : "rejected", part.string());
+    }
+  }
 }
 
 void WatchFiles::ReleaseOne(const SessionScan& scan) const {
@@ -114,9 +163,7 @@ void WatchFiles::ReleaseOne(const SessionScan& scan) const {
       fs::remove(from);
       return;
     }
-    const fs::path to = fs::path(session_) / "done" / scan.file;
-    MakeDirectory(to.parent_path().string());
-    Move(from, to);
+    MoveTo("done", scan.file);
   } catch (const DiskFullError&) {
     throw;
   } catch (const std::exception& error) {

@@ -19,8 +19,9 @@ DonePolicy ParseDonePolicy(const std::string& name);
 //
 // NAME is the path in the inbox. A file is left in the inbox (keep), moved or deleted only when
 // nothing can make the session read it again, and a rejected one when rejected/ has all of it;
-// until then that is there twice (a link, or a copy where it is on another file system). One thread
-// at a time.
+// until then that is there twice (a link, or a copy where it is on another file system). A
+// recording in one file goes, with all its files, when all of its scans may: to rejected/ if some
+// of them could not be mapped and it would be deleted. One thread at a time.
 class WatchFiles {
  public:
   WatchFiles(std::string inbox, std::string session, DonePolicy policy);
@@ -41,6 +42,10 @@ class WatchFiles {
   // Throws InputError, OutputError.
   void CopyToRejected(const std::string& name) const;
   void ReleaseOne(const SessionScan& scan) const;
+  void ReleaseRecordings(const SessionDatabase& database, std::int64_t to) const;
+  void ReleaseRecording(const std::string& name) const;
+  void MoveTo(const char* folder, const std::string& name) const;
+  bool HasRejectedScans(const std::string& recording) const;
 
   std::string inbox_, session_;
   DonePolicy policy_;

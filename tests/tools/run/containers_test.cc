@@ -7,6 +7,7 @@
 
 #include "tests/support/container_files.h"
 #include "tests/support/run_helpers.h"
+#include "tests/support/swept_messages.h"
 
 namespace lamina {
 namespace {
@@ -14,27 +15,8 @@ namespace {
 using testing::AllOf;
 using testing::HasSubstr;
 
-constexpr StampNs kFirst = 1'700'000'000'000'000'000;
-
 class ContainersTest : public RunTest {
  protected:
-  // Swept scans of a drive through a street.
-  static const std::vector<Scan>& Scans() {
-    static const std::vector<Scan> scans = [] {
-      SynthOptions options;
-      options.frames = 12;
-      options.sensor = synth::SensorKind::kVlp16;
-      options.sweep = true;
-      const SynthSequence sequence(options);
-      std::vector<Scan> all;
-      for (std::size_t i = 0; i < sequence.size(); ++i) {
-        all.push_back(sequence.Generate(i));
-        all.back().stamp_ns += kFirst;
-      }
-      return all;
-    }();
-    return scans;
-  }
   static std::string Pcd(const Scan& scan) {
     const std::string count = std::to_string(scan.points.size());
     std::string bytes =
@@ -46,19 +28,6 @@ class ContainersTest : public RunTest {
     }
     return bytes;
   }
-  // With a second topic if it has a name.
-  static RecordedMessages Messages(WireWriter::Form form, const std::string& other = "") {
-    RecordedMessages recorded;
-    recorded.topics = {{"/imu", "sensor_msgs/Imu"}, {"/points", "sensor_msgs/PointCloud2"}};
-    if (!other.empty()) recorded.topics.push_back({other, "sensor_msgs/PointCloud2"});
-    for (const Scan& scan : Scans()) {
-      const StampNs log = scan.stamp_ns + 105'000'000;
-      recorded.messages.push_back({0, log, "imu"});
-      recorded.messages.push_back({1, log, CloudMessage(form, scan.stamp_ns, scan)});
-      if (!other.empty()) recorded.messages.push_back({2, log, recorded.messages.back().bytes});
-    }
-    return recorded;
-  }
   std::string TrajectoryOf(const std::string& scans, const std::vector<std::string>& more = {}) {
     const Outcome outcome = Run(scans, more);
     EXPECT_THAT(outcome.err, HasSubstr("times in field 't' in s"));
@@ -67,13 +36,13 @@ class ContainersTest : public RunTest {
 };
 
 TEST_F(ContainersTest, GiveTheSameTrajectoryByteForByte) {
-  for (const Scan& scan : Scans()) {
+  for (const Scan& scan : SweptScans()) {
     Write("folder/" + std::to_string(scan.stamp_ns) + ".pcd", Pcd(scan));
   }
   const std::string expected = TrajectoryOf(Path("folder"));
   EXPECT_GT(expected.size(), 1000U);
-  const RecordedMessages ros1 = Messages(WireWriter::Form::kRos1);
-  const RecordedMessages cdr = Messages(WireWriter::Form::kCdr);
+  const RecordedMessages ros1 = SweptMessages(WireWriter::Form::kRos1);
+  const RecordedMessages cdr = SweptMessages(WireWriter::Form::kCdr);
   EXPECT_EQ(TrajectoryOf(Write("a.bag", BagBytes(ros1, {"lz4", 4, true}))), expected);
   EXPECT_EQ(TrajectoryOf(Write("b.bag", BagBytes(ros1, {"bz2", 4, false}))), expected);
   EXPECT_EQ(TrajectoryOf(Write("a.mcap", McapBytes(cdr, {}))), expected);
@@ -88,7 +57,7 @@ TEST_F(ContainersTest, GiveTheSameTrajectoryByteForByte) {
 
 TEST_F(ContainersTest, ATopicIsChosenAndKeptForLater) {
   const std::string bag =
-      Write("a.bag", BagBytes(Messages(WireWriter::Form::kRos1, "/rear"), {"lz4", 4, true}));
+      Write("a.bag", BagBytes(SweptMessages(WireWriter::Form::kRos1, "/rear"), {"lz4", 4, true}));
   EXPECT_THAT(Lamina({"run", "--scans", bag, "--out", Path("none")}).err,
               AllOf(HasSubstr("2 topics of scans"), HasSubstr("--topic")));
   Run(bag, {"--topic", "/rear"});
@@ -101,7 +70,7 @@ TEST_F(ContainersTest, ATopicIsChosenAndKeptForLater) {
 }
 
 TEST_F(ContainersTest, InfoTellsWhatIsInside) {
-  RecordedMessages recorded = Messages(WireWriter::Form::kRos1, "/rear");
+  RecordedMessages recorded = SweptMessages(WireWriter::Form::kRos1, "/rear");
   // Two scans are missing on one topic.
   std::size_t seen = 0;
   for (auto it = recorded.messages.begin(); it != recorded.messages.end();) {

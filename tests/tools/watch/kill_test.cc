@@ -10,6 +10,8 @@
 #include <set>
 #include <string>
 
+#include "tests/support/container_files.h"
+#include "tests/support/swept_messages.h"
 #include "tests/support/watch_scenes.h"
 
 namespace lamina {
@@ -116,6 +118,26 @@ TEST_F(WatchKillTest, SoItDoesWhenTheMapIsOnDisk) {
   }
   Once(often);
   ExpectSameResults("session", "whole");
+}
+
+TEST_F(WatchKillTest, SoItDoesInTheMidstOfRecordingsInOneFile) {
+  const RecordedMessages ros1 = SweptMessages(WireWriter::Form::kRos1);
+  Write("in/a.bag", BagBytes(ros1, {"bz2", 4, true}));
+  // Its recorder died: it has no index.
+  Write("in/b.bag", BagBytes(ros1, {"lz4", 5, false}));
+  Write("in/c/c.mcap", McapBytes(SweptMessages(WireWriter::Form::kCdr), {}));
+  WriteRecording("in/street", Street(10));
+  Arguments often{"--set", "session.checkpoint_every_scans=5"};
+  const int writes = WritesOf(often);
+  often.insert(often.end(), {"--done", "delete"});
+  for (int kills = 0; kills < 6; ++kills) {
+    if (!Disturb(often, 1 + Random(writes * 2 / 3), SIGKILL)) break;
+    ExpectCleanDatabase();
+  }
+  Once(often);
+  ExpectSameResults("session", "whole");
+  EXPECT_EQ(TimesMapped(Path("session/session.db")).size(), 46U);
+  EXPECT_FALSE(fs::exists(Path("in/a.bag")));
 }
 
 TEST_F(WatchKillTest, TerminatedItContinuesToTheSame) {
