@@ -1,6 +1,12 @@
 #include "backend/mapping/scan_decoder.h"
 
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <optional>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "core/base/error.h"
 #include "core/base/printable_text.h"
@@ -10,19 +16,72 @@
 namespace lamina {
 namespace {
 
-double PeriodAt(const ScanSource& source, std::size_t begin, std::size_t i) {
+std::vector<StampNs> StampsAt(const ScanSource& source, std::size_t begin, std::size_t i) {
   std::vector<StampNs> stamps = source.StampsUpTo(i, begin, kPeriodStamps);
   // The first scan knows no period yet, but the next stamp is there to see.
   if (stamps.size() == 1) {
     if (const auto after = source.StampAfter(i)) stamps.push_back(*after);
   }
-  return PeriodByStamps(stamps);
+  return stamps;
+}
+
+// The median time between scans, however long; nothing if the stamps do not tell.
+std::optional<double> TimeBetween(const std::vector<StampNs>& stamps) {
+  std::vector<double> gaps_s;
+  for (std::size_t k = 1; k < stamps.size(); ++k) {
+    if (stamps[k] > stamps[k - 1]) gaps_s.push_back(SecondsBetween(stamps[k - 1], stamps[k]));
+  }
+  if (gaps_s.empty()) return std::nullopt;
+  const auto middle = gaps_s.begin() + static_cast<std::ptrdiff_t>(gaps_s.size() / 2);
+  std::nth_element(gaps_s.begin(), middle, gaps_s.end());
+  return *middle;
 }
 
 void Skip(SkipReason reason, const std::string& why, MappedScan* report) {
   report->skipped = true;
   report->reason = reason;
   report->detail = Printable(why);
+}
+
+// From the earliest of the points to the latest, but for the hundredth at either end: single times
+// may be damaged.
+double SpanOf(std::vector<float> times_s) {
+  times_s.erase(
+      std::remove_if(times_s.begin(), times_s.end(), [](float t) { return !std::isfinite(t); }),
+      times_s.end());
+  if (times_s.empty()) return 0.0;
+  const auto at = [&](double share) {
+    const auto nth = times_s.begin() +
+                     static_cast<std::ptrdiff_t>(share * static_cast<double>(times_s.size() - 1));
+    std::nth_element(times_s.begin(), nth, times_s.end());
+    return static_cast<double>(*nth);
+  };
+  constexpr double kOutliers = 0.01;
+  const double low_s = at(kOutliers);
+  return at(1.0 - kOutliers) - low_s;
+}
+
+// Why the times of a scan's points are none of a sweep, by which it would be torn apart; empty if
+// they may be. Several sweeps in one scan are no sweep either, but two or three are deskewed well
+// enough.
+std::string TimesMisfit(const Scan& scan, const ScanPreparationOptions& preparation,
+                        const std::vector<StampNs>& stamps) {
+  using Deskew = ScanPreparationOptions::Deskew;
+  constexpr double kMostPeriods = 3.0;
+  const bool used = preparation.deskew == Deskew::kTime || preparation.deskew == Deskew::kAuto;
+  const std::optional<double> apart_s = TimeBetween(stamps);
+  if (!used || scan.time_s.empty() || scan.stamp_made_up || !apart_s) return "";
+  const auto [low, high] = std::minmax_element(scan.time_s.begin(), scan.time_s.end());
+  if (*high - *low <= kMostPeriods * *apart_s) return "";
+  const double span_s = SpanOf(scan.time_s);
+  if (span_s <= kMostPeriods * *apart_s) return "";
+  char text[320];
+  std::snprintf(text, sizeof(text),
+                "the times of its points span %.3g s, but scans are %.3g s apart: their unit is "
+                "another (scans.point_time_unit), or they are no times of a sweep "
+                "(preparation.deskew=off leaves them unused)",
+                span_s, *apart_s);
+  return text;
 }
 
 }  // namespace
@@ -68,8 +127,11 @@ DecodedScan DecodeScan(const ScanSource& source, const ScanPreparationOptions& p
     report.stamp_ns = scan.stamp_ns;
     report.stamp_made_up = scan.stamp_made_up;
     report.read_ms = watch.LapMilliseconds();
-    ClusterScan(scan, source.Name(i), preparation, min_points, leaf_size_m,
-                PeriodAt(source, begin, i), source.T_vehicle_lidar(i), &decoded);
+    const std::vector<StampNs> stamps = StampsAt(source, begin, i);
+    const std::string misfit = TimesMisfit(scan, preparation, stamps);
+    if (!misfit.empty()) throw InputError(source.Name(i) + ": " + misfit);
+    ClusterScan(scan, source.Name(i), preparation, min_points, leaf_size_m, PeriodByStamps(stamps),
+                source.T_vehicle_lidar(i), &decoded);
   } catch (const InputError& error) {
     Skip(SkipReason::kUnreadable, error.what(), &report);
   }
