@@ -7,13 +7,16 @@
 #include <limits>
 
 #include "core/base/error.h"
+#include "io/file/laz_points.h"
 
 namespace lamina {
 namespace {
 
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "LAS is little-endian");
 
-constexpr std::size_t kHeaderBytes = 375, kRecordHeaderBytes = 54, kPointBytes = 30;
+constexpr std::size_t kHeaderBytes = 375;
+constexpr std::uint8_t kFormat = 6, kPackedFormat = 1;
+constexpr std::size_t kPointBytes = 30, kPackedPointBytes = 28;
 constexpr std::string_view kCoordinateSystem =
     "LOCAL_CS[\"Lamina map\",LOCAL_DATUM[\"start of the sensor\",0],UNIT[\"metre\",1],"
     "AXIS[\"X\",EAST],AXIS[\"Y\",NORTH],AXIS[\"Z\",UP]]";
@@ -30,16 +33,28 @@ void PutText(std::string_view text, std::size_t length, std::string* bytes) {
   *bytes += field;
 }
 
-// The variable length record that tells the coordinate system, as well-known text.
-std::string CoordinateSystemRecord() {
-  constexpr std::uint16_t kWellKnownText = 2112;
+std::string VariableRecord(std::string_view user, std::uint16_t number, std::string_view what,
+                           std::string_view content) {
   std::string bytes;
   Put<std::uint16_t>(0, &bytes);
-  PutText("LASF_Projection", 16, &bytes);
-  Put<std::uint16_t>(kWellKnownText, &bytes);
-  Put(static_cast<std::uint16_t>(kCoordinateSystem.size() + 1), &bytes);
-  PutText("OGC well-known text", 32, &bytes);
-  PutText(kCoordinateSystem, kCoordinateSystem.size() + 1, &bytes);
+  PutText(user, 16, &bytes);
+  Put(number, &bytes);
+  Put(static_cast<std::uint16_t>(content.size()), &bytes);
+  PutText(what, 32, &bytes);
+  bytes += content;
+  return bytes;
+}
+
+// The coordinate system as well-known text; and how points are packed, if they are.
+std::string VariableRecords(bool packed) {
+  constexpr std::uint16_t kWellKnownText = 2112;
+  std::string content;
+  PutText(kCoordinateSystem, kCoordinateSystem.size() + 1, &content);
+  std::string bytes =
+      VariableRecord("LASF_Projection", kWellKnownText, "OGC well-known text", content);
+  if (packed) {
+    bytes += VariableRecord(kLazUser, kLazRecord, "by Lamina", LazRecord(LazLayoutOfFormat1()));
+  }
   return bytes;
 }
 
@@ -56,9 +71,19 @@ std::uint16_t SixteenBits(float value) {
 
 }  // namespace
 
-LasFile::LasFile(const std::string& path) : path_(path), writer_(path) {
+LasFile::LasFile(const std::string& path, bool packed)
+    : path_(path), packed_(packed), writer_(path) {
   writer_.Write(Header());
-  writer_.Write(CoordinateSystemRecord());
+  writer_.Write(VariableRecords(packed_));
+  // Where the table of the chunks will be.
+  if (packed_) writer_.Write(std::string(sizeof(std::int64_t), '\xFF'));
+}
+
+void LasFile::WriteChunk() {
+  const std::string chunk = PackLazChunk(LazLayoutOfFormat1(), records_);
+  writer_.Write(chunk);
+  chunk_bytes_.push_back(static_cast<std::uint32_t>(chunk.size()));
+  records_.clear();
 }
 
 void LasFile::Begin(const std::vector<CloudPoint>& points) {
@@ -82,7 +107,8 @@ std::int32_t LasFile::Coordinate(const Eigen::Vector3d& p, int axis) const {
 void LasFile::Append(const std::vector<CloudPoint>& points) {
   if (points.empty()) return;
   if (count_ == 0) Begin(points);
-  constexpr std::uint8_t kOnlyReturn = 0x11;
+  // Number of the return in the lower bits, number of returns above.
+  const std::uint8_t only_return = packed_ ? 0x09 : 0x11;
   std::string bytes;
   bytes.reserve(points.size() * kPointBytes);
   for (const CloudPoint& point : points) {
@@ -95,9 +121,13 @@ void LasFile::Append(const std::vector<CloudPoint>& points) {
     }
     const float intensity = std::isfinite(point.intensity) ? point.intensity : 0.0F;
     Put(SixteenBits(intensity_factor_ * intensity), &bytes);
-    Put(kOnlyReturn, &bytes);
-    bytes.append(7, '\0');  // flags, class, user data, angle, source
+    Put(only_return, &bytes);
+    bytes.append(packed_ ? 5 : 7, '\0');  // flags, class, user data, angle, source
     Put(point.stamp_s, &bytes);
+    if (!packed_) continue;
+    records_ += bytes;
+    bytes.clear();
+    if (records_.size() == kLazChunkPoints * kPackedPointBytes) WriteChunk();
   }
   writer_.Write(bytes);
   count_ += points.size();
@@ -114,12 +144,16 @@ std::string LasFile::Header() const {
   PutText("Lamina", 32, &h);
   Put<std::uint32_t>(0, &h);  // day and year
   Put(static_cast<std::uint16_t>(kHeaderBytes), &h);
-  Put(static_cast<std::uint32_t>(kHeaderBytes + kRecordHeaderBytes + kCoordinateSystem.size() + 1),
-      &h);
-  Put<std::uint32_t>(1, &h);
-  Put<std::uint8_t>(6, &h);
-  Put(static_cast<std::uint16_t>(kPointBytes), &h);
-  h.append(24, '\0');  // numbers of points in 32 bits: none with this format
+  Put(static_cast<std::uint32_t>(kHeaderBytes + VariableRecords(packed_).size()), &h);
+  Put<std::uint32_t>(packed_ ? 2 : 1, &h);
+  constexpr unsigned kPacked = 0x80;
+  Put(static_cast<std::uint8_t>(packed_ ? kPackedFormat | kPacked : kFormat), &h);
+  Put(static_cast<std::uint16_t>(packed_ ? kPackedPointBytes : kPointBytes), &h);
+  // Points, and those of the first return, in 32 bits: none with the newer format, or if there are
+  // more.
+  const bool fits = packed_ && count_ <= std::numeric_limits<std::uint32_t>::max();
+  for (int i = 0; i < 2; ++i) Put(fits ? static_cast<std::uint32_t>(count_) : 0U, &h);
+  h.append(16, '\0');
   for (int i = 0; i < 3; ++i) Put(kScaleM, &h);
   for (int i = 0; i < 3; ++i) Put(offset_(i), &h);
   for (std::size_t i = 0; i < 3; ++i) {
@@ -135,6 +169,16 @@ std::string LasFile::Header() const {
 }
 
 void LasFile::Commit() {
+  if (packed_) {
+    if (!records_.empty()) WriteChunk();
+    const std::uint64_t first = kHeaderBytes + VariableRecords(packed_).size();
+    std::uint64_t end = first + sizeof(std::int64_t);
+    for (const std::uint32_t bytes : chunk_bytes_) end += bytes;
+    writer_.Write(LazChunkTable(chunk_bytes_));
+    std::string place;
+    Put(static_cast<std::int64_t>(end), &place);
+    writer_.Overwrite(first, place);
+  }
   writer_.Overwrite(0, Header());
   writer_.Commit();
 }

@@ -191,12 +191,12 @@ void WriteSurfels(const std::string& path, const SurfelMap& surfels) {
 struct CloudWriter::Impl {
   explicit Impl(const std::string& path) {
     const auto ending = std::filesystem::path(path).extension();
-    if (ending == ".las") {
-      las.emplace(path);
+    if (ending == ".las" || ending == ".laz") {
+      las.emplace(path, ending == ".laz");
     } else if (ending == ".ply" || ending == ".pcd") {
       records.emplace(path, CloudFields(), CloudFields());
     } else {
-      throw OptionError(fmt::format("{}: the name must end in .ply, .pcd or .las", path));
+      throw OptionError(fmt::format("{}: the name must end in .ply, .pcd, .las or .laz", path));
     }
   }
   // One of the two.

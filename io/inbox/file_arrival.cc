@@ -16,6 +16,7 @@
 
 #include "core/base/error.h"
 #include "core/geometry/scan.h"
+#include "io/recording/las_scan.h"
 #include "io/recording/point_file_check.h"
 #include "io/recording/recording_file.h"
 
@@ -107,7 +108,7 @@ bool IsWhole(const std::string& path, std::uint64_t size) {
   const std::string ending = name.extension().string();
   if (IsRecordingFile(name.filename().string())) return IsWholeRecording(path);
   if (ending == ".bin") return size % sizeof(ScanPoint) == 0;
-  if (ending != ".pcd" && ending != ".ply") return true;
+  if (ending != ".pcd" && ending != ".ply" && ending != ".las") return true;
   const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (file < 0) return true;
   // Headers have some hundred bytes; only one full of comments takes more than the first read.
@@ -119,7 +120,9 @@ bool IsWhole(const std::string& path, std::uint64_t size) {
     got = pread(file, head.data(), most, 0);
     if (got < 0) break;
     head.resize(static_cast<std::size_t>(got));
-    declared = ending == ".pcd" ? DeclaredPcdBytes(head) : DeclaredPlyBytes(head);
+    declared = ending == ".pcd"   ? DeclaredPcdBytes(head)
+               : ending == ".ply" ? DeclaredPlyBytes(head)
+                                  : DeclaredLasBytes(head);
     if (declared || head.size() < most) break;
   }
   close(file);

@@ -6,6 +6,7 @@
 #include "core/base/error.h"
 #include "io/file/text_input.h"
 #include "io/recording/ethz_csv.h"
+#include "io/recording/las_scan.h"
 #include "io/recording/point_cloud_files.h"
 #include "io/recording/scan_source.h"
 
@@ -53,9 +54,11 @@ Scan ReadScanFile(const std::string& path, const ScanSourceOptions& options,
   const std::string ending = std::filesystem::path(path).extension().string();
   if (ending == ".pcd") return ReadPcd(path, options, times);
   if (ending == ".ply") return ReadPly(path, options, times);
+  if (ending == ".las" || ending == ".laz") return ReadLas(path, options, times);
   if (ending == ".csv") return ReadHokuyoCsv(path);
   if (ending != ".bin" && ending != ".txt") {
-    throw InputError(fmt::format("{}: a point file ends in .bin, .txt, .pcd, .ply or .csv", path));
+    throw InputError(
+        fmt::format("{}: a point file ends in .bin, .txt, .pcd, .ply, .las, .laz or .csv", path));
   }
   Scan scan = ending == ".bin" ? ReadKittiBin(path) : ReadKittiText(path);
   if (scan.points.empty()) throw InputError(fmt::format("{}: is empty: holds no points", path));

@@ -88,7 +88,9 @@ ScanName KindOfName(std::string_view name) {
   if (name.empty() || name[0] == '.') return ScanName::kNone;
   const std::size_t dot = name.rfind('.');
   const std::string_view ending = dot == std::string_view::npos ? "" : name.substr(dot);
-  if (ending == ".bin" || ending == ".pcd" || ending == ".ply") return ScanName::kPoints;
+  for (const char* points : {".bin", ".pcd", ".ply", ".las", ".laz"}) {
+    if (ending == points) return ScanName::kPoints;
+  }
   return ending == ".txt" ? ScanName::kText : ScanName::kNone;
 }
 

@@ -55,9 +55,10 @@ class FileScanSource final : public ScanSource {
     files_ = ListScans(layout.scans, ScanName::kPoints);
     if (files_.empty() && layout.text_scans) files_ = ListScans(layout.scans, ScanName::kText);
     if (files_.empty()) {
-      throw InputError(fmt::format("{}: holds no scans (*.bin, *.pcd, *.ply, Hokuyo_*.csv{}){}",
-                                   layout.scans.string(), layout.text_scans ? ", *.txt" : "",
-                                   DescribeFoldersBelow(layout.scans)));
+      throw InputError(
+          fmt::format("{}: holds no scans (*.bin, *.pcd, *.ply, *.las, *.laz, Hokuyo_*.csv{}){}",
+                      layout.scans.string(), layout.text_scans ? ", *.txt" : "",
+                      DescribeFoldersBelow(layout.scans)));
     }
     FindStamps(layout);
     DescribeScans();

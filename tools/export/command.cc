@@ -155,12 +155,13 @@ void AddExportCommand(CLI::App* app, std::function<int()>* run) {
                    "Edge of the voxels of which each keeps its first point")
       ->type_name("METRES");
   command->add_option("--format", arguments->format, "Format of the default output file")
-      ->check(CLI::IsMember({"ply", "pcd", "las"}))
+      ->check(CLI::IsMember({"ply", "pcd", "las", "laz"}))
       ->capture_default_str();
   command
       ->add_option("--out", arguments->out,
-                   "Output file, .ply, .pcd or .las. Default: cloud.ply, cloud.pcd or cloud.las "
-                   "in the run directory. LAS 1.4 keeps 0.1 mm anywhere, and the stamps of points")
+                   "Output file, .ply, .pcd, .las or .laz. Default: cloud.ply, or with another "
+                   "ending, in the run directory. LAS 1.4 and LAZ keep 0.1 mm anywhere, and the "
+                   "stamps of points")
       ->type_name("FILE");
   command
       ->add_option("--trajectory", arguments->trajectory,

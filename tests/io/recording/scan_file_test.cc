@@ -96,7 +96,7 @@ TEST_F(ScanFileTest, MissingFileFolderAndUnknownEnding) {
   std::filesystem::create_directory(Path("dir.pcd"));
   EXPECT_THAT(MessageOf<InputError>([&] { ReadScanFile(Path("dir.pcd"), options_); }),
               HasSubstr("not a regular file"));
-  EXPECT_THAT(ReadError("a.las", "x"), HasSubstr("ends in"));
+  EXPECT_THAT(ReadError("a.e57", "x"), HasSubstr("ends in"));
 }
 
 TEST_F(ScanFileTest, KittiText) {
