@@ -1,7 +1,5 @@
 // Datagrams out of the fragments that IPv4 sends them in (RFC 791): those of Ouster's sensors are
 // longer than a frame of Ethernet.
-//
-// Private to io/container.
 #pragma once
 
 #include <cstddef>
