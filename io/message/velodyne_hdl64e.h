@@ -1,8 +1,6 @@
 // HDL-64E (user's manual 63-HDL64ES2/S3): packets as those of its sisters, but each pair of blocks
 // is one firing, of the upper (flag 0xEEFF) and the lower (0xDDFF) 32 lasers; and the lasers of
 // each sensor have a calibration of their own, which comes with it as a file, db.xml.
-//
-// Private to io/message, but for the calibration.
 #pragma once
 
 #include <array>

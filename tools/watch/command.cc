@@ -171,7 +171,8 @@ void AddWatchCommand(CLI::App* app, std::function<int()>* run) {
       "watch", "Map point files as they arrive in a folder, for days, and never lose what is done");
   command
       ->add_option("--inbox", a.inbox,
-                   "Folder into which files come: .bin, .pcd or .ply, in it or in subfolders, one "
+                   "Folder into which files come: .bin, .pcd, .ply, .las or .laz, in it or in "
+                   "subfolders, one "
                    "for each sequence, in the layouts that `run` knows; or .bag, .mcap, .pcap, "
                    ".pcapng and ROS 2 bags, each a recording of its own")
       ->required();
