@@ -22,29 +22,29 @@ LoopTrack::LoopTrack(const LoopOptions& options, const VoxelMapOptions& map,
 void LoopTrack::Add(const FinalKeyframe& keyframe) {
   sensor_ = keyframe.T_world_lidar.t;
   ++keyframes_since_begin_;
-  if (auto submap = builder_.Add(keyframe)) complete_ = std::move(submap);
+  if (auto submap = builder_.Add(keyframe)) complete_.push_back(std::move(*submap));
 }
 
 std::optional<std::vector<VoxelMap::FixedPart>> LoopTrack::Advance() {
   std::optional<std::vector<VoxelMap::FixedPart>> parts;
-  if (under_way_ && (complete_ || keyframes_since_begin_ >= options_.hand_over_lag_keyframes)) {
+  if (under_way_ &&
+      (!complete_.empty() || keyframes_since_begin_ >= options_.hand_over_lag_keyframes)) {
     background_.Wait();
     const bool exchange = outcome_.exchange;
     std::vector<VoxelMap::FixedPart> taken = TakeIn();
     if (exchange) parts = std::move(taken);
   }
-  if (complete_) Begin();
+  if (!complete_.empty()) Begin();
   return parts;
 }
 
 void LoopTrack::Begin() {
   under_way_ = true;
   keyframes_since_begin_ = 0;
-  working_on_ = std::move(*complete_);
-  complete_.reset();
+  working_on_ = std::exchange(complete_, {});
   sensor_at_begin_ = sensor_;
   background_.Start([this] {
-    closure_.Add(std::move(working_on_));
+    for (Submap& submap : working_on_) closure_.Add(std::move(submap));
     Settle();
   });
 }
@@ -117,8 +117,8 @@ void LoopTrack::Finish() {
     background_.Wait();
     TakeIn();
   }
-  complete_ = builder_.Finish();
-  if (!complete_) return;
+  if (auto last = builder_.Finish()) complete_.push_back(std::move(*last));
+  if (complete_.empty()) return;
   Begin();
   background_.Wait();
   TakeIn();

@@ -73,7 +73,7 @@ class LoopTrack {
   VoxelMapOptions map_;
   SubmapBuilder builder_;
   LoopClosure closure_;
-  std::optional<Submap> complete_;  // waits to be begun with
+  std::vector<Submap> complete_;  // wait to be begun with
   Eigen::Vector3d sensor_ = Eigen::Vector3d::Zero(), sensor_at_begin_ = Eigen::Vector3d::Zero();
   int keyframes_since_begin_ = 0;
 
@@ -100,7 +100,7 @@ class LoopTrack {
     std::vector<VoxelMap::FixedPart> parts;
   };
   bool under_way_ = false;
-  Submap working_on_;
+  std::vector<Submap> working_on_;
   Outcome outcome_;
   mutable Background background_;  // the last member: it waits before what it works on goes
 };
