@@ -228,8 +228,7 @@ void MapResiduals::AddPlane(const PointCluster& cluster, const Eigen::Matrix3d& 
   row.distance = row.normal.dot(p - surface.mean);
   if (std::abs(row.distance) > options_.max_distance_m) return;
   row.normal_lidar = R.transpose() * row.normal;
-  const double spread = row.normal_lidar.dot(cluster.scatter * row.normal_lidar) / cluster.count;
-  const double variance = floor2_ + static_cast<double>(surface.variance) + spread;
+  const double variance = DistanceVariance(cluster, row.normal_lidar, surface, floor2_);
   const double distance2 = row.distance * row.distance;
   const double robust = GemanMcClureWeight(distance2 / (variance * kernel_sigma * kernel_sigma));
   row.young = surface.frames < options_.young_frames && AlongSight(row.normal_lidar, cluster.mean);

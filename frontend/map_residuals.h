@@ -16,6 +16,14 @@ namespace lamina {
 
 struct ScanMatcherOptions;
 
+// Squared standard deviation, m^2, of a cluster's distance from a plane with this normal in the
+// LiDAR frame: what neither of them is thinner than, the plane's thickness and the cluster's own.
+inline double DistanceVariance(const PointCluster& cluster, const Eigen::Vector3d& normal_lidar,
+                               const Surface& surface, double floor2) {
+  const double spread = normal_lidar.dot(cluster.scatter * normal_lidar) / cluster.count;
+  return floor2 + static_cast<double>(surface.variance) + spread;
+}
+
 // One linearisation of the cost, H step = -g, in the tangent of core/geometry/se3.h.
 struct NormalEquations {
   Matrix6d H = Matrix6d::Zero();

@@ -74,8 +74,37 @@ PosePrediction MotionModel::Predict(StampNs stamp_ns) const {
   return prediction;
 }
 
-void MotionModel::Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follows) {
+Matrix6d MotionModel::Drift(StampNs stamp_ns) const {
   const double dt = Gap(stamp_ns);
+  return pose_covariance_ + dt * dt * velocity_covariance_;
+}
+
+void MotionModel::UpdateCovariances(double dt, const Matrix6d& covariance) {
+  constexpr double kRadPerDeg = M_PI / 180.0, kLeast = 1e-12;
+  const bool before = velocity_known_ && !interrupted_;
+  const Matrix6d least = kLeast * Matrix6d::Identity();
+  const Matrix6d measured = (covariance + pose_covariance_) / (dt * dt) + least;
+  if (before) {
+    Matrix6d kept = velocity_covariance_ + least;
+    const double turn = kRadPerDeg * options_.turn_acceleration_sigma_deg_s2 * dt;
+    const double way = options_.acceleration_sigma_m_s2 * dt;
+    kept.diagonal().head<3>().array() += turn * turn;
+    kept.diagonal().tail<3>().array() += way * way;
+    velocity_covariance_ = (measured.inverse() + kept.inverse()).inverse();
+  } else {
+    velocity_covariance_ = measured;
+  }
+}
+
+void MotionModel::Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follows,
+                         const Matrix6d& covariance) {
+  const double dt = Gap(stamp_ns);
+  if (follows && dt > 0.0) {
+    UpdateCovariances(dt, covariance);
+  } else {
+    velocity_covariance_.setZero();
+  }
+  pose_covariance_ = covariance;
   velocity_known_ = follows && dt > 0.0;
   velocity_.setZero();
   constexpr double kForget = 0.9;  // of a long step, with each scan
@@ -102,7 +131,7 @@ void MotionModel::StartAt(const SE3& T_world_lidar) {
 
 void MotionModel::Archive(StateArchive& a) {
   a(&started_, &interrupted_, &velocity_known_, &last_stamp_ns_, &last_gap_s_, &T_world_last_,
-    &velocity_, &long_step_m_, &long_step_rad_);
+    &velocity_, &long_step_m_, &long_step_rad_, &pose_covariance_, &velocity_covariance_);
 }
 
 }  // namespace lamina

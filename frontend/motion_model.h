@@ -5,7 +5,14 @@
 //
 //     sigma_velocity^2 = (a dt_last / 2)^2,    sigma^2 = (sigma_velocity dt)^2 + (a dt^2 / 2)^2,
 //
-// or the speed that a recording may start with where there was no motion yet. Where stamps are made
+// or the speed that a recording may start with where there was no motion yet. What the last two
+// poses are wrong by comes on top where it is asked for: the velocity's covariance V is that of
+// their difference, but where a pose was little more than a prediction the velocity is as good as
+// it was,
+//
+//     V^-1 = ((C + C_last) / dt^2)^-1 + (V_last + (a dt)^2)^-1.
+//
+// Where stamps are made
 // up, scans may be any part of a drive, picked by the way or by hand: the next step is as long as
 // the last one, give or take half of the longest of late. After a gap of
 // kHeldS the velocity is taken to die down, a turn within half a second, the way within ten.
@@ -41,9 +48,14 @@ class MotionModel {
   // Body twist during a scan at that time, per second; zero where nothing is known of it.
   Vector6d Twist(StampNs stamp_ns) const;
 
-  // A pose that was found. `follows`: the motion from the last one to it is one, and gives the
-  // velocity.
-  void Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follows);
+  // What the last poses themselves are wrong by leaves unknown of that prediction, on top of its
+  // covariance: nothing to speak of, unless the pose was held along a direction for some scans.
+  Matrix6d Drift(StampNs stamp_ns) const;
+
+  // A pose that was found, with its covariance. `follows`: the motion from the last one to it is
+  // one, and gives the velocity.
+  void Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follows,
+              const Matrix6d& covariance = Matrix6d::Zero());
   // The last pose moves: T -> correction * T.
   void Correct(const SE3& correction) { T_world_last_ = correction * T_world_last_; }
   // A body velocity, per second, that is known otherwise; how well stays as it is.
@@ -61,6 +73,8 @@ class MotionModel {
   void Archive(StateArchive& a);
 
  private:
+  void UpdateCovariances(double dt, const Matrix6d& covariance);
+
   MotionOptions options_;
   bool started_ = false, interrupted_ = false, velocity_known_ = false;
   StampNs last_stamp_ns_ = 0;
@@ -69,6 +83,8 @@ class MotionModel {
   double long_step_m_ = 0.0, long_step_rad_ = 0.0;  // the longest of late
   SE3 T_world_last_;
   Vector6d velocity_ = Vector6d::Zero();
+  // Of the last pose and of the velocity.
+  Matrix6d pose_covariance_ = Matrix6d::Zero(), velocity_covariance_ = Matrix6d::Zero();
 };
 
 }  // namespace lamina

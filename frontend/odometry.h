@@ -18,6 +18,7 @@
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"
 #include "core/options/options.h"
+#include "frontend/direction_profile.h"
 #include "frontend/lost_track.h"
 #include "frontend/motion_model.h"
 #include "frontend/pose_search.h"
@@ -143,6 +144,14 @@ class Odometry {
   void MatchDeskewed(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
                      const VoxelMap& map, int passes, std::vector<PointCluster>* deskewed,
                      OdometryFrame* frame) const;
+  // Where few surfaces face the direction that the match knows least: puts the pose where these and
+  // the motion before it together have it (direction_profile.h).
+  void SettleWeakest(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
+                     const VoxelMap& map, int passes, std::vector<PointCluster>* deskewed,
+                     OdometryFrame* frame) const;
+  // The same while the motion before it is as unsure: the match stays, with what else it may be in
+  // its covariance. Degenerate where that is much.
+  void DoubtWeakest(const DirectionProfile& profile, MatchResult* match) const;
   // How often a scan is deskewed again.
   int DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const;
   // Status and pose of a frame that was matched.

@@ -28,8 +28,8 @@ Matrix6d WithHeld(const Matrix6d& H, const Matrix6d& directions, const Vector6d&
   return keep * H * keep + directions * information.asDiagonal() * directions.transpose();
 }
 
-Matrix6d EigenvectorsOf(const NormalEquations& eq, double* smallest) {
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(DividedByArm(eq.H));
+Matrix6d EigenvectorsOf(const Matrix6d& H, double* smallest) {
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(H);
   *smallest = solver.eigenvalues()(0);
   return solver.eigenvectors();
 }
@@ -37,16 +37,17 @@ Matrix6d EigenvectorsOf(const NormalEquations& eq, double* smallest) {
 // Gauss-Newton from a start to a minimum.
 class Descent {
  public:
+  // `known`: a direction along which the pose stays on the prediction, or null.
   Descent(const ScanMatcherOptions& options, const PosePrediction& prediction,
-          MapResiduals* residuals)
-      : options_(options), prediction_(prediction), residuals_(residuals) {}
+          const KnownDirection* known, MapResiduals* residuals)
+      : options_(options), prediction_(prediction), known_(known), residuals_(residuals) {}
 
   // Fills pose, status, iterations, degeneracy and, if asked for, covariance. False if there are
   // too few matches.
   bool Run(const SE3& initial, bool with_covariance, MatchResult* result) {
-    T_ = initial;
+    T_ = T_known_ = initial;
     result->status = MatchResult::Status::kIterationLimit;
-    double kernel = options_.kernel_start_sigma;
+    double kernel = known_ == nullptr ? options_.kernel_start_sigma : options_.kernel_end_sigma;
     for (int i = 0; i < options_.max_iterations; ++i) {
       const bool narrow = kernel <= options_.kernel_end_sigma;
       ++result->iterations;
@@ -80,20 +81,33 @@ class Descent {
   bool Linearise(double kernel, bool first, bool decide) {
     if (first) {
       eq_ = residuals_->At(T_, kernel, nullptr);
-      basis_ = EigenvectorsOf(eq_, &smallest_);
+      FindDirections();
     }
     // The eigenvectors are those of the step before: they turn little.
     const bool watch = decide && Doubtful();
     if (!first || watch) eq_ = residuals_->At(T_, kernel, watch ? &basis_ : nullptr);
     if (eq_.matched < kMinMatches) return false;
     if (decide) held_ = Decide(watch);
-    if (held_.count > 0 && !residuals_->use_rough) {
+    if (held_.count > (known_ == nullptr ? 0 : 1) && !residuals_->use_rough) {
       residuals_->use_rough = true;
       eq_ = residuals_->At(T_, kernel, &basis_);
       held_ = Decide(true);
     }
-    if (!first) basis_ = EigenvectorsOf(eq_, &smallest_);
+    if (!first) FindDirections();
     return true;
+  }
+
+  // Eigenvectors of what is to be found: a direction that is known is one of its own, and the last.
+  void FindDirections() {
+    Matrix6d H = DividedByArm(eq_.H);
+    if (known_ != nullptr) {
+      Vector6d most = Vector6d::Zero();
+      most(0) = H.trace();
+      Matrix6d direction = Matrix6d::Zero();
+      direction.col(0) = known_->direction;
+      H = WithHeld(H, direction, most);
+    }
+    basis_ = EigenvectorsOf(H, &smallest_);
   }
 
   // Where the smallest eigenvalue is far above what wrong normals can feign, all directions are
@@ -105,15 +119,29 @@ class Descent {
   }
 
   Held Decide(bool watched) {
+    Held held = watched ? DecideByEvidence() : Held();
+    if (!watched)
+      worst_sigma_m_ = smallest_ > 0.0 ? 1.0 / std::sqrt(smallest_) : MatchResult::kUnknownSigmaM;
+    degenerate_ = held.count;
+    if (known_ == nullptr) return held;
+    const Vector6d& v = known_->direction;
+    held.directions.col(held.count) = v;
+    held.seeming(held.count) = v.dot(DividedByArm(eq_.H) * v);
+    held.prior(held.count) = 1.0 / (known_->sigma_m * known_->sigma_m);
+    ++held.count;
+    worst_sigma_m_ = std::max(worst_sigma_m_, known_->sigma_m);
+    if (known_->sigma_m > options_.max_direction_sigma_m) ++degenerate_;
+    return held;
+  }
+
+  Held DecideByEvidence() {
     Held held;
-    worst_sigma_m_ = smallest_ > 0.0 ? 1.0 / std::sqrt(smallest_) : MatchResult::kUnknownSigmaM;
-    if (!watched) return held;
     worst_sigma_m_ = 0.0;
     // Planes that few frames have seen move along with the sensor: they are heard as long as there
     // are no others, as on the first scans.
     const DirectionEvidence& evidence = eq_.matched_old >= kMinMatches ? eq_.old : eq_.all;
     const Matrix6d H = DividedByArm(eq_.H);
-    for (int k = 0; k < 6; ++k) {
+    for (int k = 0; k < (known_ == nullptr ? 6 : 5); ++k) {
       worst_sigma_m_ =
           std::max(worst_sigma_m_, std::min(evidence.Sigma(k), MatchResult::kUnknownSigmaM));
       if (!evidence.Degenerate(k, options_.max_direction_sigma_m, options_.min_facing_clusters))
@@ -136,10 +164,12 @@ class Descent {
   Vector6d Step() const {
     const Matrix6d keep = Matrix6d::Identity() - held_.directions * held_.directions.transpose();
     const Vector6d gradient = DividedByArm(eq_.g);
-    const Vector6d off = TimesArm(LocalDelta(prediction_.T_world_lidar, T_));
+    const Vector6d from_prediction = TimesArm(LocalDelta(prediction_.T_world_lidar, T_));
     Vector6d g = keep * gradient;
     for (int k = 0; k < held_.count; ++k) {
       const Vector6d v = held_.directions.col(k);
+      const bool known = known_ != nullptr && k + 1 == held_.count;
+      const Vector6d off = known ? TimesArm(LocalDelta(T_known_, T_)) : from_prediction;
       const double share = held_.seeming(k) > 0.0 ? held_.facing(k) / held_.seeming(k) : 0.0;
       g += (std::min(1.0, share) * v.dot(gradient) + held_.prior(k) * v.dot(off)) * v;
     }
@@ -151,11 +181,13 @@ class Descent {
   void Report(MatchResult* result) {
     result->T_world_lidar = T_;
     result->worst_sigma_m = worst_sigma_m_;
-    result->degenerate = held_.count;
-    result->degenerate_directions = held_.directions;
+    result->weakest_direction = basis_.col(0);
+    result->degenerate = degenerate_;
     // Ten times what only seems to be known outweighs it.
     constexpr double kAgainstSeeming = 10.0;
-    for (int k = 0; k < held_.count; ++k) {
+    const int held = held_.count - (known_ == nullptr ? 0 : 1);
+    result->degenerate_directions.leftCols(held) = held_.directions.leftCols(held);
+    for (int k = 0; k < held; ++k) {
       const double seeming = std::max(0.0, held_.seeming(k) - held_.facing(k));
       result->degenerate_information(k) =
           held_.facing(k) + held_.prior(k) + kAgainstSeeming * seeming;
@@ -175,12 +207,14 @@ class Descent {
 
   const ScanMatcherOptions& options_;
   const PosePrediction& prediction_;
+  const KnownDirection* known_;
   MapResiduals* residuals_;
-  SE3 T_;
+  SE3 T_, T_known_;
   NormalEquations eq_;
   Matrix6d basis_ = Matrix6d::Identity();
   double smallest_ = 0.0;
   double worst_sigma_m_ = 0.0;
+  int degenerate_ = 0;
   Held held_;
 };
 
@@ -213,11 +247,12 @@ ScanMatcher::ScanMatcher(const ScanMatcherOptions& options) : options_(options) 
 
 MatchResult ScanMatcher::Run(const std::vector<PointCluster>& clusters,
                              const PosePrediction& prediction, const SE3& initial,
-                             const VoxelMap& map, bool with_covariance) const {
+                             const KnownDirection* known, const VoxelMap& map,
+                             bool with_covariance) const {
   MatchResult result;
   result.clusters = static_cast<int>(clusters.size());
   MapResiduals residuals(options_, map, clusters);
-  Descent descent(options_, prediction, &residuals);
+  Descent descent(options_, prediction, known, &residuals);
   if (!descent.Run(initial, with_covariance, &result)) {
     result.status = MatchResult::Status::kTooFewMatches;
     result.T_world_lidar = initial;
@@ -227,6 +262,12 @@ MatchResult ScanMatcher::Run(const std::vector<PointCluster>& clusters,
   result.inlier_share = eq.robust / static_cast<double>(std::max<std::size_t>(1, clusters.size()));
   result.residual_rms_m = std::sqrt(eq.residual2 / std::max(eq.robust, 1e-9));
   return result;
+}
+
+MatchResult ScanMatcher::MatchKnown(const std::vector<PointCluster>& clusters,
+                                    const SE3& T_world_lidar, const KnownDirection& known,
+                                    const PosePrediction& prediction, const VoxelMap& map) const {
+  return Run(clusters, prediction, T_world_lidar, &known, map, true);
 }
 
 Matrix6d ScanMatcher::SweepCovariance(const std::vector<PointCluster>& deskewed,

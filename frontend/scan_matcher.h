@@ -88,6 +88,12 @@ struct PosePrediction {
   double Information(const Vector6d& direction) const;
 };
 
+// A unit vector of the scaled tangent (degeneracy.h), and how well the pose is known along it.
+struct KnownDirection {
+  Vector6d direction = Vector6d::Unit(3);
+  double sigma_m = 0.0;
+};
+
 struct MatchResult {
   // Fit above which planes speak for a pose: a wrong one has up to 0.65 anywhere in a street,
   // ground on ground and facade on facade, a right one 0.85 and more.
@@ -119,9 +125,12 @@ struct MatchResult {
   // degeneracy signal. At most kUnknownSigmaM.
   static constexpr double kUnknownSigmaM = 100.0;
   double worst_sigma_m = 0.0;
-  // Number of degenerate directions, these directions (the first `degenerate` columns, unit vectors
-  // of the scaled tangent, the others zero), and for each the information (1/m^2) that holds the
-  // result there against what planes only seem to say.
+  // A unit vector of the scaled tangent: where the residuals say least.
+  Vector6d weakest_direction = Vector6d::Zero();
+  // Number of degenerate directions, and the directions that are held (unit vectors of the scaled
+  // tangent, the others zero): the first `degenerate` columns, then, if it is not one of them, that
+  // of MatchKnown. For each the information (1/m^2) that holds the result there against what planes
+  // only seem to say.
   int degenerate = 0;
   Matrix6d degenerate_directions = Matrix6d::Zero();
   Vector6d degenerate_information = Vector6d::Zero();
@@ -153,7 +162,7 @@ class ScanMatcher {
   // prediction decides where planes do not.
   MatchResult Match(const std::vector<PointCluster>& clusters, const PosePrediction& prediction,
                     const SE3& initial, const VoxelMap& map) const {
-    return Run(clusters, prediction, initial, map, true);
+    return Run(clusters, prediction, initial, nullptr, map, true);
   }
   MatchResult Match(const std::vector<PointCluster>& clusters, const PosePrediction& prediction,
                     const VoxelMap& map) const {
@@ -162,8 +171,13 @@ class ScanMatcher {
   // The same without the covariance, which costs as much as a step or two.
   MatchResult MatchPose(const std::vector<PointCluster>& clusters, const PosePrediction& prediction,
                         const VoxelMap& map) const {
-    return Run(clusters, prediction, prediction.T_world_lidar, map, false);
+    return Run(clusters, prediction, prediction.T_world_lidar, nullptr, map, false);
   }
+  // The same near a pose that is known along one direction otherwise: there it stays, and the
+  // minimum of all others near by is found.
+  MatchResult MatchKnown(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
+                         const KnownDirection& known, const PosePrediction& prediction,
+                         const VoxelMap& map) const;
 
   // What unsteady motion within the scan adds to the covariance of a match (sweep_error.h).
   // deskewed[i] is timed[i] at its stamp, by the twist over the `gap_s` since the last pose.
@@ -185,7 +199,8 @@ class ScanMatcher {
 
  private:
   MatchResult Run(const std::vector<PointCluster>& clusters, const PosePrediction& prediction,
-                  const SE3& initial, const VoxelMap& map, bool with_covariance) const;
+                  const SE3& initial, const KnownDirection* known, const VoxelMap& map,
+                  bool with_covariance) const;
 
   ScanMatcherOptions options_;
 };

@@ -89,5 +89,28 @@ TEST(MotionModel, SetDownSomewhereItIsExpectedThere) {
   EXPECT_GT(WaySigma(model, 5), 5.0);
 }
 
+TEST(MotionModel, PosesThatWereHeldLeaveTheNextOneOpen) {
+  const auto drift_m = [](const MotionModel& model, StampNs stamp_ns) {
+    return std::sqrt(model.Drift(stamp_ns)(3, 3));
+  };
+  const Matrix6d well = 1e-6 * Matrix6d::Identity();
+  MotionModel model = Driving();
+  model.Accept(11 * kPeriodNs, Along(16.5), true, well);
+  model.Accept(12 * kPeriodNs, Along(18.0), true, well);
+  EXPECT_LT(drift_m(model, 13 * kPeriodNs), 0.005);
+  // Poses that are little more than predictions: as unsure as these, and more with each.
+  Matrix6d held = well;
+  double last = 0.0;
+  for (int k = 13; k < 18; ++k) {
+    held(3, 3) += 0.04 * 0.04;
+    model.Accept(k * kPeriodNs, Along(1.5 * k), true, held);
+    EXPECT_GT(drift_m(model, (k + 1) * kPeriodNs), std::max(last, 0.04));
+    last = drift_m(model, (k + 1) * kPeriodNs);
+  }
+  model.Accept(18 * kPeriodNs, Along(27.0), true, well);
+  model.Accept(19 * kPeriodNs, Along(28.5), true, well);
+  EXPECT_LT(drift_m(model, 20 * kPeriodNs), 0.01);
+}
+
 }  // namespace
 }  // namespace lamina

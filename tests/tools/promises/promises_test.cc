@@ -207,6 +207,35 @@ TEST(AdverseCarPark, IsTrackedWhereTwoScansAreMistaken) {
   }
 }
 
+struct WeakScene {
+  std::string name;
+  int seed;
+  double within_m;
+};
+
+class AdverseWeakDirection : public ::testing::TestWithParam<WeakScene> {};
+
+// A handful of surfaces hold the way, and the sharpest minimum is not always the right one.
+TEST_P(AdverseWeakDirection, WhatIsCalledTrackedIsRight) {
+  const auto& [name, seed, within_m] = GetParam();
+  for (const Promise& promise : ReadPromises(kPromises)) {
+    if (promise.name != name) continue;
+    const Verdict verdict = JudgeTrial(MapTrial(promise, seed, {}).frames, promise);
+    EXPECT_LT(verdict.worst_m, within_m);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Few, AdverseWeakDirection,
+    ::testing::Values(WeakScene{"lorry", 3, 0.05}, WeakScene{"lorry-start", 2, 0.05},
+                      WeakScene{"gap-2", 2, 0.05}, WeakScene{"packets", 3, 0.05},
+                      WeakScene{"bays-2000", 1, 0.1}, WeakScene{"start-2000", 1, 0.1}),
+    [](const auto& p) {
+      std::string name = p.param.name;
+      std::replace(name.begin(), name.end(), '-', '_');
+      return name;
+    });
+
 TEST_F(AdverseCommandTest, PromisesAreReadWithPlaceAndRule) {
   const std::vector<Promise> promises =
       ReadPromises(Write("| (all) | `--points 3000` | ../a.yaml map.depth=2 | | | | |\n"
