@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <vector>
 
 #include "core/base/median.h"
@@ -14,6 +15,9 @@ MapThickness MeasureThickness(const VoxelMap& map, int min_frames) {
   MapThickness thickness;
   thickness.planes = variances.size();
   if (variances.empty()) return thickness;
+  const auto quarter = variances.begin() + static_cast<std::ptrdiff_t>(variances.size() / 4);
+  std::nth_element(variances.begin(), quarter, variances.end());
+  thickness.thin_m = std::sqrt(std::max(0.0, static_cast<double>(*quarter)));
   thickness.median_m = std::sqrt(std::max(0.0, static_cast<double>(UpperMedian(&variances))));
   return thickness;
 }

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "backend/mapping/deskew_choice.h"
+#include "backend/mapping/map_thickness.h"
 #include "backend/mapping/pipeline.h"
 #include "backend/session/scan_record.h"
 #include "config/config.h"
@@ -31,6 +32,7 @@
 #include "tools/run/joined_run.h"
 #include "tools/run/loop_results.h"
 #include "tools/run/opening_lines.h"
+#include "tools/run/thick_planes.h"
 
 namespace lamina {
 namespace {
@@ -306,6 +308,9 @@ int Run(const RunArguments& arguments) {
     throw InputError(arguments.scans + ": not one usable scan; summary.json says why");
   }
   const RunVerdict verdict = output.table().Judge();
+  const std::string thick = ThickPlanesWarning(
+      MeasureThickness(mapping.map(), config.backend.min_surfel_frames), config.Mapping());
+  if (!thick.empty()) spdlog::warn("{}", thick);
   PrintSummary(arguments.out, mapping.counts(), errors, verdict, summary);
   if (figures.interrupted) throw InterruptedError(interruption);
   if (!truth_problem.empty()) throw InputError(truth_problem + " (all else is written)");
