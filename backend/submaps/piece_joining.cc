@@ -55,11 +55,11 @@ class PieceJoiner {
               const VoxelMapOptions& map, const ScanMatcherOptions& matcher)
       : pieces_(pieces), options_(options), map_(map), registration_(matcher) {
     AddPieces();
-    Describe();
+    if (pieces_.size() > 1) Describe();
   }
 
   JoinedPieces Join() {
-    FindCandidates();
+    if (pieces_.size() > 1) FindCandidates();
     while (JoinNext()) {
     }
     for (Loop& loop : result_.loops) {

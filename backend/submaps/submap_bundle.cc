@@ -238,8 +238,6 @@ std::vector<SE3> AdjustPart(const std::vector<const Submap*>& submaps, std::vect
                                         : "too few planes are shared, or the solver failed";
       break;
     }
-    if (round == 0) last.initial_cost = solved.initial_cost;
-    last.final_cost = solved.final_cost;
     last.planes = problem.planes.size();
     last.observations = problem.observations.size();
     ++last.rounds;
@@ -248,8 +246,6 @@ std::vector<SE3> AdjustPart(const std::vector<const Submap*>& submaps, std::vect
   }
   result->rounds += last.rounds;
   result->planes += last.planes;
-  result->initial_cost += last.initial_cost;
-  result->final_cost += last.final_cost;
   result->observations += last.observations;
   KeepFirst(T_first, &anchors);
   return anchors;

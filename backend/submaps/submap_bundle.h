@@ -40,7 +40,6 @@ struct SubmapBundleResult {
   std::vector<SE3> anchors;
   int rounds = 0;                            // that counted, of all parts together
   std::size_t planes = 0, observations = 0;  // of the last ones
-  double initial_cost = 0.0, final_cost = 0.0;
   double largest_move_m = 0.0;
   std::string refusal;  // of the last part that was left as it was, if any
 };

@@ -64,7 +64,7 @@ TEST(PieceJoining, APieceOfOneSubmapFindsItsPlace) {
 
 TEST(PieceJoining, DrivesOfDifferentTownsStayApart) {
   const std::vector<SE3> drive = Drive({{-60, -60}, {60, -60}, {60, 60}});
-  for (unsigned seed = 1; seed <= 3; ++seed) {
+  for (unsigned seed = 1; seed <= 2; ++seed) {
     const MappedDrive one = MapDrive(Town(seed), drive, 3);
     const MappedDrive other = MapDrive(Town(seed + 10), drive, 4);
     const JoinedPieces joined = Join({&one, &other});
