@@ -1,7 +1,6 @@
 #include "tools/merge/command.h"
 
 #include <fmt/format.h>
-#include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
 #include <filesystem>
@@ -57,7 +56,10 @@ int Merge(const MergeArguments& arguments) {
              merged.graph().poses.size(), summary["loops"]["accepted"].dump(),
              merged.frames() == 1 ? "one map"
                                   : fmt::format("{} maps that nothing connects", merged.frames()));
-  PrintOutputs(arguments.out);
+  const std::filesystem::path out(arguments.out);
+  fmt::print("trajectories {}, and one for each drive: {} ...\nmap          {}\nfigures      {}\n",
+             (out / "trajectory_tum.txt").string(), DriveTrajectoryName(0),
+             (out / MapFileName(0)).string(), (out / "summary.json").string());
   return 0;
 }
 

@@ -41,6 +41,7 @@ class MergeOutput {
     nlohmann::json json = nlohmann::json::array();
     std::map<std::size_t, Trajectory> by_frame;
     Trajectory all;
+    RemovePieceFiles(folder_, DriveTrajectoryName);
     FileWriter table(Path("frames.csv"));
     table.Write("scan,stamp_s,status,piece,drive\n");
     for (std::size_t d = 0; d < drives_.size(); ++d) {
@@ -57,7 +58,7 @@ class MergeOutput {
         by_frame[p.frame].push_back(pose);
         ++frames[p.frame];
       }
-      WriteTumTrajectory(Path(DriveTrajectoryName(d)), drive);
+      WriteTumTrajectory(Path(DriveTrajectoryName(static_cast<std::int64_t>(d))), drive);
       nlohmann::json of_drive = {{"folder", drives_[d].folder},
                                  {"poses", posed.size()},
                                  {"poses_without_map", drives_[d].poses.size() - posed.size()},
@@ -136,7 +137,7 @@ nlohmann::json FramesToJson(const MergedMap& merged) {
 
 }  // namespace
 
-std::string DriveTrajectoryName(std::size_t drive) {
+std::string DriveTrajectoryName(std::int64_t drive) {
   return fmt::format("trajectory_tum_drive{}.txt", drive);
 }
 

@@ -1,6 +1,7 @@
 // What `lamina merge` leaves in its folder.
 #pragma once
 
+#include <cstdint>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -9,8 +10,8 @@
 
 namespace lamina {
 
-// Poses of a drive, in the order of the drives.
-std::string DriveTrajectoryName(std::size_t drive);
+// The file of a drive's poses.
+std::string DriveTrajectoryName(std::int64_t drive);
 
 // All files but summary.json, and returns that. Throws OutputError.
 nlohmann::json WriteMerge(const std::string& folder, const std::vector<Drive>& drives,

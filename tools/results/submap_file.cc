@@ -105,9 +105,17 @@ class SubmapReader {
   [[noreturn]] void Fail(const std::string& what) const {
     throw InputError(fmt::format("{}: {}", path_, what));
   }
+  template <typename... T>
+  void Take(StateArchive& archive, T*... values) const {
+    try {
+      archive(values...);
+    } catch (const InputError& error) {
+      Fail(error.what());
+    }
+  }
   SubmapFrame ReadFrame(StateArchive& archive) const {
     SubmapFrame frame;
-    archive(&frame.frame, &frame.graph.poses, &frame.graph.odometry, &frame.graph.loops);
+    Take(archive, &frame.frame, &frame.graph.poses, &frame.graph.odometry, &frame.graph.loops);
     const std::string fault = Fault(frame.graph);
     if (!fault.empty()) Fail(fmt::format("frame {}: {}", frame.frame, fault));
     frame.graph.kept_before.assign(frame.graph.loops.size(), true);
@@ -116,7 +124,7 @@ class SubmapReader {
   void ReadSubmap(StateArchive& archive, SubmapFrame* frame) const {
     std::int64_t piece = 0;
     Submap submap;
-    archive(&piece, &submap);
+    Take(archive, &piece, &submap);
     std::string fault = Fault(submap);
     const bool first = frame->pieces.empty() || frame->pieces.back() != piece;
     if (submap.id != (first ? 0 : frame->submaps.back().id + 1))

@@ -6,9 +6,11 @@
 #include <cstring>
 #include <limits>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/base/error.h"
+#include "io/file/section_file.h"
 #include "tests/support/io_test_files.h"
 #include "tests/support/random_scenes.h"
 
@@ -96,6 +98,19 @@ TEST_F(SubmapFileTest, DamageIsAnErrorThatNamesTheFile) {
   for (std::size_t size = 0; size < bytes.size(); size += 101) {
     Write("a.bin", bytes.substr(0, size));
     EXPECT_THROW(ReadSubmaps(Path("a.bin")), InputError) << size;
+  }
+}
+
+TEST_F(SubmapFileTest, SectionsThatAreTooShortOrUnknownAreRefused) {
+  constexpr SectionFileKind kKind = {"LAMINASM", 1, "a file of submaps"};
+  for (const auto& [tag, bytes] : std::vector<std::pair<std::string, std::string>>{
+           {"FRAM", "short"}, {"SUBM", std::string(100, '\0')}, {"WHAT", ""}}) {
+    SectionWriter writer(Path("a.bin"), kKind);
+    writer.Write(tag, bytes);
+    writer.Commit();
+    EXPECT_THAT(MessageOf<InputError>([&] { ReadSubmaps(Path("a.bin")); }),
+                testing::HasSubstr("a.bin"))
+        << tag;
   }
 }
 
