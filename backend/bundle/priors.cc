@@ -65,9 +65,8 @@ double SumPriors(const BundleProblem& problem, const std::vector<SE3>& poses,
 
 double AddPriors(const BundleProblem& problem, const std::vector<SE3>& poses,
                  Eigen::VectorXd* gradient, Eigen::MatrixXd* H) {
-  return SumPriors(
-      problem, poses, gradient, [](std::size_t, Matrix6d*) {},
-      [&](int a, int b, const Matrix6d& block) { H->block<6, 6>(a, b) += block; });
+  return SumPriors(problem, poses, gradient,
+                   [&](int a, int b, const Matrix6d& block) { H->block<6, 6>(a, b) += block; });
 }
 
 double AddPriors(const BundleProblem& problem, const std::vector<SE3>& poses,

@@ -38,7 +38,8 @@ TEST_F(RunLoopsTest, WithoutARevisitAllStaysAsItWas) {
 
   // A later run without them leaves nothing of these behind.
   Run(scans);
-  for (const char* name : {"loops.csv", "graph.g2o", "trajectory_odometry_kitti.txt"})
+  for (const char* name :
+       {"loops.csv", "graph.g2o", "trajectory_odometry_kitti.txt", "trajectory_live_tum.txt"})
     EXPECT_FALSE(std::filesystem::exists(Path(std::string("out/") + name))) << name;
 }
 
