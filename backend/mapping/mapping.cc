@@ -160,7 +160,7 @@ void Mapping::Listen(Mapper* mapper) {
 }
 
 void Mapping::CorrectMap(std::int64_t piece) {
-  if (loops_ == nullptr) return;
+  if (loops_ == nullptr || loops_->Find(piece) == nullptr) return;
   const auto parts = loops_->Track(piece)->Advance();
   if (!parts) return;
   map_.SelectPiece(piece);
@@ -182,7 +182,8 @@ void Mapping::End(PieceMapper* mapper, std::size_t scan) {
   poses_.AddPoses(mapper->mapper().TakeFinal(kAllScans), mapper->stream());
   poses_.Close(mapper->stream());
   mapper->mapper().Close();
-  if (loops_ != nullptr) loops_->Track(mapper->mapper().piece())->Finish();
+  const std::int64_t piece = mapper->mapper().piece();
+  if (loops_ != nullptr && loops_->Find(piece) != nullptr) loops_->Track(piece)->Finish();
 }
 
 void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedCluster>* clusters) {
@@ -191,8 +192,9 @@ void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedClu
   recording->any = true;
   const RegisteredScan frame = Register(recording, report, clusters);
   report->odometry = frame.odometry;
-  if (loops_ != nullptr)
-    report->T_map_world = loops_->Track(recording->mapper->mapper().piece())->T_map_world();
+  const std::int64_t piece = recording->mapper->mapper().piece();
+  const LoopTrack* const track = loops_ == nullptr ? nullptr : loops_->Find(piece);
+  if (track != nullptr) report->T_map_world = track->T_map_world();
   report->keyframe = frame.keyframe;
   report->began_piece = frame.odometry.status == OdometryFrame::Status::kFirst;
   ++counts_.frames;

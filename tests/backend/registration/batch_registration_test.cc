@@ -421,6 +421,8 @@ TEST(LevenbergMarquardt, SparseAndDenseFactorisationsAgree) {
   }
   scene.problem.priors.push_back(
       {frames - 1, 0, scene.truth.back().Inverse() * scene.truth[0], 5.0 * Matrix6d::Identity()});
+  // A frame in the middle that does not rise, whatever its priors say.
+  scene.problem.holds.push_back({frames / 2, Vector6d::Unit(5)});
   ASSERT_LT(BlockPattern(scene.problem, BundleIndex(scene.problem)).Density(), 0.25);
   BundleAdjusterOptions options{100, 1e-14, 3};
   const BundleResult sparse = AdjustBundle(scene.problem, options);

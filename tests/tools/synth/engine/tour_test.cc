@@ -33,7 +33,7 @@ TEST(Tour, ComesBackToWhereItBeganAndStaysInTheTown) {
     EXPECT_EQ(at, tour.start);
     EXPECT_EQ(quarter, tour.quarter);
     EXPECT_GE(blocks, 40);
-    int both = 0;
+    std::size_t both = 0;
     for (const auto& [street, times] : driven) {
       both += driven.count(
           {street[0] + kStepX[street[2]], street[1] + kStepY[street[2]], (street[2] + 2) % 4});
