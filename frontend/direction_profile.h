@@ -17,8 +17,6 @@
 //
 // and its mean and standard deviation are what is known of the pose. kappa = 2 makes them agree
 // with the errors of generated scenes.
-//
-// Private to frontend.
 #pragma once
 
 #include <vector>

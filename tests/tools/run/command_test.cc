@@ -260,7 +260,7 @@ TEST_F(RunCommandTest, ValuesAgainstTheirRulesAreWrongUsageOfEveryCommand) {
            {"eval", "--estimate", poses, "--truth", poses, "--other", "nameless"},
            {"eval", "--estimate", poses, "--scans", scans, "--set", "map.depth=9"},
            {"export", "--run", run, "--scans", scans, "--resolution", "0"},
-           {"export", "--run", run, "--scans", scans, "--resolution", "1", "--out", Path("m.laz")},
+           {"export", "--run", run, "--scans", scans, "--resolution", "1", "--out", Path("m.xyz")},
            {"plot", "--run", run, "--out", Path("map.jpg")},
            {"synth", "--out", Path("synth"), "--scene", "moon"},
            {"synth", "--out", Path("synth"), "--frames", "0"}}) {

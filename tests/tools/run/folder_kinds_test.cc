@@ -8,6 +8,7 @@
 #include <functional>
 #include <limits>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "tests/support/run_helpers.h"
@@ -39,6 +40,8 @@ struct Field {
 
 template <typename T>
 void Append(long double value, bool big_endian, std::string* bytes) {
+  // Fields without a sign begin at nought: rounding may end just below.
+  if (std::is_unsigned_v<T>) value = std::max(0.0L, value);
   std::string packed = Pack(static_cast<T>(value));
   if (big_endian) std::reverse(packed.begin(), packed.end());
   *bytes += packed;
