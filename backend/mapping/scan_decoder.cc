@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/base/error.h"
+#include "core/base/median.h"
 #include "core/base/printable_text.h"
 #include "core/base/stopwatch.h"
 #include "frontend/scan_clusters.h"
@@ -32,9 +33,7 @@ std::optional<double> TimeBetween(const std::vector<StampNs>& stamps) {
     if (stamps[k] > stamps[k - 1]) gaps_s.push_back(SecondsBetween(stamps[k - 1], stamps[k]));
   }
   if (gaps_s.empty()) return std::nullopt;
-  const auto middle = gaps_s.begin() + static_cast<std::ptrdiff_t>(gaps_s.size() / 2);
-  std::nth_element(gaps_s.begin(), middle, gaps_s.end());
-  return *middle;
+  return UpperMedian(&gaps_s);
 }
 
 void Skip(SkipReason reason, const std::string& why, MappedScan* report) {
@@ -50,15 +49,9 @@ double SpanOf(std::vector<float> times_s) {
       std::remove_if(times_s.begin(), times_s.end(), [](float t) { return !std::isfinite(t); }),
       times_s.end());
   if (times_s.empty()) return 0.0;
-  const auto at = [&](double share) {
-    const auto nth = times_s.begin() +
-                     static_cast<std::ptrdiff_t>(share * static_cast<double>(times_s.size() - 1));
-    std::nth_element(times_s.begin(), nth, times_s.end());
-    return static_cast<double>(*nth);
-  };
   constexpr double kOutliers = 0.01;
-  const double low_s = at(kOutliers);
-  return at(1.0 - kOutliers) - low_s;
+  const auto low_s = static_cast<double>(Quantile(&times_s, kOutliers));
+  return static_cast<double>(Quantile(&times_s, 1.0 - kOutliers)) - low_s;
 }
 
 // Why the times of a scan's points are none of a sweep, by which it would be torn apart; empty if
