@@ -37,7 +37,7 @@ std::vector<LeafPlane> LeafPlanes(const Submap& submap) {
   std::vector<LeafPlane> planes;
   for (std::size_t i = 0; i < submap.leaves.size(); ++i) {
     const SubmapLeaf& leaf = submap.leaves[i];
-    if (leaf.count < kMinCount) continue;
+    if (leaf.cluster.count < kMinCount) continue;
     const PointCluster cluster = submap.Cluster(leaf);
     const Eigen3 eigen = cluster.Eigen();
     if (eigen.l(2) > kMaxFlatness * eigen.l(1) || eigen.l(1) < kMinBreadth * eigen.l(0) ||

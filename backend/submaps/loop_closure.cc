@@ -8,6 +8,7 @@
 #include <queue>
 #include <utility>
 
+#include "backend/submaps/submap_place.h"
 #include "core/base/parallel.h"
 
 namespace lamina {
@@ -158,27 +159,18 @@ AnchorGraph LoopClosure::graph() const {
 }
 
 void LoopClosure::Add(Submap submap) {
-  const std::size_t id = submaps_.size();
-  Eigen::Vector3d up = submap.T_world_submap.q.conjugate() * Eigen::Vector3d::UnitZ();
-  double tilt_deg = options_.place.max_tilt_deg;
+  const bool follows = !submaps_.empty();
   SE3 anchor = submap.T_world_submap;
   Place place;
-  if (id > 0) {
+  if (follows) {
     const SE3 T_this_last = submap.T_world_submap.Inverse() * submaps_.back().T_world_submap;
-    const Eigen::Quaterniond& level = places_.back().image.T_level_submap.q;
-    up = T_this_last.q * (level.conjugate() * Eigen::Vector3d::UnitZ());
-    // The one before has told it, but for what a short way can turn it by.
-    constexpr double kChangeDeg = 12.0;
-    tilt_deg = std::min(tilt_deg, kChangeDeg);
     if (corrected_) anchor = anchors_.back() * T_this_last.Inverse();
     place.way_m = places_.back().way_m + submaps_.back().way_m;
   }
   std::vector<LeafPlane> planes = LeafPlanes(submap);
-  PlaceOptions options = options_.place;
-  options.max_tilt_deg = tilt_deg;
-  place.image = MakePlaceImage(submap, planes, options, up);
-  up = place.image.T_level_submap.q.conjugate() * Eigen::Vector3d::UnitZ();
-  const SubmapQuery query = MakeQuery(submap, std::move(planes), up);
+  place.image = ImageOfSubmap(submap, planes, follows ? &submaps_.back() : nullptr,
+                              follows ? &places_.back().image : nullptr, options_.place);
+  const SubmapQuery query = QueryOfSubmap(submap, std::move(planes), place.image);
   submaps_.push_back(std::move(submap));
   places_.push_back(std::move(place));
   anchors_.push_back(anchor);

@@ -158,8 +158,9 @@ void PieceJoiner::Describe() {
     for (std::size_t i = first; i < first + pieces_[p].submaps->size(); ++i) {
       // A piece may have been joined of several.
       const bool follows = i > first && submaps_[i]->id == submaps_[i - 1]->id + 1;
-      images_[i] = ImageOfSubmap(*submaps_[i], follows ? submaps_[i - 1] : nullptr,
-                                 follows ? &images_[i - 1] : nullptr, options_.place);
+      images_[i] =
+          ImageOfSubmap(*submaps_[i], LeafPlanes(*submaps_[i]), follows ? submaps_[i - 1] : nullptr,
+                        follows ? &images_[i - 1] : nullptr, options_.place);
     }
   });
 }

@@ -1,7 +1,6 @@
 #include "backend/submaps/submap.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 
@@ -12,16 +11,16 @@ void SubmapOptions::Visit(OptionVisitor& v) {
   v.Integer("max_keyframes", &max_keyframes, 2, 100000);
 }
 
+namespace {
+
+Eigen::Vector3d CentreOf(const std::int16_t (&index)[3], double leaf_size_m) {
+  return leaf_size_m * (Eigen::Vector3d(index[0], index[1], index[2]).array() + 0.5).matrix();
+}
+
+}  // namespace
+
 PointCluster Submap::Cluster(const SubmapLeaf& leaf) const {
-  PointCluster cluster;
-  cluster.count = leaf.count;
-  for (int axis = 0; axis < 3; ++axis) {
-    cluster.mean[axis] =
-        leaf_size_m * (leaf.index[axis] + 0.5) + static_cast<double>(leaf.mean[axis]);
-  }
-  const float* c = leaf.covariance;
-  cluster.scatter = Symmetric3{c[0], c[1], c[2], c[3], c[4], c[5]} * cluster.count;
-  return cluster;
+  return leaf.cluster.Unpacked(CentreOf(leaf.index, leaf_size_m));
 }
 
 void Submap::Archive(StateArchive& a) {
@@ -87,16 +86,8 @@ std::vector<SubmapLeaf> SubmapBuilder::Leaves() const {
   for (const Cell& cell : cells_) {
     SubmapLeaf leaf;
     leaf.keyframes = cell.keyframes;
-    leaf.count = static_cast<float>(cell.cluster.count);
-    for (int axis = 0; axis < 3; ++axis) {
-      leaf.index[axis] = cell.index[axis];
-      leaf.mean[axis] =
-          static_cast<float>(cell.cluster.mean[axis] - leaf_size_m_ * (cell.index[axis] + 0.5));
-    }
-    const Symmetric3 c = cell.cluster.Covariance();
-    const std::array<double, 6> covariance = {c.xx, c.xy, c.xz, c.yy, c.yz, c.zz};
-    std::transform(covariance.begin(), covariance.end(), leaf.covariance,
-                   [](double value) { return static_cast<float>(value); });
+    std::copy(cell.index, cell.index + 3, leaf.index);
+    leaf.cluster = PackedCluster::Of(cell.cluster, CentreOf(cell.index, leaf_size_m_));
     leaves.push_back(leaf);
   }
   std::sort(leaves.begin(), leaves.end(), [](const SubmapLeaf& a, const SubmapLeaf& b) {

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "backend/submaps/final_keyframe.h"
+#include "core/geometry/packed_cluster.h"
 #include "core/geometry/point_cluster.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/se3.h"
@@ -38,9 +39,7 @@ struct SubmapOptions {
 struct SubmapLeaf {
   std::int16_t index[3] = {0, 0, 0};  // voxel [index, index + 1) * leaf_size_m
   std::uint16_t keyframes = 0;        // that have points in it, saturating
-  float count = 0.0F;
-  float mean[3] = {0.0F, 0.0F, 0.0F};                          // from the voxel's centre, metres
-  float covariance[6] = {0.0F, 0.0F, 0.0F, 0.0F, 0.0F, 0.0F};  // xx xy xz yy yz zz, m^2
+  PackedCluster cluster;              // relative to the voxel's centre
 };
 static_assert(sizeof(SubmapLeaf) == 48);
 template <>

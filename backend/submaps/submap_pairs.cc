@@ -21,8 +21,9 @@ std::vector<SubmapMatch> RegisterPairs(const std::vector<const Submap*>& submaps
     const SubmapTarget target(*submaps[pairs[groups[g]->front()].from], map);
     for (const std::size_t i : *groups[g]) {
       const std::size_t to = pairs[i].to;
-      matches[i] = registration.Register(QueryOfSubmap(*submaps[to], images[to]), target,
-                                         pairs[i].T_from_to);
+      matches[i] =
+          registration.Register(QueryOfSubmap(*submaps[to], LeafPlanes(*submaps[to]), images[to]),
+                                target, pairs[i].T_from_to);
     }
   });
   return matches;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <vector>
 
+#include "backend/mapping/options.h"
 #include "tests/support/memory_scans.h"
 #include "tests/support/submap_town.h"
 
@@ -51,6 +52,19 @@ inline std::vector<Scan> CrookedScans(const Town& town, const std::vector<SE3>& 
     scans.push_back(std::move(scan));
   }
   return scans;
+}
+
+// Options under which such laps close, round the block.
+inline MappingOptions LapOptions(bool loops = true) {
+  MappingOptions options;
+  options.preparation.deskew = ScanPreparationOptions::Deskew::kOff;
+  options.mapper.backend.window.frames = 8;
+  options.loops.enabled = loops;
+  options.loops.submap.length_m = 20.0;
+  options.loops.min_way_m = 60.0;
+  options.loops.hand_over_lag_keyframes = 4;
+  options.loops.reach_m = 60.0;
+  return options;
 }
 
 }  // namespace lamina

@@ -51,10 +51,9 @@ std::string Fault(const AnchorGraph& graph) {
 
 bool IsLeaf(const SubmapLeaf& leaf, double leaf_size_m) {
   const auto within = [&](float x) { return std::abs(static_cast<double>(x)) <= leaf_size_m; };
-  return std::isfinite(leaf.count) && leaf.count >= 0.0F &&
-         std::all_of(leaf.mean, leaf.mean + 3, within) &&
-         std::all_of(leaf.covariance, leaf.covariance + 6,
-                     [](float x) { return std::isfinite(x); });
+  const PackedCluster& c = leaf.cluster;
+  return std::isfinite(c.count) && c.count >= 0.0F && std::all_of(c.mean, c.mean + 3, within) &&
+         std::all_of(c.covariance, c.covariance + 6, [](float x) { return std::isfinite(x); });
 }
 
 std::string Fault(const Submap& submap) {

@@ -28,18 +28,6 @@ const std::vector<Scan>& Scans() {
   return scans;
 }
 
-MappingOptions Options(bool loops) {
-  MappingOptions options;
-  options.preparation.deskew = ScanPreparationOptions::Deskew::kOff;
-  options.mapper.backend.window.frames = 8;
-  options.loops.enabled = loops;
-  options.loops.submap.length_m = 20.0;
-  options.loops.min_way_m = 60.0;
-  options.loops.hand_over_lag_keyframes = 4;
-  options.loops.reach_m = 60.0;
-  return options;
-}
-
 struct Outcome {
   std::vector<MappedScan> scans;
   std::vector<SE3> odometry, corrected;  // final poses
@@ -54,7 +42,7 @@ Outcome MapLaps(bool loops, std::size_t scans = Scans().size()) {
   MappingCallbacks callbacks;
   callbacks.on_final_pose = [&](const FinalPose& pose) { poses.push_back(pose); };
   MemoryVoxelStore store;
-  Mapping mapping(Options(loops), callbacks, &store);
+  Mapping mapping(LapOptions(loops), callbacks, &store);
   for (std::size_t i = 0; i < scans; ++i) outcome.scans.push_back(mapping.Add(Scans()[i]));
   StateArchive bits;
   mapping.map().ForEachSurface(2, [&](Surfel s) {

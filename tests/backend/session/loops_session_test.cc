@@ -24,21 +24,10 @@ class LoopsSessionTest : public SessionTest {
     }
     return recording;
   }
-  static MappingOptions WithLoops() {
-    MappingOptions options;
-    options.preparation.deskew = ScanPreparationOptions::Deskew::kOff;
-    options.mapper.backend.window.frames = 8;
-    options.loops.enabled = true;
-    options.loops.submap.length_m = 20.0;
-    options.loops.min_way_m = 60.0;
-    options.loops.hand_over_lag_keyframes = 4;
-    options.loops.reach_m = 60.0;
-    return options;
-  }
 };
 
 TEST_F(LoopsSessionTest, LeftAroundCorrections) {
-  mapping_ = WithLoops();
+  mapping_ = LapOptions();
   const Recording recording = RecordLap();
   SessionSetup whole = Setup("whole"), stopped = Setup("stopped");
   whole.session.checkpoint_every_scans = stopped.session.checkpoint_every_scans = 3;

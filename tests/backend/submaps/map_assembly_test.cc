@@ -38,7 +38,7 @@ TEST(AssembleFixed, ALeafHasTheCappedSumOfItsSubmaps) {
   const auto parts = AssembleFixed(placed, options, {0, 0, 0});
   double given = 0.0, taken = 0.0;
   for (const Submap& submap : submaps) {
-    for (const SubmapLeaf& leaf : submap.leaves) given += static_cast<double>(leaf.count);
+    for (const SubmapLeaf& leaf : submap.leaves) given += static_cast<double>(leaf.cluster.count);
   }
   std::vector<VoxelKey> leaves;
   for (const VoxelMap::FixedPart& part : parts) {
@@ -75,7 +75,7 @@ TEST(SubmapBuilder, TheCurrentOneIsWhatFinishWouldGive) {
   const Submap finished = *builder.Finish();
   ASSERT_EQ(current.leaves.size(), finished.leaves.size());
   ASSERT_EQ(current.keyframes.size(), finished.keyframes.size());
-  EXPECT_EQ(current.leaves[7].count, finished.leaves[7].count);
+  EXPECT_EQ(current.leaves[7].cluster.count, finished.leaves[7].cluster.count);
   EXPECT_EQ(builder.Current().id, finished.id + 1);
 }
 

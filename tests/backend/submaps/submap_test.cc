@@ -43,7 +43,8 @@ TEST(SubmapBuilder, EachKeyframeIsInExactlyOneSubmap) {
     EXPECT_EQ(submaps[i].id, static_cast<std::int64_t>(i));
     EXPECT_EQ(submaps[i].keyframes.size(), i < 2 ? 5U : 3U);
     for (const SubmapKeyframe& keyframe : submaps[i].keyframes) EXPECT_EQ(keyframe.id, next++);
-    for (const SubmapLeaf& leaf : submaps[i].leaves) points += static_cast<double>(leaf.count);
+    for (const SubmapLeaf& leaf : submaps[i].leaves)
+      points += static_cast<double>(leaf.cluster.count);
   }
   EXPECT_EQ(next, 13);
   EXPECT_DOUBLE_EQ(points, 13.0 * 500.0);

@@ -28,9 +28,9 @@ Submap RandomSubmap(std::int64_t id, Draws* draws) {
     SubmapLeaf leaf;
     leaf.index[0] = i;
     leaf.keyframes = 2;
-    leaf.count = 7.5F;
-    for (float& x : leaf.mean) x = static_cast<float>(draws->Uniform(-0.4, 0.4));
-    for (float& x : leaf.covariance) x = static_cast<float>(draws->Uniform(0.0, 0.1));
+    leaf.cluster.count = 7.5F;
+    for (float& x : leaf.cluster.mean) x = static_cast<float>(draws->Uniform(-0.4, 0.4));
+    for (float& x : leaf.cluster.covariance) x = static_cast<float>(draws->Uniform(0.0, 0.1));
     submap.leaves.push_back(leaf);
   }
   return submap;
@@ -115,9 +115,9 @@ TEST_F(SubmapFileTest, SectionsThatAreTooShortOrUnknownAreRefused) {
 }
 
 TEST_F(SubmapFileTest, WhatCannotBeIsRefused) {
-  submaps_[1].leaves[3].mean[1] = std::numeric_limits<float>::quiet_NaN();
+  submaps_[1].leaves[3].cluster.mean[1] = std::numeric_limits<float>::quiet_NaN();
   EXPECT_THAT(Refusal(), testing::HasSubstr("submap 1 of piece 1: leaf 3 is no cluster"));
-  submaps_[1].leaves[3].mean[1] = 0.0F;
+  submaps_[1].leaves[3].cluster.mean[1] = 0.0F;
   std::swap(submaps_[1].leaves[3], submaps_[1].leaves[4]);
   EXPECT_THAT(Refusal(), testing::HasSubstr("out of order"));
   std::swap(submaps_[1].leaves[3], submaps_[1].leaves[4]);
