@@ -75,6 +75,7 @@ MappedScan Mapping::Add(const Scan& scan, const std::string& recording) {
 
 MappedScan Mapping::Add(DecodedScan scan) {
   if (finished_) throw std::logic_error("no scan can be added to a mapping that is finished");
+  Settle();
   MappedScan& report = scan.report;
   ++counts_.scans;
   Recording* const recording = FindOrBegin(report);
@@ -209,7 +210,6 @@ RegisteredScan Mapping::Register(Recording* recording, MappedScan* report,
   const MapperScan scan{static_cast<std::int64_t>(report->index), report->stamp_ns,
                         report->stamp_made_up, clusters};
   PieceMapper* const mapper = recording->mapper.get();
-  mapper->TakeInDueSolve();
   const std::vector<SolveReport> solves = mapper->TakeSolves();
   for (const SolveReport& solve : solves) report->solve_ms = solve.result.solve_ms;
   CountSolves(solves, report->index);
@@ -233,9 +233,9 @@ RegisteredScan Mapping::Register(Recording* recording, MappedScan* report,
 void Mapping::SolveSilent(std::size_t scan) {
   const std::int64_t silent = std::max(1, options_.mapper.backend.final_after_frames / 2);
   for (auto& [name, recording] : recordings_) {
-    if (static_cast<std::int64_t>(scan) - recording.last_scan == silent) {
-      recording.mapper->FinishSolves();
-    }
+    if (static_cast<std::int64_t>(scan) - recording.last_scan != silent) continue;
+    Settle();
+    recording.mapper->FinishSolves();
   }
 }
 

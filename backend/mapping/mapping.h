@@ -99,8 +99,9 @@ class Mapping {
   // Points of the newest keyframe of the recording that the last scan was of.
   std::vector<Eigen::Vector3d> NewestKeyframe() const;
 
-  // Waits for the solve that takes effect before the next scan. Without that it may or may not
-  // have: what is saved would depend on the speed of the threads, though not what comes of it.
+  // Waits for the solve that takes effect before the next scan, of whichever recording that is, and
+  // takes it in. Without that it may or may not have taken effect: what is saved would depend on
+  // the speed of the threads.
   void Settle();
   // All of the state but the map; in on_settled or between two scans, after Settle(). Reading
   // starts the solve again that was under way, and needs the map as it was.

@@ -21,7 +21,7 @@ class PieceMapper {
   PieceMapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
               FinalPoses::Stream stream, const SE3& T_world_start);
 
-  // Before Mapper::Process: takes in the solve whose time has come.
+  // Before a scan of any recording is mapped: takes in the solve whose time has come.
   void TakeInDueSolve();
   RegisteredScan Process(const MapperScan& scan, bool may_restart);
   // After it, when no caller waits for the pose any more: starts the next solve, and takes one in

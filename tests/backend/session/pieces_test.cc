@@ -137,6 +137,24 @@ TEST_F(PiecesTest, AlternatingRecordingsAreContinuedAfterAnyScan) {
   }
 }
 
+// Once a checkpoint takes longer than the next one is due, the disk decides when it is made.
+TEST_F(PiecesTest, WhenCheckpointsAreMadeChangesNothing) {
+  const Recording all =
+      Alternating({Named("a", 13, 4.0), Named("b", 11, 6.0, 2), Named("c", 9, 5.0, 3)}, 2);
+  SessionSetup setup = Setup("rarely");
+  setup.session.checkpoint_every_scans = 1000;
+  const Result rarely = FinishSession(setup, all);
+  for (int stop = 2; stop < 33; stop += 4) {
+    SCOPED_TRACE("left after " + std::to_string(stop));
+    setup = Setup("stopped");
+    fs::remove_all(setup.folder);
+    setup.session.checkpoint_every_scans = 1 + stop % 3;
+    MapUntil(setup, all, stop, Leave::kWhenDone);
+    setup.session.checkpoint_every_scans = stop % 4 == 0 ? 1000 : 7;
+    ExpectSame(FinishSession(setup, all), rarely);
+  }
+}
+
 // The sensor is carried off in the middle: to another corridor, seen from the same place in it.
 TEST_F(PiecesTest, ARestartAfterLossBeginsAPieceThatIsNotConnected) {
   Recording all = Named("a", 15, 4.0);
