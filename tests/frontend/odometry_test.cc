@@ -8,7 +8,7 @@ namespace lamina {
 namespace {
 
 using Status = OdometryFrame::Status;
-constexpr StampNs kPeriodNs = 100000000;
+constexpr StampNs kScanPeriodNs = 100000000;
 
 // A room that is mapped already, and odometry that starts at its origin.
 class OdometryTest : public testing::Test {
@@ -26,7 +26,7 @@ class OdometryTest : public testing::Test {
     SE3 T;
     OdometryFrame frame;
     for (int i = 0; i < frames; ++i) {
-      frame = odometry_.Register(i * kPeriodNs, Scan(T), map_);
+      frame = odometry_.Register(i * kScanPeriodNs, Scan(T), map_);
       odometry_.Accept(frame);
       if (i + 1 < frames) T = T * step;
     }
@@ -55,17 +55,17 @@ TEST_F(OdometryTest, PredictsConstantVelocityAndFollows) {
   const SE3 velocity = TwistExp(odometry_.velocity() * 0.1);
   EXPECT_LT((velocity.t - step.t).norm(), 0.02);
   // The prediction is exactly the last motion once more, and scales with time.
-  const OdometryFrame next = odometry_.Register(8 * kPeriodNs, Scan(truth * step), map_);
+  const OdometryFrame next = odometry_.Register(8 * kScanPeriodNs, Scan(truth * step), map_);
   const SE3 expected = last.T_world_lidar * velocity;
   EXPECT_LT((next.T_world_predicted.t - expected.t).norm(), 1e-12);
-  const OdometryFrame later = odometry_.Register(9 * kPeriodNs, Scan(truth), map_);
+  const OdometryFrame later = odometry_.Register(9 * kScanPeriodNs, Scan(truth), map_);
   EXPECT_LT((later.T_world_predicted.t - (expected * velocity).t).norm(), 1e-9);
 }
 
 TEST_F(OdometryTest, AfterALongGapAStandingSensorIsFoundWhereItStands) {
   const OdometryFrame last = Drive(5, SE3(Eigen::Quaterniond::Identity(), {0.1, 0.0, 0.0}));
   const OdometryFrame next =
-      odometry_.Register(last.stamp_ns + 20 * kPeriodNs, Scan(last.T_world_lidar), map_);
+      odometry_.Register(last.stamp_ns + 20 * kScanPeriodNs, Scan(last.T_world_lidar), map_);
   EXPECT_EQ(next.status, Status::kTracked);
   EXPECT_LT((next.T_world_lidar.t - last.T_world_lidar.t).norm(), 0.02);
 }
@@ -75,7 +75,8 @@ TEST_F(OdometryTest, AfterALongGapAMovingSensorIsFoundWhereItHasGone) {
   const OdometryFrame last = Drive(5, step);
   SE3 truth = last.T_world_lidar;
   for (int i = 0; i < 25; ++i) truth = truth * step;
-  const OdometryFrame next = odometry_.Register(last.stamp_ns + 25 * kPeriodNs, Scan(truth), map_);
+  const OdometryFrame next =
+      odometry_.Register(last.stamp_ns + 25 * kScanPeriodNs, Scan(truth), map_);
   EXPECT_EQ(next.status, Status::kTracked);
   EXPECT_LT((next.T_world_lidar.t - truth.t).norm(), 0.02);
 }
@@ -87,7 +88,8 @@ TEST_F(OdometryTest, RotationSearchFollowsAJump) {
     const Eigen::Vector3d axis = (Eigen::Vector3d::UnitZ() + 0.3 * draws_.Direction()).normalized();
     const double angle = draws_.Uniform(10.0, 20.0) * kRadPerDeg * (i % 2 == 0 ? 1.0 : -1.0);
     const SE3 truth(ExpSO3(angle * axis), draws_.InCube(0.1));
-    const OdometryFrame frame = odometry_.Register(last.stamp_ns + kPeriodNs, Scan(truth), map_);
+    const OdometryFrame frame =
+        odometry_.Register(last.stamp_ns + kScanPeriodNs, Scan(truth), map_);
     EXPECT_EQ(frame.status, Status::kTracked);
     EXPECT_TRUE(frame.searched);
     EXPECT_LT(RotationAngle(frame.T_world_lidar, truth), 0.3 * kRadPerDeg);
@@ -98,22 +100,22 @@ TEST_F(OdometryTest, RotationSearchFollowsAJump) {
 TEST_F(OdometryTest, AScanOfAnotherPlaceIsLost) {
   const OdometryFrame last = Drive(5, SE3());
   const auto elsewhere = BuildScanClusters(StillPoints(draws_.Cloud(8000, {0, 0, 0}, 8.0)), 0.8);
-  const OdometryFrame frame = odometry_.Register(last.stamp_ns + kPeriodNs, elsewhere, map_);
+  const OdometryFrame frame = odometry_.Register(last.stamp_ns + kScanPeriodNs, elsewhere, map_);
   EXPECT_EQ(frame.status, Status::kLost);
   EXPECT_EQ(frame.T_world_lidar.t, frame.T_world_predicted.t);
-  const OdometryFrame nothing = odometry_.Register(last.stamp_ns + kPeriodNs, {}, map_);
+  const OdometryFrame nothing = odometry_.Register(last.stamp_ns + kScanPeriodNs, {}, map_);
   EXPECT_EQ(nothing.status, Status::kLost);
   // The state is as before: the next good scan is tracked.
-  EXPECT_EQ(odometry_.Register(last.stamp_ns + 2 * kPeriodNs, Scan(SE3()), map_).status,
+  EXPECT_EQ(odometry_.Register(last.stamp_ns + 2 * kScanPeriodNs, Scan(SE3()), map_).status,
             Status::kTracked);
 }
 
 TEST_F(OdometryTest, CorrectionMovesTheStartOfThePrediction) {
   const OdometryFrame last = Drive(3, SE3());
   const SE3 correction = draws_.Offset(0.1, 0.2);
-  const OdometryFrame before = odometry_.Register(last.stamp_ns + kPeriodNs, {}, map_);
+  const OdometryFrame before = odometry_.Register(last.stamp_ns + kScanPeriodNs, {}, map_);
   odometry_.Correct(correction);
-  const OdometryFrame after = odometry_.Register(last.stamp_ns + kPeriodNs, {}, map_);
+  const OdometryFrame after = odometry_.Register(last.stamp_ns + kScanPeriodNs, {}, map_);
   const SE3 expected = correction * before.T_world_predicted;
   EXPECT_LT((after.T_world_predicted.t - expected.t).norm(), 1e-12);
   EXPECT_LT(RotationAngle(after.T_world_predicted, expected), 1e-12);

@@ -10,21 +10,21 @@
 namespace lamina {
 namespace {
 
-struct Scan {
+struct OneScan {
   StampNs stamp_ns = 0;
   bool skipped = false;
   SE3 T;  // of its own
 };
 
 // What the header says, with all scans in sight: the neighbours with a pose of their own.
-std::vector<FinalPose> Reference(const std::vector<Scan>& scans) {
+std::vector<FinalPose> Reference(const std::vector<OneScan>& scans) {
   std::vector<FinalPose> result;
   for (std::size_t i = 0; i < scans.size(); ++i) {
-    const Scan* before = nullptr;
-    const Scan* after = nullptr;
+    const OneScan* before = nullptr;
+    const OneScan* after = nullptr;
     for (std::size_t k = 0; k < i; ++k) before = scans[k].skipped ? before : &scans[k];
     for (std::size_t k = scans.size(); k-- > i + 1;) after = scans[k].skipped ? after : &scans[k];
-    const Scan& scan = scans[i];
+    const OneScan& scan = scans[i];
     SE3 T = scan.T;
     if (scan.skipped && before != nullptr && after != nullptr && scan.stamp_ns > before->stamp_ns &&
         scan.stamp_ns < after->stamp_ns) {
@@ -61,12 +61,12 @@ FinalPoses Restored(FinalPoses* poses) {
 }
 
 // Scans come and poses follow, in pieces of random size; sometimes the state goes through bytes.
-void Check(const std::vector<Scan>& scans, Draws* draws) {
+void Check(const std::vector<OneScan>& scans, Draws* draws) {
   FinalPoses poses;
   std::vector<FinalPose> seen;
   const auto visit = [&](const FinalPose& pose) { seen.push_back(pose); };
   Trajectory open;
-  std::vector<Scan> so_far;
+  std::vector<OneScan> so_far;
   for (std::size_t i = 0; i < scans.size(); ++i) {
     so_far.push_back(scans[i]);
     poses.AddScan(i, scans[i].stamp_ns, scans[i].skipped);
@@ -86,7 +86,7 @@ void Check(const std::vector<Scan>& scans, Draws* draws) {
   poses.AddPoses(open);
   poses.HandOn(0, visit);
   const bool any =
-      std::any_of(scans.begin(), scans.end(), [](const Scan& s) { return !s.skipped; });
+      std::any_of(scans.begin(), scans.end(), [](const OneScan& s) { return !s.skipped; });
   std::vector<FinalPose> should = Reference(scans);
   while (!should.empty() && should.back().skipped) should.pop_back();
   if (!any) should.clear();
@@ -96,9 +96,9 @@ void Check(const std::vector<Scan>& scans, Draws* draws) {
 TEST(FinalPoses, EachScanGetsThePoseThatTheReferenceGivesIt) {
   Draws draws(1);
   for (int round = 0; round < 300; ++round) {
-    std::vector<Scan> scans(static_cast<std::size_t>(draws.Integer(0, 20)));
+    std::vector<OneScan> scans(static_cast<std::size_t>(draws.Integer(0, 20)));
     StampNs stamp = draws.Integer(-1000, 1000);
-    for (Scan& scan : scans) {
+    for (OneScan& scan : scans) {
       // Now and then stamps stand still or go back: another recording, a clock that was set.
       stamp += round % 2 == 0 ? draws.Integer(1, 1000) : draws.Integer(-500, 1000);
       scan = {stamp, draws.Integer(0, 2) == 0, draws.Pose(10.0)};
@@ -111,8 +111,8 @@ TEST(FinalPoses, SkippedScansFirstLastAndBetween) {
   Draws draws(2);
   const SE3 a(Eigen::Quaterniond::Identity(), {1.0, 0.0, 0.0});
   const SE3 b(Eigen::Quaterniond::Identity(), {3.0, 0.0, 0.0});
-  const std::vector<Scan> scans = {{10, true, {}}, {20, false, a}, {25, true, {}},
-                                   {20, true, {}}, {40, false, b}, {50, true, {}}};
+  const std::vector<OneScan> scans = {{10, true, {}}, {20, false, a}, {25, true, {}},
+                                      {20, true, {}}, {40, false, b}, {50, true, {}}};
   Check(scans, &draws);
   const std::vector<FinalPose> poses = Reference(scans);
   const double x[] = {1.0, 1.0, 1.5, 1.0, 3.0, 3.0};

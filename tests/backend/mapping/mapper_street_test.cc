@@ -21,13 +21,13 @@ struct Drive {
   std::function<ScanKind(int)> kind = [](int) { return ScanKind::kStreet; };
 };
 
-struct Outcome {
+struct DriveOutcome {
   int lost = 0, degenerate = 0;
   double worst_m = 0.0, last_m = 0.0;  // errors of frames called tracked and not degenerate
 };
 
 // Maps a drive with bundle adjustment, as the pipeline does.
-Outcome Map(const Drive& drive, unsigned seed) {
+DriveOutcome Map(const Drive& drive, unsigned seed) {
   constexpr double kPeriodS = 0.1;
   const BayStreet street(seed);
   Draws draws(seed + 100);
@@ -36,7 +36,7 @@ Outcome Map(const Drive& drive, unsigned seed) {
   Mapper mapper(options, &map, 0);
   BundleProblem problem;
   int frames = 0, due = -1;
-  Outcome outcome;
+  DriveOutcome outcome;
   for (int i = 0; i < drive.scans; ++i) {
     if (drive.kind(i) == ScanKind::kMissing) continue;
     const SE3 T = BayStreet::PoseAt(drive.way_m(kPeriodS * i));
@@ -77,7 +77,7 @@ TEST(MapperStreet, ACarThatAcceleratesIsFollowedAtAnyDensity) {
     Drive drive;
     drive.points = points;
     drive.way_m = Accelerating;
-    const Outcome outcome = Map(drive, 3);
+    const DriveOutcome outcome = Map(drive, 3);
     EXPECT_EQ(outcome.lost, 0) << points;
     EXPECT_LT(outcome.worst_m, 0.1) << points;
     // With few points the motion itself is unknown for the first scans.
@@ -90,7 +90,7 @@ TEST(MapperStreet, AStartAtSpeedIsFollowed) {
   drive.points = 8000;
   drive.scans = 40;
   drive.way_m = [](double t) { return 15.0 * t; };
-  const Outcome outcome = Map(drive, 4);
+  const DriveOutcome outcome = Map(drive, 4);
   EXPECT_EQ(outcome.lost, 0);
   EXPECT_LT(outcome.worst_m, 0.1);
 }
@@ -102,13 +102,13 @@ TEST(MapperStreet, HardBrakingIsFollowed) {
     const double braking = std::clamp(t - 2.0, 0.0, 15.0 / 8.0);
     return 15.0 * std::min(t, 2.0) + 15.0 * braking - 4.0 * braking * braking;
   };
-  const Outcome outcome = Map(drive, 5);
+  const DriveOutcome outcome = Map(drive, 5);
   EXPECT_EQ(outcome.lost, 0);
   EXPECT_LT(outcome.worst_m, 0.1);
 }
 
 // From scan 60 on, at full speed, so many of another kind.
-Outcome MapInterrupted(ScanKind by, int count, int scans, unsigned seed) {
+DriveOutcome MapInterrupted(ScanKind by, int count, int scans, unsigned seed) {
   Drive drive;
   drive.scans = scans;
   drive.way_m = Accelerating;
@@ -118,7 +118,7 @@ Outcome MapInterrupted(ScanKind by, int count, int scans, unsigned seed) {
 
 TEST(MapperStreet, AfterSprayTheWayIsFoundAgain) {
   for (const int count : {11, 15}) {
-    const Outcome outcome = MapInterrupted(ScanKind::kSpray, count, 85, 6);
+    const DriveOutcome outcome = MapInterrupted(ScanKind::kSpray, count, 85, 6);
     EXPECT_GE(outcome.lost, count);
     EXPECT_LE(outcome.lost, count + 1);
     EXPECT_LT(outcome.worst_m, 0.1);
@@ -127,7 +127,7 @@ TEST(MapperStreet, AfterSprayTheWayIsFoundAgain) {
 
 TEST(MapperStreet, AfterAGapOfTheRecorderTheWayIsFoundAgain) {
   for (const int count : {10, 20}) {
-    const Outcome outcome = MapInterrupted(ScanKind::kMissing, count, 95, 7);
+    const DriveOutcome outcome = MapInterrupted(ScanKind::kMissing, count, 95, 7);
     EXPECT_LE(outcome.lost, 1);
     EXPECT_LT(outcome.worst_m, 0.1);
   }

@@ -24,7 +24,7 @@ SE3 TruePose(int i) {
 }
 
 // Every point carries its time, as from a sensor that sweeps.
-std::vector<Scan> Walk(unsigned seed) {
+std::vector<Scan> WalkScans(unsigned seed) {
   Draws draws(seed);
   std::vector<Scan> scans;
   for (int i = 0; i < kScans; ++i) {
@@ -49,15 +49,15 @@ MappingOptions Options() {
 }
 
 // The final poses and the map, every bit of them.
-struct Outcome {
+struct MappedTotals {
   std::map<std::size_t, SE3> poses;
   std::string bits;
   MappingCounts counts;
 };
 
 template <typename AddScans>
-Outcome OutcomeOf(const AddScans& add_scans) {
-  Outcome outcome;
+MappedTotals TotalsOf(const AddScans& add_scans) {
+  MappedTotals outcome;
   StateArchive bits;
   MappingCallbacks callbacks;
   callbacks.on_final_pose = [&](FinalPose pose) {
@@ -75,9 +75,9 @@ Outcome OutcomeOf(const AddScans& add_scans) {
 }
 
 TEST(Mapping, GivesPosesAndAMapWithoutFilesOrThreadsOfTheCaller) {
-  const std::vector<Scan> scans = Walk(1);
+  const std::vector<Scan> scans = WalkScans(1);
   std::vector<MappedScan> mapped;
-  const Outcome outcome = OutcomeOf([&](Mapping* mapping) {
+  const MappedTotals outcome = TotalsOf([&](Mapping* mapping) {
     for (const Scan& scan : scans) mapped.push_back(mapping->Add(scan));
   });
   ASSERT_EQ(outcome.poses.size(), scans.size());
@@ -96,13 +96,13 @@ TEST(Mapping, GivesPosesAndAMapWithoutFilesOrThreadsOfTheCaller) {
 }
 
 TEST(Mapping, HasTheSameBitsAsThePipelineAtAnyNumberOfThreads) {
-  const std::vector<Scan> scans = Walk(2);
-  const Outcome one_by_one = OutcomeOf([&](Mapping* mapping) {
+  const std::vector<Scan> scans = WalkScans(2);
+  const MappedTotals one_by_one = TotalsOf([&](Mapping* mapping) {
     for (const Scan& scan : scans) mapping->Add(scan);
   });
   for (const std::size_t threads : {1U, 3U}) {
     const ThreadLimit limit(threads);
-    const Outcome piped = OutcomeOf([&](Mapping* mapping) {
+    const MappedTotals piped = TotalsOf([&](Mapping* mapping) {
       EXPECT_EQ(MapScans(MemoryScans(scans), {0, 0, scans.size()}, mapping), scans.size());
     });
     EXPECT_TRUE(piped.bits == one_by_one.bits) << threads << " threads";
@@ -110,8 +110,8 @@ TEST(Mapping, HasTheSameBitsAsThePipelineAtAnyNumberOfThreads) {
 }
 
 TEST(Mapping, SkipsWhatItCannotUseAndGoesOn) {
-  const std::vector<Scan> scans = Walk(3);
-  const Outcome outcome = OutcomeOf([&](Mapping* mapping) {
+  const std::vector<Scan> scans = WalkScans(3);
+  const MappedTotals outcome = TotalsOf([&](Mapping* mapping) {
     for (int i = 0; i < kScans; ++i) {
       const Scan& scan = scans[static_cast<std::size_t>(i)];
       EXPECT_FALSE(mapping->Add(scan).skipped) << i;
@@ -136,7 +136,7 @@ TEST(Mapping, SkipsWhatItCannotUseAndGoesOn) {
 }
 
 TEST(Mapping, RecordingsThatAlternateArePiecesOfTheirOwn) {
-  const std::vector<Scan> a = Walk(4), b = Walk(5);
+  const std::vector<Scan> a = WalkScans(4), b = WalkScans(5);
   std::map<std::string, std::vector<SE3>> alone, mixed;
   const auto add = [](Mapping* mapping, const Scan& scan, const std::string& name,
                       std::map<std::string, std::vector<SE3>>* poses) {
@@ -144,13 +144,13 @@ TEST(Mapping, RecordingsThatAlternateArePiecesOfTheirOwn) {
     (*poses)[name].push_back(mapped.odometry.T_world_lidar);
     return mapped.piece;
   };
-  OutcomeOf([&](Mapping* mapping) {
+  TotalsOf([&](Mapping* mapping) {
     for (const Scan& scan : a) add(mapping, scan, "a", &alone);
   });
-  OutcomeOf([&](Mapping* mapping) {
+  TotalsOf([&](Mapping* mapping) {
     for (const Scan& scan : b) add(mapping, scan, "b", &alone);
   });
-  OutcomeOf([&](Mapping* mapping) {
+  TotalsOf([&](Mapping* mapping) {
     for (std::size_t i = 0; i < a.size(); ++i) {
       EXPECT_EQ(add(mapping, a[i], "a", &mixed), 0);
       EXPECT_EQ(add(mapping, b[i], "b", &mixed), 1);
@@ -166,12 +166,12 @@ TEST(Mapping, RecordingsThatAlternateArePiecesOfTheirOwn) {
 
 TEST(Mapping, RefusesWhatNoCallerShouldHandIn) {
   Mapping mapping(Options());
-  Scan scan = Walk(6).front();
+  Scan scan = WalkScans(6).front();
   scan.time_s.pop_back();
   EXPECT_THROW(mapping.Add(scan), std::logic_error);
   EXPECT_EQ(mapping.counts().scans, 0U);
   mapping.Finish();
-  EXPECT_THROW(mapping.Add(Walk(6).front()), std::logic_error);
+  EXPECT_THROW(mapping.Add(WalkScans(6).front()), std::logic_error);
 }
 
 TEST(Mapping, RefusesOptionsOutOfRange) {

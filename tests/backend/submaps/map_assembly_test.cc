@@ -9,19 +9,19 @@
 namespace lamina {
 namespace {
 
-constexpr double kLeafM = 0.8;
+constexpr double kAssemblyLeafM = 0.8;
 
 std::vector<Submap> SomeSubmaps() {
   const Town town(3, 60.0);
   Draws draws(4);
   SubmapOptions options;
   options.length_m = 15.0;
-  SubmapBuilder builder(options, kLeafM);
+  SubmapBuilder builder(options, kAssemblyLeafM);
   std::vector<Submap> submaps;
   const std::vector<SE3> drive = Drive({{0, -40}, {0, 30}});
   for (std::size_t i = 0; i < drive.size(); ++i) {
     const auto id = static_cast<std::int64_t>(i);
-    if (auto submap = builder.Add(KeyframeOf(town, id, drive[i], drive[i], kLeafM, &draws)))
+    if (auto submap = builder.Add(KeyframeOf(town, id, drive[i], drive[i], kAssemblyLeafM, &draws)))
       submaps.push_back(std::move(*submap));
   }
   submaps.push_back(*builder.Finish());
@@ -43,7 +43,7 @@ TEST(AssembleFixed, ALeafHasTheCappedSumOfItsSubmaps) {
   std::vector<VoxelKey> leaves;
   for (const VoxelMap::FixedPart& part : parts) {
     taken += part.cluster.count;
-    leaves.push_back(VoxelKeyOf(part.cluster.mean, 1.0 / kLeafM));
+    leaves.push_back(VoxelKeyOf(part.cluster.mean, 1.0 / kAssemblyLeafM));
   }
   EXPECT_NEAR(taken, given, 1e-6 * given);
   std::sort(leaves.begin(), leaves.end());
@@ -66,11 +66,12 @@ TEST(AssembleFixed, TheNearestComeLast) {
 TEST(SubmapBuilder, TheCurrentOneIsWhatFinishWouldGive) {
   const Town town(3, 60.0);
   Draws draws(4);
-  SubmapBuilder builder({}, kLeafM);
+  SubmapBuilder builder({}, kAssemblyLeafM);
   EXPECT_TRUE(builder.Current().keyframes.empty());
   const std::vector<SE3> drive = Drive({{0, 0}, {0, 20}});
   for (std::size_t i = 0; i < drive.size(); ++i)
-    builder.Add(KeyframeOf(town, static_cast<std::int64_t>(i), drive[i], drive[i], kLeafM, &draws));
+    builder.Add(
+        KeyframeOf(town, static_cast<std::int64_t>(i), drive[i], drive[i], kAssemblyLeafM, &draws));
   const Submap current = builder.Current();
   const Submap finished = *builder.Finish();
   ASSERT_EQ(current.leaves.size(), finished.leaves.size());

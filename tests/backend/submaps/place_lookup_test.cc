@@ -10,7 +10,7 @@
 namespace lamina {
 namespace {
 
-constexpr double kLeafM = 0.8;
+constexpr double kLookupLeafM = 0.8;
 
 VoxelMapOptions MapOptions() {
   VoxelMapOptions options;
@@ -23,11 +23,11 @@ VoxelMapOptions MapOptions() {
 Submap SubmapOf(const Town& town, const std::vector<SE3>& drive, const SE3& tilt, Draws* draws) {
   SubmapOptions options;
   options.length_m = 1000.0;
-  SubmapBuilder builder(options, kLeafM);
+  SubmapBuilder builder(options, kLookupLeafM);
   std::int64_t id = 0;
   for (const SE3& T : drive) {
     const SE3 T_lidar = T * tilt;
-    builder.Add(KeyframeOf(town, id++, T_lidar, T_lidar, kLeafM, draws));
+    builder.Add(KeyframeOf(town, id++, T_lidar, T_lidar, kLookupLeafM, draws));
   }
   return *builder.Finish();
 }

@@ -11,10 +11,10 @@
 namespace lamina {
 namespace {
 
-constexpr double kLeafM = 0.8, kNoiseFloorM = 0.02;
+constexpr double kBundleLeafM = 0.8, kNoiseFloorM = 0.02;
 
 // Submaps of drives through one town, each with its true anchor.
-struct Mapped {
+struct MappedTown {
   std::vector<Submap> submaps;
   std::vector<SE3> truth;
   AnchorGraph graph;
@@ -34,12 +34,12 @@ struct Mapped {
   }
 };
 
-void AddDrive(const Town& town, const std::vector<SE3>& drive, Draws* draws, Mapped* mapped) {
-  SubmapBuilder builder({}, kLeafM);
+void AddDrive(const Town& town, const std::vector<SE3>& drive, Draws* draws, MappedTown* mapped) {
+  SubmapBuilder builder({}, kBundleLeafM);
   std::vector<Submap> submaps;
   for (std::size_t i = 0; i < drive.size(); ++i) {
-    if (auto submap = builder.Add(
-            KeyframeOf(town, static_cast<std::int64_t>(i), drive[i], drive[i], kLeafM, draws)))
+    if (auto submap = builder.Add(KeyframeOf(town, static_cast<std::int64_t>(i), drive[i], drive[i],
+                                             kBundleLeafM, draws)))
       submaps.push_back(std::move(*submap));
   }
   submaps.push_back(*builder.Finish());
@@ -50,7 +50,7 @@ void AddDrive(const Town& town, const std::vector<SE3>& drive, Draws* draws, Map
 }
 
 // Edges between successive submaps, and anchors that go along them: both off by so much.
-void Disturb(double turn_rad, double step_m, Draws* draws, Mapped* mapped) {
+void Disturb(double turn_rad, double step_m, Draws* draws, MappedTown* mapped) {
   Vector6d information;
   information << Eigen::Vector3d::Constant(1.0 / (turn_rad * turn_rad)),
       Eigen::Vector3d::Constant(1.0 / (step_m * step_m));
@@ -63,10 +63,10 @@ void Disturb(double turn_rad, double step_m, Draws* draws, Mapped* mapped) {
   }
 }
 
-Mapped TwoDrives() {
+MappedTown TwoDrives() {
   const Town town(1);
   Draws draws(5);
-  Mapped mapped;
+  MappedTown mapped;
   AddDrive(town, Drive({{-60, -60}, {60, -60}}), &draws, &mapped);
   AddDrive(town, Drive({{60, -60}, {-60, -60}}), &draws, &mapped);
   Disturb(0.001, 0.03, &draws, &mapped);
@@ -74,7 +74,7 @@ Mapped TwoDrives() {
 }
 
 TEST(SubmapBundle, SubmapsThatOverlapComeTogether) {
-  const Mapped mapped = TwoDrives();
+  const MappedTown mapped = TwoDrives();
   const SubmapBundleResult result =
       AdjustSubmaps(mapped.pointers(), mapped.graph, {}, VoxelMapOptions(), kNoiseFloorM);
   EXPECT_EQ(result.refusal, "");
@@ -85,7 +85,7 @@ TEST(SubmapBundle, SubmapsThatOverlapComeTogether) {
 }
 
 TEST(SubmapBundle, TheSameBitsAtAnyNumberOfThreads) {
-  const Mapped mapped = TwoDrives();
+  const MappedTown mapped = TwoDrives();
   const auto adjust = [&] {
     return AdjustSubmaps(mapped.pointers(), mapped.graph, {}, VoxelMapOptions(), kNoiseFloorM);
   };
@@ -108,7 +108,7 @@ TEST(SubmapBundle, AlongACorridorTheGraphDecides) {
   }
   const Town corridor(std::move(facets));
   Draws draws(5);
-  Mapped mapped;
+  MappedTown mapped;
   AddDrive(corridor, Drive({{-60, 0}, {60, 0}}), &draws, &mapped);
   Disturb(0.0005, 0.02, &draws, &mapped);
   const SubmapBundleResult result =
@@ -121,7 +121,7 @@ TEST(SubmapBundle, AlongACorridorTheGraphDecides) {
 }
 
 TEST(SubmapBundle, PartsThatNothingJoinsAndSingleSubmapsStayWhereTheyAre) {
-  Mapped mapped = TwoDrives();
+  MappedTown mapped = TwoDrives();
   mapped.graph.odometry.clear();
   const SubmapBundleResult result =
       AdjustSubmaps(mapped.pointers(), mapped.graph, {}, VoxelMapOptions(), kNoiseFloorM);

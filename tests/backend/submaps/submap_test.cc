@@ -9,7 +9,7 @@
 namespace lamina {
 namespace {
 
-constexpr double kLeafM = 0.5;
+constexpr double kSubmapLeafM = 0.5;
 
 FinalKeyframe Keyframe(std::int64_t id, const SE3& T, const Points& points) {
   FinalKeyframe keyframe{id, 1000 * id, T, {}};
@@ -20,7 +20,7 @@ FinalKeyframe Keyframe(std::int64_t id, const SE3& T, const Points& points) {
 // Keyframes 4 m apart, `count` of them, in a world that lies at `origin`.
 std::vector<Submap> Build(const SubmapOptions& options, int count, const Eigen::Vector3d& origin) {
   Draws draws(3);
-  SubmapBuilder builder(options, kLeafM);
+  SubmapBuilder builder(options, kSubmapLeafM);
   std::vector<Submap> submaps;
   for (int i = 0; i < count; ++i) {
     const Eigen::Vector3d at = origin + Eigen::Vector3d(4.0 * i, 0, 0);
@@ -54,7 +54,7 @@ TEST(SubmapBuilder, EachKeyframeIsInExactlyOneSubmap) {
 TEST(SubmapBuilder, ManyKeyframesOnTheSpotEndASubmap) {
   SubmapOptions options;
   options.max_keyframes = 4;
-  SubmapBuilder builder(options, kLeafM);
+  SubmapBuilder builder(options, kSubmapLeafM);
   int complete = 0;
   for (int i = 0; i < 10; ++i) complete += builder.Add(Keyframe(i, SE3(), {{1, 1, 1}})) ? 1 : 0;
   EXPECT_EQ(complete, 2);
@@ -65,7 +65,7 @@ TEST(SubmapBuilder, ManyKeyframesOnTheSpotEndASubmap) {
 TEST(SubmapBuilder, LeavesHoldTheClustersOfTheirPoints) {
   Draws draws(5);
   const SE3 T = draws.Pose(30.0);
-  SubmapBuilder builder({}, kLeafM);
+  SubmapBuilder builder({}, kSubmapLeafM);
   // All within one leaf of the submap's frame.
   const Points points = draws.Cloud(50, {10.25, -4.75, 0.25}, 0.2);
   FinalKeyframe keyframe{0, 0, T, {}};
@@ -94,7 +94,7 @@ TEST(SubmapBuilder, ItIsAsExactFarFromTheOrigin) {
 }
 
 TEST(SubmapBuilder, PointsOutOfReachAndNotANumberAreLeftOut) {
-  SubmapBuilder builder({}, kLeafM);
+  SubmapBuilder builder({}, kSubmapLeafM);
   builder.Add(Keyframe(0, SE3(), {{1, 2, 3}, {1e6, 0, 0}, {NAN, 0, 0}}));
   EXPECT_EQ(builder.Finish()->leaves.size(), 1U);
 }

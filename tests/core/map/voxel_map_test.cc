@@ -380,7 +380,7 @@ TEST(VoxelMap, RefreshHasTheSameBitsAtAnyNumberOfThreads) {
 }
 
 // What the map shows of each piece, as text.
-std::map<std::int64_t, std::string> Shown(const VoxelMap& map) {
+std::map<std::int64_t, std::string> SurfacesOf(const VoxelMap& map) {
   std::map<std::int64_t, std::string> shown;
   map.ForEachSurface(1, [&](const Surfel& s) {
     std::ostringstream text;
@@ -425,7 +425,7 @@ TEST(VoxelMap, PiecesInOnePlaceDoNotSeeEachOther) {
     EXPECT_EQ(find(together, points[0]), find(own, points[0]));
   }
   EXPECT_FALSE(store.Empty());
-  const auto shown = Shown(together);
+  const auto shown = SurfacesOf(together);
   ASSERT_EQ(shown.size(), std::size_t{kPieces});
   for (const auto& [piece, text] : shown) {
     const auto lines = [](std::string all) {
@@ -434,7 +434,7 @@ TEST(VoxelMap, PiecesInOnePlaceDoNotSeeEachOther) {
       for (std::string line; std::getline(in, line);) set.insert(line);
       return set;
     };
-    EXPECT_EQ(lines(text), lines(Shown(*alone[static_cast<std::size_t>(piece)]).at(0)));
+    EXPECT_EQ(lines(text), lines(SurfacesOf(*alone[static_cast<std::size_t>(piece)]).at(0)));
   }
 }
 

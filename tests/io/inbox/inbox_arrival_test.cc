@@ -14,7 +14,6 @@ namespace lamina {
 namespace {
 
 namespace fs = std::filesystem;
-using std::chrono::seconds;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
@@ -29,7 +28,7 @@ class InboxArrivalTest : public InboxScene,
   // apart. A file that is found incomplete stays so.
   void Settle() {
     for (int i = 0; i < 4; ++i) Pass(0.51);
-    inbox_->Wait(seconds(0));
+    inbox_->Wait(std::chrono::seconds(0));
   }
 };
 
@@ -79,7 +78,7 @@ TEST_P(InboxArrivalTest, FilesThatAreStillWrittenHoldUpTheSequence) {
   Drop("3.bin");
   for (int i = 0; i < 5; ++i) {
     Pass(0.6);
-    inbox_->Wait(seconds(0));
+    inbox_->Wait(std::chrono::seconds(0));
     growing << OnePoint() << std::flush;
     // Times of change have a grain of some milliseconds; the size differs in any case.
     EXPECT_THAT(Take(), IsEmpty()) << i;
@@ -152,7 +151,7 @@ TEST_P(InboxArrivalTest, DeletedFilesAndFoldersAreForgotten) {
     DropOld(name);
   }
   Open();
-  inbox_->Wait(seconds(0));
+  inbox_->Wait(std::chrono::seconds(0));
   EXPECT_EQ(inbox_->waiting(), 6U);
   fs::remove(In("a/1.bin"));
   fs::remove_all(In("b"));
@@ -224,7 +223,7 @@ TEST_P(InboxArrivalTest, TheInboxThatGoesIsAnError) {
   Open();
   Pass(0.6);
   fs::remove_all(Path("in"));
-  EXPECT_THAT(MessageOf<InputError>([&] { inbox_->Wait(seconds(60)); }),
+  EXPECT_THAT(MessageOf<InputError>([&] { inbox_->Wait(std::chrono::seconds(60)); }),
               HasSubstr("in: the inbox is gone"));
 }
 
@@ -249,9 +248,9 @@ TEST_P(InboxArrivalTest, DrainTakesAllThatIsThereAtOnceAndNothingAfter) {
   Write("in/2.bin", "12345");
   inbox_->Drain();
   Drop("3.bin");
-  EXPECT_EQ(inbox_->Wait(seconds(60)), Woken::kReady);
+  EXPECT_EQ(inbox_->Wait(std::chrono::seconds(60)), Woken::kReady);
   EXPECT_THAT(Take(), ElementsAre("1.bin", "2.bin"));
-  EXPECT_EQ(inbox_->Wait(seconds(60)), Woken::kTimeout);
+  EXPECT_EQ(inbox_->Wait(std::chrono::seconds(60)), Woken::kTimeout);
 }
 
 TEST_P(InboxArrivalTest, WaitEndsWhenAFileComesOrAnotherThreadOrASignalSaysSo) {
@@ -263,14 +262,14 @@ TEST_P(InboxArrivalTest, WaitEndsWhenAFileComesOrAnotherThreadOrASignalSaysSo) {
     Drop("1.bin");
     Drop("2.bin");
   });
-  EXPECT_EQ(inbox_->Wait(seconds(500)), Woken::kReady);
+  EXPECT_EQ(inbox_->Wait(std::chrono::seconds(500)), Woken::kReady);
   writer.join();
   EXPECT_FALSE(TakeFiles().empty());
   while (inbox_->waiting() > 0) {
-    if (inbox_->Wait(seconds(500)) == Woken::kReady) Take();
+    if (inbox_->Wait(std::chrono::seconds(500)) == Woken::kReady) Take();
   }
   std::thread interrupter([&] { inbox_->Interrupt(); });
-  EXPECT_EQ(inbox_->Wait(seconds(500)), Woken::kInterrupted);
+  EXPECT_EQ(inbox_->Wait(std::chrono::seconds(500)), Woken::kInterrupted);
   interrupter.join();
 
   static Inbox* target = nullptr;
@@ -280,7 +279,7 @@ TEST_P(InboxArrivalTest, WaitEndsWhenAFileComesOrAnotherThreadOrASignalSaysSo) {
   ASSERT_EQ(sigaction(SIGALRM, &action, &before), 0);
   const itimerval timer = {{0, 0}, {0, 20000}};
   ASSERT_EQ(setitimer(ITIMER_REAL, &timer, nullptr), 0);
-  EXPECT_EQ(inbox_->Wait(seconds(500)), Woken::kInterrupted);
+  EXPECT_EQ(inbox_->Wait(std::chrono::seconds(500)), Woken::kInterrupted);
   sigaction(SIGALRM, &before, nullptr);
   EXPECT_EQ(inbox_->Wait(std::chrono::milliseconds(1)), Woken::kTimeout);
 }
@@ -322,7 +321,7 @@ TEST_F(InboxEventsTest, ClosedFilesAreTakenWithoutAnyWait) {
   Drop("2.bin");
   EXPECT_THAT(Take(), ElementsAre("1.bin", "2.bin"));
   Drop("3.bin");
-  EXPECT_EQ(inbox_->Wait(seconds(0)), Woken::kReady);
+  EXPECT_EQ(inbox_->Wait(std::chrono::seconds(0)), Woken::kReady);
   EXPECT_THAT(Take(), ElementsAre("3.bin"));
 }
 
@@ -359,7 +358,7 @@ TEST_F(InboxEventsTest, WaitKnowsWhenAWaitEnds) {
   inbox_ = std::make_unique<Inbox>(Path("in"), scans_, options_, nullptr);
   Drop("1.bin");
   Drop("2.bin");
-  EXPECT_EQ(inbox_->Wait(seconds(500)), Woken::kReady);
+  EXPECT_EQ(inbox_->Wait(std::chrono::seconds(500)), Woken::kReady);
   EXPECT_THAT(Take(), ElementsAre("1.bin", "2.bin"));
   EXPECT_EQ(inbox_->Wait(std::chrono::milliseconds(1)), Woken::kTimeout);
 }

@@ -13,14 +13,14 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::SizeIs;
 
-constexpr StampNs kStamp = 1700000000000000000;
+constexpr StampNs kPacketStamp = 1700000000000000000;
 constexpr std::uint8_t kVlp16Id = 0x22, kVlp32cId = 0x28, kHdl32eId = 0x21;
 
 Scan Decode(const std::vector<std::string>& packets, std::vector<StampNs> stamps = {}) {
   VelodyneDecoder decoder;
   Scan scan;
   for (std::size_t i = 0; i < packets.size(); ++i) {
-    decoder.Add(packets[i], stamps.empty() ? kStamp : stamps[i], "a.pcap#1", &scan);
+    decoder.Add(packets[i], stamps.empty() ? kPacketStamp : stamps[i], "a.pcap#1", &scan);
   }
   return scan;
 }
@@ -84,13 +84,16 @@ TEST(VelodynePacket, TimesAreThoseOfThePackets) {
   blocks[0].distance[0] = 1000;
   const auto packet = [&](std::uint32_t us) { return VelodynePacket(blocks, kVlp16Id, 0x37, us); };
   // Received with some delay; over the full hour.
-  EXPECT_NEAR(Decode({packet(100), packet(1427)}, {kStamp, kStamp + 3'000'000}).time_s[1], 0.001327,
-              1e-7);
-  EXPECT_NEAR(Decode({packet(3599999900), packet(1227)}, {kStamp, kStamp + 1'300'000}).time_s[1],
+  EXPECT_NEAR(
+      Decode({packet(100), packet(1427)}, {kPacketStamp, kPacketStamp + 3'000'000}).time_s[1],
+      0.001327, 1e-7);
+  EXPECT_NEAR(Decode({packet(3599999900), packet(1227)}, {kPacketStamp, kPacketStamp + 1'300'000})
+                  .time_s[1],
               0.001327, 1e-7);
   // Of a sensor whose clock is set within the sweep.
-  EXPECT_NEAR(Decode({packet(100), packet(900000000)}, {kStamp, kStamp + 1'300'000}).time_s[1],
-              0.0013, 1e-7);
+  EXPECT_NEAR(
+      Decode({packet(100), packet(900000000)}, {kPacketStamp, kPacketStamp + 1'300'000}).time_s[1],
+      0.0013, 1e-7);
 }
 
 }  // namespace

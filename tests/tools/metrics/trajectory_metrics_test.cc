@@ -13,7 +13,7 @@
 namespace lamina {
 namespace {
 
-constexpr StampNs kFrameNs = 100000000;
+constexpr StampNs kPeriodNs = 100000000;
 
 SE3 Position(double x, double y, double z) {
   return SE3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(x, y, z));
@@ -22,7 +22,7 @@ SE3 Position(double x, double y, double z) {
 // `count` poses, `step_m` apart on the x axis.
 Trajectory Straight(int count, double step_m) {
   Trajectory trajectory;
-  for (int i = 0; i < count; ++i) trajectory.push_back({i * kFrameNs, Position(i * step_m, 0, 0)});
+  for (int i = 0; i < count; ++i) trajectory.push_back({i * kPeriodNs, Position(i * step_m, 0, 0)});
   return trajectory;
 }
 
@@ -39,7 +39,7 @@ Trajectory Wandering(std::mt19937* random, int count) {
   for (int i = 1; i < count; ++i) {
     Vector6d twist = RandomTwist(random, 0.05, 0.1);
     twist(3) += 1.0;
-    trajectory.push_back({i * kFrameNs, trajectory.back().T_world_lidar * TwistExp(twist)});
+    trajectory.push_back({i * kPeriodNs, trajectory.back().T_world_lidar * TwistExp(twist)});
   }
   return trajectory;
 }
@@ -149,8 +149,8 @@ TEST(TrajectoryMetrics, YawDriftBendsTheSegments) {
   for (int i = 0; i <= 100; ++i) {
     const double a = radians_per_m * i;
     estimate.push_back(
-        {i * kFrameNs, SE3(ExpSO3(Eigen::Vector3d(0, 0, a)),
-                           Eigen::Vector3d(std::sin(a), 1.0 - std::cos(a), 0.0) / radians_per_m)});
+        {i * kPeriodNs, SE3(ExpSO3(Eigen::Vector3d(0, 0, a)),
+                            Eigen::Vector3d(std::sin(a), 1.0 - std::cos(a), 0.0) / radians_per_m)});
   }
   const TrajectoryErrors e = CompareTrajectories(estimate, truth, Alignment::kFirst);
   const double a = 20.0 * radians_per_m;

@@ -128,8 +128,8 @@ TEST_F(RunCommandTest, WritesTheSameBytesAtAnyNumberOfThreads) {
 TEST_F(RunCommandTest, InterruptEndsWithWhatWasProcessed) {
   // Far more scans than are processed before the interrupt arrives. The first one is unusable, and
   // its log line tells that the run is on its way.
-  constexpr std::size_t kScans = 5000;
-  const std::string scans = WriteRepeated("street", Street(1)[0].bytes, kScans);
+  constexpr std::size_t kManyScans = 5000;
+  const std::string scans = WriteRepeated("street", Street(1)[0].bytes, kManyScans);
   std::filesystem::remove(scans + "/velodyne/000000.bin");
   Write("street/velodyne/000000.bin", "short");
   const pid_t child = Start({"run", "--scans", scans, "--out", Path("out")});
@@ -143,7 +143,7 @@ TEST_F(RunCommandTest, InterruptEndsWithWhatWasProcessed) {
                                  HasSubstr("of 5000 scans were mapped")));
   const nlohmann::json summary = Summary();
   EXPECT_EQ(summary["interrupted"], true);
-  EXPECT_LT(summary["frames"], kScans - 1);
+  EXPECT_LT(summary["frames"], kManyScans - 1);
   EXPECT_THAT(Lines(Bytes(Path("out/trajectory_kitti.txt"))),
               SizeIs(summary["frames"].get<std::size_t>() + 1));
 }

@@ -20,11 +20,11 @@ namespace {
 using testing::AllOf;
 using testing::HasSubstr;
 
-constexpr std::size_t kScans = 10;
+constexpr std::size_t kSweeps = 10;
 constexpr StampNs kEpochNs = 1'700'000'000'123'456'789;
 
-const SweptDrive& Drive(bool compensated) {
-  static const SweptDrive swept(kScans, false), still(kScans, true);
+const SweptDrive& ShortDrive(bool compensated) {
+  static const SweptDrive swept(kSweeps, false), still(kSweeps, true);
   return compensated ? still : swept;
 }
 
@@ -313,9 +313,9 @@ class FolderKindTest : public RunTest {
     EXPECT_EQ(summary["lost_frames"], 0);
     EXPECT_GT(summary["map_surfels"], 100);
     const Trajectory poses = ReadTrajectory(Path("out/trajectory_tum.txt"));
-    ASSERT_EQ(poses.size(), kScans);
-    const SweptDrive& drive = Drive(compensated);
-    for (std::size_t i = 0; i < kScans; ++i) {
+    ASSERT_EQ(poses.size(), kSweeps);
+    const SweptDrive& drive = ShortDrive(compensated);
+    for (std::size_t i = 0; i < kSweeps; ++i) {
       const SE3 truth = drive.TruePose(0).Inverse() * drive.TruePose(i);
       EXPECT_LT((poses[i].T_world_lidar.t - truth.t).norm(), 0.1) << "scan " << i;
     }
@@ -326,8 +326,8 @@ class EveryFolderKind : public FolderKindTest, public testing::WithParamInterfac
 
 TEST_P(EveryFolderKind, IsUnderstoodTrackedAndMapped) {
   const Kind& kind = GetParam();
-  for (std::size_t i = 0; i < kScans; ++i) {
-    const auto [name, bytes] = kind.file(Drive(kind.compensated).Read(i), i);
+  for (std::size_t i = 0; i < kSweeps; ++i) {
+    const auto [name, bytes] = kind.file(ShortDrive(kind.compensated).Read(i), i);
     Write("scans/" + name, bytes);
   }
   ExpectTracked(Path("scans"), kind.understood, kind.compensated);
@@ -340,8 +340,8 @@ INSTANTIATE_TEST_SUITE_P(WithTimes, EveryFolderKind, testing::ValuesIn(KindsWith
                          NameOfKind);
 
 TEST_F(FolderKindTest, ForeignFilesBesideTheScansAreNoScans) {
-  for (std::size_t i = 0; i < kScans; ++i) {
-    Write("scans/" + Number(i, 6) + ".bin", KittiBin(Drive(true).Read(i).points));
+  for (std::size_t i = 0; i < kSweeps; ++i) {
+    Write("scans/" + Number(i, 6) + ".bin", KittiBin(ShortDrive(true).Read(i).points));
   }
   for (const char* name : {".DS_Store", "Thumbs.db", "readme.txt", "labels.json", "000003.bin.swp",
                            ".000004.bin.part", "000005.png"}) {
@@ -352,8 +352,8 @@ TEST_F(FolderKindTest, ForeignFilesBesideTheScansAreNoScans) {
 
 TEST_F(FolderKindTest, StampsStandInTheFolderAbove) {
   std::string times;
-  for (std::size_t i = 0; i < kScans; ++i) {
-    Write("drive/clouds/" + std::to_string(i) + ".pcd", Pcd(Drive(true).Read(i), Xyz()));
+  for (std::size_t i = 0; i < kSweeps; ++i) {
+    Write("drive/clouds/" + std::to_string(i) + ".pcd", Pcd(ShortDrive(true).Read(i), Xyz()));
     times += Seconds(EpochStamp(i)) + "\n";
   }
   Write("drive/times.txt", times);
@@ -363,34 +363,34 @@ TEST_F(FolderKindTest, StampsStandInTheFolderAbove) {
 
 TEST_F(FolderKindTest, KeyframesSomeMetresApartAreTrackedFromTheFirstPairOn) {
   // Every third scan, 3 m further: as if picked by way.
-  for (std::size_t i = 0; i < kScans; i += 3) {
-    Write("scans/" + Seconds(EpochStamp(i)) + ".pcd", Pcd(Drive(true).Read(i), Xyz()));
+  for (std::size_t i = 0; i < kSweeps; i += 3) {
+    Write("scans/" + Seconds(EpochStamp(i)) + ".pcd", Pcd(ShortDrive(true).Read(i), Xyz()));
   }
   Run(Path("scans"));
   EXPECT_EQ(Summary()["lost_frames"], 0);
   const Trajectory poses = ReadTrajectory(Path("out/trajectory_tum.txt"));
   ASSERT_EQ(poses.size(), 4U);
   for (std::size_t k = 0; k < poses.size(); ++k) {
-    const SE3 truth = Drive(true).TruePose(0).Inverse() * Drive(true).TruePose(3 * k);
+    const SE3 truth = ShortDrive(true).TruePose(0).Inverse() * ShortDrive(true).TruePose(3 * k);
     EXPECT_LT((poses[k].T_world_lidar.t - truth.t).norm(), 0.1) << k;
   }
 }
 
 TEST_F(FolderKindTest, ATripodAndASingleScanMakeMaps) {
-  for (std::size_t i = 0; i < kScans; ++i) {
-    Write("tripod/" + Number(i, 3) + ".bin", KittiBin(Drive(true).Read(0).points));
+  for (std::size_t i = 0; i < kSweeps; ++i) {
+    Write("tripod/" + Number(i, 3) + ".bin", KittiBin(ShortDrive(true).Read(0).points));
   }
   Run(Path("tripod"), {}, 0, "tripod_out");
   EXPECT_GT(Summary("tripod_out")["map_surfels"], 100);
-  Write("single/scan.pcd", Pcd(Drive(true).Read(0), Xyz()));
+  Write("single/scan.pcd", Pcd(ShortDrive(true).Read(0), Xyz()));
   Run(Path("single"), {}, 0, "single_out");
   EXPECT_GT(Summary("single_out")["map_surfels"], 100);
   EXPECT_EQ(Lamina({"plot", "--run", Path("single_out")}).code, 0);
 }
 
 TEST_F(FolderKindTest, DamagedFilesInTheMiddleCostThemselvesAlone) {
-  for (std::size_t i = 0; i < kScans; ++i) {
-    std::string bytes = Pcd(Drive(true).Read(i), Xyz());
+  for (std::size_t i = 0; i < kSweeps; ++i) {
+    std::string bytes = Pcd(ShortDrive(true).Read(i), Xyz());
     if (i == 4) bytes.resize(bytes.size() / 2);
     if (i == 7) bytes.clear();
     Write("scans/" + std::to_string(EpochStamp(i)) + ".pcd", bytes);
@@ -402,7 +402,7 @@ TEST_F(FolderKindTest, DamagedFilesInTheMiddleCostThemselvesAlone) {
 }
 
 TEST_F(FolderKindTest, ScansOneFolderDownAreNamed) {
-  Write("data/lidar/a/000000.bin", KittiBin(Drive(true).Read(0).points));
+  Write("data/lidar/a/000000.bin", KittiBin(ShortDrive(true).Read(0).points));
   const Outcome outcome = Run(Path("data/lidar"), {}, 1);
   EXPECT_THAT(outcome.err, HasSubstr(Path("data/lidar/a")));
 }

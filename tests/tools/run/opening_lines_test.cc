@@ -36,7 +36,7 @@ std::string TimedPcd(const Scan& scan, double shift_s) {
   return bytes;
 }
 
-const SweptDrive& Drive(bool compensated) {
+const SweptDrive& LongDrive(bool compensated) {
   static const SweptDrive swept(20, false), still(20, true);
   return compensated ? still : swept;
 }
@@ -46,7 +46,7 @@ class OpeningTest : public RunTest {
   // Files 1.pcd, 2.pcd, ... in the order of `order`, with readings of a clock.
   std::string WriteClocked(const std::string& folder, bool compensated,
                            const std::function<std::size_t(std::size_t)>& name) const {
-    const SweptDrive& drive = Drive(compensated);
+    const SweptDrive& drive = LongDrive(compensated);
     for (std::size_t i = 0; i < drive.size(); ++i) {
       Write(folder + "/" + std::to_string(name(i)) + ".pcd",
             TimedPcd(drive.Read(i), kEpochS + 0.1 * static_cast<double>(i)));
@@ -101,10 +101,10 @@ TEST_F(OpeningTest, CompensatedCloudsAreNotDeskewedAgain) {
 
 TEST(DeskewChoice, IsTheThinnerMapsWhereTheSensorMoved) {
   const MappingOptions options;
-  const DeskewChoice swept = ChooseDeskew(Drive(false), 0, 20, options, nullptr);
+  const DeskewChoice swept = ChooseDeskew(LongDrive(false), 0, 20, options, nullptr);
   EXPECT_FALSE(swept.compensated);
   EXPECT_LT(swept.deskewed_m, swept.as_they_are_m);
-  const DeskewChoice still = ChooseDeskew(Drive(true), 0, 20, options, nullptr);
+  const DeskewChoice still = ChooseDeskew(LongDrive(true), 0, 20, options, nullptr);
   EXPECT_TRUE(still.compensated);
   EXPECT_LT(still.as_they_are_m, 0.9 * still.deskewed_m);
 }
@@ -112,7 +112,7 @@ TEST(DeskewChoice, IsTheThinnerMapsWhereTheSensorMoved) {
 TEST_F(OpeningTest, StampsOutsideOfTheSweepAreNamed) {
   const auto write = [this](const std::string& folder, float shift_s) {
     for (std::size_t i = 0; i < 3; ++i) {
-      Scan scan = Drive(false).Read(i);
+      Scan scan = LongDrive(false).Read(i);
       for (float& t : scan.time_s) t += shift_s;
       Write(folder + "/" + std::to_string(i) + ".pcd", TimedPcd(scan, 0.0));
     }
@@ -130,7 +130,7 @@ TEST_F(OpeningTest, StampsOutsideOfTheSweepAreNamed) {
 }
 
 TEST_F(OpeningTest, TimesAgainstThePeriodAreNamed) {
-  const SweptDrive& drive = Drive(false);
+  const SweptDrive& drive = LongDrive(false);
   for (std::size_t i = 0; i < 4; ++i) {
     Write("fast/" + std::to_string(i) + ".pcd", TimedPcd(drive.Read(i), 0.0));
   }
