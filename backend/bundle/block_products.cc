@@ -2,6 +2,8 @@
 
 #include <cstring>
 
+#include "core/base/processor.h"
+
 namespace lamina {
 namespace {
 
@@ -10,12 +12,7 @@ using Four = double __attribute__((vector_size(32)));
 
 }  // namespace
 
-// One function for each kind of processor, chosen when the program starts. Sanitizers are not ready
-// that early.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \
-    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-__attribute__((target_clones("avx2", "default")))
-#endif
+LAMINA_FOR_EACH_PROCESSOR
 void SubtractProducts(const PlaneRows* rows, const std::int32_t* frames, std::size_t count,
                       double* strip) {
   // Two columns of a block are twelve numbers: rows 0 to 3 of the first, 4 and 5 of it with 0 and 1

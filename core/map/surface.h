@@ -13,10 +13,12 @@ struct Surface {
     kPlane,
   };
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-  Eigen::Vector3f normal = Eigen::Vector3f::Zero();  // unit, kPlane only; the sign has no meaning
+  // Of a plane alone:
+  Eigen::Vector3f normal = Eigen::Vector3f::Zero();  // unit; the sign has no meaning
   float variance = 0.0F;                             // l3, m^2: the plane's squared thickness
   float flatness = 1.0F;                             // l3 / l2: squared thickness over breadth
-  std::uint16_t frames = 0;                          // frames that contributed, saturating
+
+  std::uint16_t frames = 0;  // that contributed, saturating
   Kind kind = Kind::kEmpty;
 };
 static_assert(sizeof(Surface) == 48);

@@ -20,6 +20,26 @@ void CapWeight(double most, PointCluster* cluster) {
   if (cluster->count > most) *cluster = cluster->Scaled(most / cluster->count);
 }
 
+// Whether l3 > most_l3 or l3 > most_flatness l2 for certain, from the coefficients of the
+// characteristic polynomial alone: most nodes without a plane are spared the decomposition. With
+//
+//     I1 = l1 + l2 + l3    I2 = l1 l2 + l1 l3 + l2 l3    I3 = l1 l2 l3
+//
+// l3 >= I3 / I2, since I2 >= l1 l2; l2 <= I2 / l1 for the same reason, and l1 >= (I1^2 - 2 I2) / I1
+// since the sum of the squares is at most l1 I1.
+bool SurelyThick(const Symmetric3& s, double most_l3, double most_flatness) {
+  // What is within rounding is decided by the decomposition.
+  constexpr double kSure = 1.0 + 1e-9, kRounding = 1e-14;
+  const double xy2 = s.xy * s.xy, xz2 = s.xz * s.xz, yz2 = s.yz * s.yz;
+  const double i1 = s.Trace();
+  const double i2 = s.xx * s.yy - xy2 + s.xx * s.zz - xz2 + s.yy * s.zz - yz2;
+  const double i3 = s.xx * (s.yy * s.zz - yz2) - s.zz * xy2 - s.yy * xz2 + 2.0 * s.xy * s.xz * s.yz;
+  if (!(i2 > 0.0)) return false;
+  const double least_i3 = i3 - kRounding * i1 * i1 * i1;
+  const double least_l1 = (i1 * i1 - 2.0 * i2) / i1;
+  return least_i3 > kSure * most_l3 * i2 || least_i3 * least_l1 > kSure * most_flatness * i2 * i2;
+}
+
 }  // namespace
 
 void VoxelMapOptions::Visit(OptionVisitor& v) {
@@ -217,13 +237,14 @@ Surface VoxelMap::SurfaceOf(const PointCluster& cluster, int frames) const {
   s.mean = cluster.mean;
   s.frames = SaturatingAdd(0, frames);
   if (cluster.count < options_.min_points) return s;
-  const Eigen3 eigen = cluster.Eigen();
   s.kind = Surface::Kind::kRough;
+  const double thickness2 = options_.max_thickness_m * options_.max_thickness_m;
+  if (SurelyThick(cluster.Covariance(), thickness2, options_.max_flatness)) return s;
+  const Eigen3 eigen = cluster.Eigen();
   constexpr double kLeastVariance = 1e-8;  // m^2, so that the breadth follows from the flatness
   s.variance = static_cast<float>(std::max(kLeastVariance, eigen.l(2)));
   if (eigen.l(1) > 0.0) s.flatness = s.variance / static_cast<float>(eigen.l(1));
   s.normal = eigen.u.col(2).cast<float>();
-  const double thickness2 = options_.max_thickness_m * options_.max_thickness_m;
   if (eigen.l(2) <= thickness2 && eigen.l(2) <= options_.max_flatness * eigen.l(1) &&
       eigen.l(1) >= options_.min_breadth * eigen.l(0)) {
     s.kind = Surface::Kind::kPlane;

@@ -135,6 +135,37 @@ TEST(VoxelMap, APlaneThatTooFewFramesSawHidesWhatLiesBelow) {
   EXPECT_EQ(surfaces(3), 0);
 }
 
+// Whatever decides without the eigenvalues decides as they do.
+TEST(VoxelMap, AClusterIsAPlaneByItsEigenvaluesAlone) {
+  VoxelMapOptions options;
+  Draws draws(17);
+  int planes = 0;
+  constexpr int kClusters = 20000;
+  for (int i = 0; i < kClusters; ++i) {
+    // Down to what no plane is thin enough for, and close to every limit.
+    options.min_breadth = i % 2 == 0 ? 0.02 : 0.0;
+    const VoxelMap map(options);
+    const double l1 = std::pow(10.0, draws.Uniform(-6.0, 2.0));
+    const double l2 =
+        l1 * std::pow(10.0, i % 3 == 0 ? draws.Uniform(-12.0, 0.0) : draws.Uniform(-2.0, 0.0));
+    double l3 = l2 * std::pow(10.0, draws.Uniform(-3.0, 0.0));
+    if (i % 5 == 0) l3 = std::min(l2, options.max_flatness * l2 * draws.Uniform(0.999, 1.001));
+    if (i % 7 == 0) l3 = std::min(l2, draws.Uniform(0.00999, 0.01001));
+    const Eigen::Matrix3d R = ExpSO3(3.0 * draws.Direction()).toRotationMatrix();
+    PointCluster cluster;
+    cluster.count = 100.0;
+    cluster.scatter = Symmetric3::FromDense(
+        cluster.count * (R * Eigen::Vector3d(l1, l2, l3).asDiagonal() * R.transpose()));
+    const Eigen::Vector3d l = cluster.Eigen().l;
+    const bool plane = l(2) <= options.max_thickness_m * options.max_thickness_m &&
+                       l(2) <= options.max_flatness * l(1) && l(1) >= options.min_breadth * l(0);
+    ASSERT_EQ(map.SurfaceOf(cluster, 1).kind, plane ? Kind::kPlane : Kind::kRough) << l.transpose();
+    planes += plane ? 1 : 0;
+  }
+  EXPECT_GT(planes, kClusters / 10);
+  EXPECT_LT(planes, kClusters / 2);
+}
+
 TEST(VoxelMap, AParentIsTheSumOfItsChildren) {
   Draws draws(2);
   for (int i = 0; i < 50; ++i) {
