@@ -14,24 +14,12 @@
 #include <Eigen/SparseCore>
 #include <vector>
 
+#include "backend/bundle/block_pattern.h"
 #include "backend/bundle/block_products.h"
 #include "backend/bundle/index.h"
 #include "backend/bundle/problem.h"
 
 namespace lamina {
-
-// Which frames see planes together or have a prior between them: the blocks of H that are not zero.
-class BlockPattern {
- public:
-  BlockPattern(const BundleProblem& problem, const BundleIndex& index);
-  // Frames k <= frame that share a plane or a prior with it, ascending; itself is among them.
-  const std::vector<std::int32_t>& partners(std::size_t frame) const { return partners_[frame]; }
-  // Share of the blocks on and below the diagonal that are not zero.
-  double Density() const;
-
- private:
-  std::vector<std::vector<std::int32_t>> partners_;
-};
 
 struct ReducedSystem {
   using Rows = PlaneRows;

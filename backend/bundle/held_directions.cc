@@ -1,6 +1,7 @@
 #include "backend/bundle/held_directions.h"
 
 #include <algorithm>
+#include <cstdint>
 
 namespace lamina {
 
@@ -55,34 +56,34 @@ void HeldDirections::TakeOut(std::vector<Matrix6d>* diagonal) const {
   }
 }
 
-Eigen::SparseMatrix<double> HeldDirections::TakenOut(const Eigen::SparseMatrix<double>& H) const {
-  if (frames_.empty()) return H;
-  const double largest = H.diagonal().maxCoeff();
-  // Blocks of 6x6 with all their entries, so that the structure of the product is that of H.
-  std::vector<Eigen::Triplet<double>> P, held;
-  const auto add = [](const Frame& f, const Matrix6d& block,
-                      std::vector<Eigen::Triplet<double>>* all) {
-    const auto i = static_cast<Eigen::Index>(6 * f.frame);
-    for (Eigen::Index c = 0; c < 6; ++c) {
-      for (Eigen::Index r = 0; r < 6; ++r) all->emplace_back(i + r, i + c, block(r, c));
+void HeldDirections::TakeOut(const BlockPattern& pattern, Eigen::SparseMatrix<double>* H) const {
+  if (frames_.empty()) return;
+  const double largest = H->diagonal().maxCoeff();
+  std::vector<const Frame*> held(pattern.frames(), nullptr);
+  for (const Frame& f : frames_) held[f.frame] = &f;
+  for (std::size_t f = 0; f < held.size(); ++f) {
+    const std::vector<std::int32_t>& partners = pattern.partners(f);
+    // Column c of frame f holds six rows of each partner, and c + 1 of its own.
+    const auto entry = [&](std::size_t i, int r, int c) -> double& {
+      return H->valuePtr()[H->outerIndexPtr()[6 * f + static_cast<std::size_t>(c)] +
+                           6 * static_cast<int>(i) + r];
+    };
+    for (std::size_t i = 0; i < partners.size(); ++i) {
+      const Frame* const other = held[static_cast<std::size_t>(partners[i])];
+      if (held[f] == nullptr && other == nullptr) continue;
+      const bool own = i + 1 == partners.size();
+      Matrix6d block;
+      for (int c = 0; c < 6; ++c) {
+        for (int r = 0; r < 6; ++r) block(r, c) = own && r > c ? entry(i, c, r) : entry(i, r, c);
+      }
+      if (other != nullptr) block = (other->projector * block).eval();
+      if (held[f] != nullptr) block = (block * held[f]->projector).eval();
+      if (own) block += largest * held[f]->space * held[f]->space.transpose();
+      for (int c = 0; c < 6; ++c) {
+        for (int r = 0; r < (own ? c + 1 : 6); ++r) entry(i, r, c) = block(r, c);
+      }
     }
-  };
-  std::vector<bool> free(static_cast<std::size_t>(H.cols() / 6), true);
-  for (const Frame& f : frames_) {
-    free[f.frame] = false;
-    add(f, f.projector, &P);
-    add(f, largest * f.space * f.space.transpose(), &held);
   }
-  for (Eigen::Index i = 0; i < H.cols(); ++i) {
-    if (free[static_cast<std::size_t>(i / 6)]) P.emplace_back(i, i, 1.0);
-  }
-  Eigen::SparseMatrix<double> projector(H.rows(), H.cols()), stiff(H.rows(), H.cols());
-  projector.setFromTriplets(P.begin(), P.end());
-  stiff.setFromTriplets(held.begin(), held.end());
-  const Eigen::SparseMatrix<double> all = H.selfadjointView<Eigen::Upper>();
-  const Eigen::SparseMatrix<double> projected = projector * all * projector;
-  const Eigen::SparseMatrix<double> sum = projected + stiff;
-  return sum.triangularView<Eigen::Upper>();
 }
 
 }  // namespace lamina

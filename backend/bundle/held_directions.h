@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "backend/bundle/block_pattern.h"
 #include "backend/bundle/problem.h"
 
 namespace lamina {
@@ -40,8 +41,8 @@ class HeldDirections {
   void TakeOut(Eigen::MatrixXd* H) const;
   // The same of frames that decouple.
   void TakeOut(std::vector<Matrix6d>* diagonal) const;
-  // The same of the upper triangle of H, whose structure stays.
-  Eigen::SparseMatrix<double> TakenOut(const Eigen::SparseMatrix<double>& H) const;
+  // The same of the upper triangle of H, which has the structure of this pattern.
+  void TakeOut(const BlockPattern& pattern, Eigen::SparseMatrix<double>* H) const;
   // Of a gradient, or of columns of right sides, six rows a frame.
   template <typename Derived>
   void Project(Eigen::MatrixBase<Derived>* g) const {

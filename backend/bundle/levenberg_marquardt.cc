@@ -1,12 +1,12 @@
 #include "backend/bundle/levenberg_marquardt.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cmath>
 
 #include "backend/bundle/held_directions.h"
 #include "backend/bundle/priors.h"
+#include "backend/bundle/sparse_cholesky.h"
 #include "core/base/stopwatch.h"
 
 namespace lamina {
@@ -33,7 +33,8 @@ class StepSolver {
   StepSolver(const BundleProblem& problem, BundleCost* cost)
       : problem_(problem), index_(problem), pattern_(problem, index_), held_(problem), cost_(cost) {
     const auto size = static_cast<Eigen::Index>(6 * problem.poses.size());
-    sparse_ = size >= kSparseSize && pattern_.Density() < kSparseDensity;
+    sparse_ = size >= kSparseSize && pattern_.Density() < kSparseDensity &&
+              cholesky_.Order(pattern_) < kSparseShare;
   }
 
   // False if anything is not finite.
@@ -49,9 +50,9 @@ class StepSolver {
         diagonal_(i) = system_.diagonal[static_cast<std::size_t>(i / 6)](i % 6, i % 6);
       }
     } else if (sparse_) {
-      system_.Assemble(problem_, index_, pattern_, &assembled_);
-      value_ += AddPriors(problem_, poses, &system_.gradient, &assembled_);
-      sparse_H_ = held_.TakenOut(assembled_);
+      system_.Assemble(problem_, index_, pattern_, &sparse_H_);
+      value_ += AddPriors(problem_, poses, &system_.gradient, &sparse_H_);
+      held_.TakeOut(pattern_, &sparse_H_);
       diagonal_ = sparse_H_.diagonal();
     } else {
       system_.Assemble(problem_, index_, &H_);
@@ -121,26 +122,43 @@ class StepSolver {
     return true;
   }
 
-  bool SolveSparse(const Eigen::VectorXd& damping, Eigen::VectorXd* step) {
-    Eigen::SparseMatrix<double> damped = sparse_H_;
-    for (int i = 0; i < damped.cols(); ++i) damped.coeffRef(i, i) += damping(i);
-    ForEachHeldDamping(damping, [&](std::size_t k, const Matrix6d& change) {
-      const auto i = static_cast<Eigen::Index>(6 * k);
-      for (int c = 0; c < 6; ++c) {
-        for (int r = 0; r <= c; ++r) damped.coeffRef(i + r, i + c) += change(r, c);
-      }
-    });
-    if (!analysed_) sparse_llt_.analyzePattern(damped);
-    analysed_ = true;
-    sparse_llt_.factorize(damped);
-    if (sparse_llt_.info() != Eigen::Success) return false;
-    *step = -sparse_llt_.solve(system_.gradient);
-    return true;
+  // Entry (r, c), r <= c, of the block of frame f on the diagonal: the last of its column.
+  double& DiagonalEntry(std::size_t f, int r, int c) {
+    return sparse_H_
+        .valuePtr()[sparse_H_.outerIndexPtr()[6 * f + static_cast<std::size_t>(c) + 1] - c - 1 + r];
   }
 
-  // Below this size, or with more of its blocks filled, a dense factorisation is faster.
+  // The damping is added in place and taken back afterwards.
+  bool SolveSparse(const Eigen::VectorXd& damping, Eigen::VectorXd* step) {
+    std::vector<double> before;
+    const auto for_each = [&](const auto& visit) {
+      for (std::size_t f = 0; f < pattern_.frames(); ++f) {
+        for (int c = 0; c < 6; ++c) {
+          for (int r = 0; r <= c; ++r) visit(&DiagonalEntry(f, r, c));
+        }
+      }
+    };
+    for_each([&](const double* entry) { before.push_back(*entry); });
+    for (Eigen::Index i = 0; i < damping.size(); ++i) {
+      const int c = static_cast<int>(i % 6);
+      DiagonalEntry(static_cast<std::size_t>(i / 6), c, c) += damping(i);
+    }
+    ForEachHeldDamping(damping, [&](std::size_t k, const Matrix6d& change) {
+      for (int c = 0; c < 6; ++c) {
+        for (int r = 0; r <= c; ++r) DiagonalEntry(k, r, c) += change(r, c);
+      }
+    });
+    const bool factorised = cholesky_.Factorise(sparse_H_);
+    auto value = before.begin();
+    for_each([&](double* entry) { *entry = *value++; });
+    if (factorised) *step = -cholesky_.Solve(system_.gradient);
+    return factorised;
+  }
+
+  // Below this size, with more of its blocks filled, or where a factorisation saves less, the dense
+  // one is faster.
   static constexpr Eigen::Index kSparseSize = 300;
-  static constexpr double kSparseDensity = 0.25;
+  static constexpr double kSparseDensity = 0.7, kSparseShare = 0.6;
 
   const BundleProblem& problem_;
   BundleIndex index_;
@@ -151,9 +169,9 @@ class StepSolver {
   bool decoupled_ = false;
   double value_ = 0.0;
   Eigen::MatrixXd H_, factor_;
-  bool sparse_ = false, analysed_ = false;
-  Eigen::SparseMatrix<double> assembled_, sparse_H_;
-  Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Upper> sparse_llt_;
+  bool sparse_ = false;
+  SparseCholesky cholesky_;
+  Eigen::SparseMatrix<double> sparse_H_;
   Eigen::VectorXd diagonal_;
 };
 

@@ -1,7 +1,6 @@
 #include "backend/bundle/uncertainty/pose_covariance.h"
 
 #include <algorithm>
-#include <numeric>
 
 #include "backend/bundle/condensed_cost.h"
 #include "backend/bundle/held_directions.h"
@@ -12,11 +11,13 @@ namespace lamina {
 namespace {
 
 // The blocks of H that are not zero.
-SymmetricBlocks SparseBlocks(const BundleProblem& problem, const ReducedSystem& system) {
+SymmetricBlocks BlocksOf(const BundleProblem& problem, const std::vector<SE3>& poses,
+                         ReducedSystem* system) {
   const BundleIndex index(problem);
   const BlockPattern pattern(problem, index);
   Eigen::SparseMatrix<double> H;  // its upper triangle
-  system.Assemble(problem, index, pattern, &H);
+  system->Assemble(problem, index, pattern, &H);
+  AddPriors(problem, poses, &system->gradient, &H);
   SymmetricBlocks rows;
   for (std::size_t f = 0; f < problem.poses.size(); ++f) {
     rows.columns.push_back(pattern.partners(f));
@@ -31,25 +32,6 @@ SymmetricBlocks SparseBlocks(const BundleProblem& problem, const ReducedSystem& 
     }
     Matrix6d& diagonal = rows.blocks[f].back();
     diagonal = Matrix6d(diagonal.selfadjointView<Eigen::Lower>());
-  }
-  return rows;
-}
-
-// All blocks of H: priors are for windows of some frames.
-SymmetricBlocks DenseBlocks(const BundleProblem& problem, const std::vector<SE3>& poses,
-                            ReducedSystem* system) {
-  Eigen::MatrixXd H;
-  system->Assemble(problem, BundleIndex(problem), &H);
-  AddPriors(problem, poses, &system->gradient, &H);
-  SymmetricBlocks rows;
-  for (std::size_t f = 0; f < problem.poses.size(); ++f) {
-    rows.columns.emplace_back(f + 1);
-    std::iota(rows.columns[f].begin(), rows.columns[f].end(), 0);
-    rows.blocks.emplace_back();
-    for (std::size_t k = 0; k <= f; ++k) {
-      rows.blocks[f].push_back(
-          H.block<6, 6>(static_cast<Eigen::Index>(6 * f), static_cast<Eigen::Index>(6 * k)));
-    }
   }
   return rows;
 }
@@ -79,8 +61,7 @@ std::vector<Matrix6d> PoseCovariances(const BundleProblem& problem, const std::v
   CondensedCost cost(problem);
   ReducedSystem system;
   cost.Linearise(poses, &system);
-  SymmetricBlocks H =
-      problem.priors.empty() ? SparseBlocks(problem, system) : DenseBlocks(problem, poses, &system);
+  SymmetricBlocks H = BlocksOf(problem, poses, &system);
   const std::vector<HeldSpace> held = HeldSpaces(problem);
   double largest = 1e-300;
   for (const auto& row : H.blocks) largest = std::max(largest, row.back().diagonal().maxCoeff());
