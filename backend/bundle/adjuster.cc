@@ -55,7 +55,8 @@ BundleResult AdjustBundle(const BundleProblem& problem, const BundleAdjusterOpti
   }
   if (formulation.solve != nullptr) return formulation.solve(problem, options, observer);
   const std::unique_ptr<BundleCost> cost = formulation.make_cost(problem);
-  return MinimiseByLevenbergMarquardt(problem, cost.get(), options, observer);
+  return MinimiseByLevenbergMarquardt(problem, cost.get(), options, observer,
+                                      &formulation == &kCondensed);
 }
 
 }  // namespace lamina

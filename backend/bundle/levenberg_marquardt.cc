@@ -17,6 +17,8 @@ constexpr double kStartRadius = 1e4, kMinRadius = 1e-32, kMaxRadius = 1e16;
 constexpr double kMinStep = 1e-11;       // rad or m: the poses' own digits
 constexpr double kRounding = 4e-16;      // of the cost
 constexpr double kLeastDiagonal = 1e-9;  // of the largest
+// H is kept after a step that is smaller than this, rad or m, and has brought what was promised.
+constexpr double kKeepStep = 0.02, kKeepGain = 0.5;
 
 std::vector<SE3> Moved(const std::vector<SE3>& poses, const Eigen::VectorXd& step) {
   std::vector<SE3> moved;
@@ -39,6 +41,7 @@ class StepSolver {
 
   // False if anything is not finite.
   bool Linearise(const std::vector<SE3>& poses) {
+    kept_.clear();
     cost_->Linearise(poses, &system_);
     value_ = system_.cost;
     decoupled_ = system_.rows.empty() && problem_.priors.empty();
@@ -66,6 +69,22 @@ class StepSolver {
     return std::isfinite(value_) && system_.gradient.allFinite() && diagonal_.allFinite();
   }
 
+  // Whether assembling and factorising H takes most of a step.
+  bool large() const { return !decoupled_ && system_.gradient.size() >= kLargeSize; }
+  // Cost and gradient at these poses, which `step` has led to; H is that of before, corrected by
+  // how the gradient has changed (see the header). False if anything is not finite.
+  bool LineariseKeeping(const std::vector<SE3>& poses, const Eigen::VectorXd& step) {
+    const Eigen::VectorXd before = system_.gradient;
+    cost_->Linearise(poses, &system_);
+    value_ = system_.cost + AddPriorGradient(problem_, poses, &system_.gradient);
+    held_.Project(&system_.gradient);
+    kept_.push_back({step, system_.gradient - before});
+    return std::isfinite(value_) && system_.gradient.allFinite() &&
+           kept_.back().step.dot(kept_.back().change) > 0.0;
+  }
+  // Whether H is one of before.
+  bool kept() const { return !kept_.empty(); }
+
   double value() const { return value_; }
   double Value(const std::vector<SE3>& poses) const {
     return cost_->Value(poses) + PriorCost(problem_, poses);
@@ -73,12 +92,19 @@ class StepSolver {
 
   // False if the damped matrix is not positive definite. `promised` is the model's decrease.
   bool Solve(double radius, Eigen::VectorXd* step, double* promised) {
-    const Eigen::VectorXd damping = diagonal_ / radius;
     step->setZero(system_.gradient.size());
-    const bool solved = decoupled_ ? SolveBlocks(damping, step)
-                        : sparse_  ? SolveSparse(damping, step)
-                                   : SolveDense(damping, step);
-    if (!solved || !step->allFinite()) return false;
+    Eigen::VectorXd damping = Eigen::VectorXd::Zero(step->size());
+    if (kept()) {
+      *step = SolveKept();
+    } else {
+      damping = diagonal_ / radius;
+      const bool ready = decoupled_ ? SolveBlocks(damping, step)
+                         : sparse_  ? FactoriseSparse(damping)
+                                    : FactoriseDense(damping);
+      if (!ready) return false;
+      if (!decoupled_) *step = -SolveFactor(system_.gradient);
+    }
+    if (!step->allFinite()) return false;
     *promised = -0.5 * system_.gradient.dot(*step) + 0.5 * step->cwiseAbs2().dot(damping);
     return true;
   }
@@ -109,17 +135,38 @@ class StepSolver {
     return true;
   }
 
-  bool SolveDense(const Eigen::VectorXd& damping, Eigen::VectorXd* step) {
+  bool FactoriseDense(const Eigen::VectorXd& damping) {
     factor_ = H_;
     factor_.diagonal() += damping;
     ForEachHeldDamping(damping, [&](std::size_t k, const Matrix6d& change) {
       const auto i = static_cast<Eigen::Index>(6 * k);
       factor_.block<6, 6>(i, i) += change;
     });
-    const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> llt(factor_);
-    if (llt.info() != Eigen::Success) return false;
-    *step = -llt.solve(system_.gradient);
-    return true;
+    return Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>>(factor_).info() == Eigen::Success;
+  }
+
+  Eigen::VectorXd SolveFactor(const Eigen::VectorXd& right_side) {
+    if (sparse_) return cholesky_.Solve(right_side);
+    Eigen::VectorXd x = right_side;
+    factor_.triangularView<Eigen::Lower>().solveInPlace(x);
+    factor_.triangularView<Eigen::Lower>().adjoint().solveInPlace(x);
+    return x;
+  }
+
+  // -B^-1 g, B being H with the secant corrections of BFGS: the two-loop recursion.
+  Eigen::VectorXd SolveKept() {
+    Eigen::VectorXd x = system_.gradient;
+    std::vector<double> along(kept_.size());
+    for (std::size_t i = kept_.size(); i-- > 0;) {
+      along[i] = kept_[i].step.dot(x) / kept_[i].step.dot(kept_[i].change);
+      x -= along[i] * kept_[i].change;
+    }
+    x = SolveFactor(x);
+    for (std::size_t i = 0; i < kept_.size(); ++i) {
+      const Secant& k = kept_[i];
+      x += (along[i] - k.change.dot(x) / k.step.dot(k.change)) * k.step;
+    }
+    return -x;
   }
 
   // Entry (r, c), r <= c, of the block of frame f on the diagonal: the last of its column.
@@ -129,7 +176,7 @@ class StepSolver {
   }
 
   // The damping is added in place and taken back afterwards.
-  bool SolveSparse(const Eigen::VectorXd& damping, Eigen::VectorXd* step) {
+  bool FactoriseSparse(const Eigen::VectorXd& damping) {
     std::vector<double> before;
     const auto for_each = [&](const auto& visit) {
       for (std::size_t f = 0; f < pattern_.frames(); ++f) {
@@ -151,7 +198,6 @@ class StepSolver {
     const bool factorised = cholesky_.Factorise(sparse_H_);
     auto value = before.begin();
     for_each([&](double* entry) { *entry = *value++; });
-    if (factorised) *step = -cholesky_.Solve(system_.gradient);
     return factorised;
   }
 
@@ -159,6 +205,7 @@ class StepSolver {
   // one is faster.
   static constexpr Eigen::Index kSparseSize = 300;
   static constexpr double kSparseDensity = 0.7, kSparseShare = 0.6;
+  static constexpr Eigen::Index kLargeSize = 300;
 
   const BundleProblem& problem_;
   BundleIndex index_;
@@ -167,6 +214,10 @@ class StepSolver {
   BundleCost* cost_;
   ReducedSystem system_;
   bool decoupled_ = false;
+  struct Secant {
+    Eigen::VectorXd step, change;  // of the gradient
+  };
+  std::vector<Secant> kept_;  // since H was made
   double value_ = 0.0;
   Eigen::MatrixXd H_, factor_;
   bool sparse_ = false;
@@ -200,7 +251,7 @@ class TrustRegion {
 
 BundleResult MinimiseByLevenbergMarquardt(const BundleProblem& problem, BundleCost* cost,
                                           const BundleAdjusterOptions& options,
-                                          const BundleObserver& observer) {
+                                          const BundleObserver& observer, bool may_keep) {
   Stopwatch clock;
   BundleResult result;
   result.poses = problem.poses;
@@ -216,6 +267,7 @@ BundleResult MinimiseByLevenbergMarquardt(const BundleProblem& problem, BundleCo
     step.iteration = ++result.iterations;
     Eigen::VectorXd delta;
     double promised = 0.0;
+    bool stale = false;
     if (solver.Solve(region.radius(), &delta, &promised)) {
       step.step = delta.cwiseAbs().maxCoeff();
       const std::vector<SE3> moved = Moved(result.poses, delta);
@@ -225,17 +277,26 @@ BundleResult MinimiseByLevenbergMarquardt(const BundleProblem& problem, BundleCo
       step.accepted = decrease > kMinGain * promised;  // false for NaN
       if (step.accepted) {
         result.poses = moved;
-        region.Accept(decrease / promised);
+        const double gain = decrease / promised;
+        region.Accept(gain);
         done = done || decrease <= options.min_cost_change * before;
         result.final_cost = before - decrease;
         if (!done && result.iterations < options.max_iterations) {
-          if (!solver.Linearise(result.poses)) break;
+          const bool keep = may_keep && solver.large() && step.step < kKeepStep && gain > kKeepGain;
+          if (!(keep && solver.LineariseKeeping(result.poses, delta)) &&
+              !solver.Linearise(result.poses)) {
+            break;
+          }
           result.final_cost = solver.value();
         }
+      } else if (solver.kept() && !done) {
+        // H was too old for this step: a fresh one decides.
+        if (!solver.Linearise(result.poses)) break;
+        stale = true;
       }
     }
     if (done) result.status = BundleResult::Status::kConverged;
-    if (!step.accepted && !region.Reject()) break;
+    if (!step.accepted && !stale && !region.Reject()) break;
     step.cost = result.final_cost;
     step.solve_ms = clock.Milliseconds();
     if (observer) clock.Outside([&] { observer(step, result.poses); });

@@ -80,4 +80,9 @@ double AddPriors(const BundleProblem& problem, const std::vector<SE3>& poses,
   });
 }
 
+double AddPriorGradient(const BundleProblem& problem, const std::vector<SE3>& poses,
+                        Eigen::VectorXd* gradient) {
+  return SumPriors(problem, poses, gradient, [](int, int, const Matrix6d&) {});
+}
+
 }  // namespace lamina

@@ -20,5 +20,8 @@ double AddPriors(const BundleProblem& problem, const std::vector<SE3>& poses,
 // The same to the upper triangle alone, whose entries must be there (BlockPattern).
 double AddPriors(const BundleProblem& problem, const std::vector<SE3>& poses,
                  Eigen::VectorXd* gradient, Eigen::SparseMatrix<double>* H);
+// The gradient alone, and the cost.
+double AddPriorGradient(const BundleProblem& problem, const std::vector<SE3>& poses,
+                        Eigen::VectorXd* gradient);
 
 }  // namespace lamina
