@@ -4,6 +4,7 @@
 #include <stdexcept>
 
 #include "tools/calibrate/command.h"
+#include "tools/campaign/command.h"
 #include "tools/cli/config_command.h"
 #include "tools/doctor/command.h"
 #include "tools/eval/command.h"
@@ -33,6 +34,7 @@ void AddProductCommands(CLI::App* app, std::function<int()>* run) {
   AddDoctorCommand(app, run);
   AddSolveGraphCommand(app, run);
   AddMergeCommand(app, run);
+  AddCampaignCommand(app, run);
 }
 
 const char* PurposeOfLabCommand(const std::string& name) {

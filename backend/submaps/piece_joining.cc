@@ -52,8 +52,9 @@ struct Group {
 class PieceJoiner {
  public:
   PieceJoiner(const std::vector<MapPiece>& pieces, const LoopOptions& options,
-              const VoxelMapOptions& map, const ScanMatcherOptions& matcher)
-      : pieces_(pieces), options_(options), map_(map), registration_(matcher) {
+              const VoxelMapOptions& map, const ScanMatcherOptions& matcher,
+              const WorkSharing& sharing)
+      : pieces_(pieces), options_(options), map_(map), registration_(matcher), sharing_(sharing) {
     AddPieces();
     if (pieces_.size() > 1) Describe();
   }
@@ -114,6 +115,7 @@ class PieceJoiner {
   const LoopOptions& options_;
   const VoxelMapOptions& map_;
   SubmapRegistration registration_;
+  const WorkSharing& sharing_;
   std::vector<const Submap*> submaps_;
   std::vector<std::size_t> piece_of_;
   std::vector<double> way_;  // of the sensor in its piece, to the submap's begin
@@ -199,13 +201,19 @@ Loop PieceJoiner::Judged(const SubmapPair& pair, const SubmapMatch& match) const
 }
 
 void PieceJoiner::FindCandidates() {
+  std::vector<std::size_t> owner;
+  for (std::size_t query = 0; query < submaps_.size(); ++query)
+    owner.push_back(query % sharing_.parts);
+  const auto found = ShareOut<std::vector<SubmapPair>>(
+      owner, sharing_, [&](const std::vector<std::size_t>& queries) {
+        std::vector<std::vector<SubmapPair>> mine;
+        for (const std::size_t query : queries) mine.push_back(LookUp(query));
+        return mine;
+      });
   std::vector<SubmapPair> pairs;
-  for (std::size_t query = 0; query < submaps_.size(); ++query) {
-    const std::vector<SubmapPair> found = LookUp(query);
-    pairs.insert(pairs.end(), found.begin(), found.end());
-  }
+  for (const auto& of_query : found) pairs.insert(pairs.end(), of_query.begin(), of_query.end());
   const std::vector<SubmapMatch> matches =
-      RegisterPairs(submaps_, images_, pairs, registration_, map_);
+      RegisterPairs(submaps_, images_, pairs, registration_, map_, sharing_);
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     const Loop loop = Judged(pairs[i], matches[i]);
     // Two starts that end in one place are one.
@@ -378,7 +386,7 @@ std::vector<SubmapPair> PieceJoiner::Beside(const std::vector<bool>& joins,
 // Registers them, and keeps those that agree; what came of it adds to *evidence.
 void PieceJoiner::Compare(const std::vector<SubmapPair>& pairs, Evidence* evidence) {
   const std::vector<SubmapMatch> matches =
-      RegisterPairs(submaps_, images_, pairs, registration_, map_);
+      RegisterPairs(submaps_, images_, pairs, registration_, map_, sharing_);
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     Loop loop = Judged(pairs[i], matches[i]);
     const Eigen::Vector3d middle = Middle(loop.to);
@@ -464,9 +472,10 @@ bool PieceJoiner::TryJoin(const Group& group) {
 }  // namespace
 
 JoinedPieces JoinPieces(const std::vector<MapPiece>& pieces, const LoopOptions& options,
-                        const VoxelMapOptions& map, const ScanMatcherOptions& matcher) {
+                        const VoxelMapOptions& map, const ScanMatcherOptions& matcher,
+                        const WorkSharing& sharing) {
   CheckOptions(options, "loops");
-  return PieceJoiner(pieces, options, map, matcher).Join();
+  return PieceJoiner(pieces, options, map, matcher, sharing).Join();
 }
 
 }  // namespace lamina

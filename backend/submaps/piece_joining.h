@@ -27,6 +27,7 @@
 #include "backend/submaps/loop_closure.h"
 #include "backend/submaps/loop_options.h"
 #include "backend/submaps/submap.h"
+#include "backend/submaps/work_sharing.h"
 #include "core/map/voxel_map.h"
 #include "frontend/scan_matcher.h"
 
@@ -48,9 +49,10 @@ struct JoinedPieces {
   std::vector<Loop> loops;
 };
 
-// Pieces in the order of their age. Pure function; deterministic at any number of threads. Throws
-// OptionError.
+// Pieces in the order of their age. Look-ups and registrations are shared out over processes. Pure
+// function; deterministic at any number of threads and processes. Throws OptionError.
 JoinedPieces JoinPieces(const std::vector<MapPiece>& pieces, const LoopOptions& options,
-                        const VoxelMapOptions& map, const ScanMatcherOptions& matcher);
+                        const VoxelMapOptions& map, const ScanMatcherOptions& matcher,
+                        const WorkSharing& sharing = {});
 
 }  // namespace lamina

@@ -9,6 +9,7 @@
 #include "backend/submaps/place_image.h"
 #include "backend/submaps/submap.h"
 #include "backend/submaps/submap_registration.h"
+#include "backend/submaps/work_sharing.h"
 
 namespace lamina {
 
@@ -18,13 +19,16 @@ struct SubmapPair {
   double score = 0.0;            // of the images
 };
 
+void Archive(StateArchive& a, SubmapPair* pair);
+void Archive(StateArchive& a, SubmapMatch* match);
+
 // In the order of the pairs. Each target is made once and dropped when it is done with: memory is
-// that of some submaps, however many pairs there are. Pure function; the same bits at any number
-// of threads.
+// that of some submaps, however many pairs there are. Targets are shared out. Pure function; the
+// same bits at any number of threads and processes.
 std::vector<SubmapMatch> RegisterPairs(const std::vector<const Submap*>& submaps,
                                        const std::vector<PlaceImage>& images,
                                        const std::vector<SubmapPair>& pairs,
                                        const SubmapRegistration& registration,
-                                       const VoxelMapOptions& map);
+                                       const VoxelMapOptions& map, const WorkSharing& sharing);
 
 }  // namespace lamina

@@ -25,7 +25,8 @@ void CheckLeaves(const std::vector<Drive>& drives) {
 
 }  // namespace
 
-MergedMap::MergedMap(const std::vector<Drive>& drives, const LaminaConfig& config)
+MergedMap::MergedMap(const std::vector<Drive>& drives, const LaminaConfig& config,
+                     const WorkSharing& sharing)
     : drives_(drives) {
   CheckLeaves(drives);
   std::vector<MapPiece> pieces;
@@ -35,7 +36,7 @@ MergedMap::MergedMap(const std::vector<Drive>& drives, const LaminaConfig& confi
       pieces.push_back({&drives[d].frames[f].submaps, drives[d].frames[f].graph});
     }
   }
-  joined_ = JoinPieces(pieces, config.loops, config.map, config.frontend.matcher);
+  joined_ = JoinPieces(pieces, config.loops, config.map, config.frontend.matcher, sharing);
   AddOrigins();
   NumberFrames();
   std::vector<const Submap*> submaps;

@@ -21,7 +21,8 @@ class MergedMap {
  public:
   // Drives sorted by age, one at least; they must outlive it. Throws InputError if their submaps
   // have leaves of different sizes.
-  MergedMap(const std::vector<Drive>& drives, const LaminaConfig& config);
+  MergedMap(const std::vector<Drive>& drives, const LaminaConfig& config,
+            const WorkSharing& sharing = {});
 
   std::size_t frames() const { return members_.size(); }
   // Positions in graph() of a frame's submaps.

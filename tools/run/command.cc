@@ -39,14 +39,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct RunArguments {
-  std::string scans, out, frames, truth;
-  std::string progress = "auto";
-  ConfigArguments config;
-  std::string loops;  // on, off, or as the configuration has it
-  int threads = 0;
-};
-
 void LogScan(const MappedScan& report, RunProgress* progress) {
   if (report.began_piece && report.piece > 0) progress->Warn(NewPieceMessage(report));
   if (report.skipped) {
@@ -215,13 +207,15 @@ class CorrectedMap {
 
 // Says what was understood of the recording, and settles what it decides of the configuration:
 // scans that are compensated already are not deskewed.
-void OpenRun(const ScanSource& source, const FrameRange& range, const std::string& config_name,
+void OpenRun(const ScanSource& source, const FrameRange& range, const RunArguments& arguments,
              const std::atomic<bool>& stop, LaminaConfig* config) {
   const DeskewChoice choice =
       ChooseDeskew(source, range.begin, range.end, config->Mapping(), &stop);
   if (choice.compensated) config->preparation.deskew = ScanPreparationOptions::Deskew::kOff;
-  const OpeningLines opening = DescribeOpening(source, range, *config, config_name);
-  for (const std::string& line : opening.lines) fmt::print(stderr, "{}\n", Printable(line));
+  const OpeningLines opening = DescribeOpening(source, range, *config, arguments.config.file);
+  for (const std::string& line : opening.lines) {
+    if (!arguments.quiet) fmt::print(stderr, "{}\n", Printable(line));
+  }
   for (const std::string& doubt : opening.doubts) spdlog::warn("{}", doubt);
   if (!choice.compensated) return;
   spdlog::warn(
@@ -243,7 +237,9 @@ PieceErrors JudgeByTruth(const std::map<std::int64_t, Trajectory>& pieces, const
   }
 }
 
-int Run(const RunArguments& arguments) {
+}  // namespace
+
+int RunRecording(const RunArguments& arguments) {
   const auto limit = LimitThreads(arguments.threads);
   LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
   if (!arguments.loops.empty()) config.loops.enabled = arguments.loops == "on";
@@ -257,7 +253,7 @@ int Run(const RunArguments& arguments) {
   RunOutput output(arguments.out, config.frontend.matcher.max_iterations);
 
   const std::atomic<bool>& stop = StopOnSignals();
-  OpenRun(*source, range, arguments.config.file, stop, &config);
+  OpenRun(*source, range, arguments, stop, &config);
   RunProgress progress(ProgressMode(arguments.progress), range.end - range.begin);
 
   const auto start = std::chrono::steady_clock::now();
@@ -311,13 +307,11 @@ int Run(const RunArguments& arguments) {
   const std::string thick = ThickPlanesWarning(
       MeasureThickness(mapping.map(), config.backend.min_surfel_frames), config.Mapping());
   if (!thick.empty()) spdlog::warn("{}", thick);
-  PrintSummary(arguments.out, mapping.counts(), errors, verdict, summary);
+  if (!arguments.quiet) PrintSummary(arguments.out, mapping.counts(), errors, verdict, summary);
   if (figures.interrupted) throw InterruptedError(interruption);
   if (!truth_problem.empty()) throw InputError(truth_problem + " (all else is written)");
   return verdict.grade == RunVerdict::Grade::kWrong ? kProbablyWrong : 0;
 }
-
-}  // namespace
 
 void AddRunCommand(CLI::App* app, std::function<int()>* run) {
   auto arguments = std::make_shared<RunArguments>();
@@ -348,7 +342,7 @@ void AddRunCommand(CLI::App* app, std::function<int()>* run) {
           "else as loops.enabled of the configuration")
       ->check(CLI::IsMember({"on", "off"}));
   AddProgressOption(command, &a.progress);
-  command->callback([arguments, run] { *run = [arguments] { return Run(*arguments); }; });
+  command->callback([arguments, run] { *run = [arguments] { return RunRecording(*arguments); }; });
 }
 
 }  // namespace lamina
