@@ -1,5 +1,6 @@
 #include <CLI/CLI.hpp>
 
+#include "tools/benchmark/command.h"
 #include "tools/commands.h"
 #include "tools/compare/command.h"
 #include "tools/promises/command.h"
@@ -13,6 +14,7 @@ void AddLabCommands(CLI::App* app, std::function<int()>* run) {
   AddSimulateCommand(app, run);
   AddCompareCommand(app, run);
   AddAdverseCommand(app, run);
+  AddBenchCommand(app, run);
 }
 
 }  // namespace lamina

@@ -10,9 +10,9 @@
 #include <CLI/CLI.hpp>
 #include <cerrno>
 #include <cstring>
-#include <filesystem>
 #include <string>
 
+#include "tools/cli/program_path.h"
 #include "tools/commands.h"
 
 namespace {
@@ -26,9 +26,7 @@ bool IsLabCommand(const std::string& word) {
 
 // Becomes lamina-lab, which stands beside this program; returns only where that fails.
 int RunLab(char** argv) {
-  std::error_code error;
-  const std::filesystem::path program = std::filesystem::read_symlink("/proc/self/exe", error);
-  const std::string lab = (program.parent_path() / "lamina-lab").string();
+  const std::string lab = lamina::ProgramBeside("lamina-lab");
   execv(lab.c_str(), argv);
   fmt::print(stderr, "lamina: error: {}: {} is in a program of its own, which cannot be run: {}\n",
              argv[1], lab, std::strerror(errno));

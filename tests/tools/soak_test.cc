@@ -1,4 +1,5 @@
-// tools/soak and tools/adverse as far as they can be tried without a trial, which would take long.
+// tools/soak, tools/adverse and tools/bench as far as they can be tried without a trial, which
+// would take long.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -37,6 +38,16 @@ TEST_F(SoakTest, TheScriptForAdverseScenesExplainsItself) {
   EXPECT_EQ(Bash("-n " + script), 0) << Bytes(Path("out"));
   EXPECT_EQ(Bash(script + " --help"), 0);
   EXPECT_THAT(Bytes(Path("out")), AllOf(HasSubstr("promises/promises.md"), HasSubstr("--seeds 3")));
+}
+
+TEST_F(SoakTest, TheScriptOfTheBenchExplainsItself) {
+  const std::string script = "'" LAMINA_SOURCE_DIR "/tools/bench'";
+  EXPECT_EQ(Bash("-n " + script), 0) << Bytes(Path("out"));
+  EXPECT_EQ(Bash(script + " --help"), 0);
+  EXPECT_THAT(Bytes(Path("out")), AllOf(HasSubstr("--against FILE"), HasSubstr("--kernels")));
+  EXPECT_EQ(Bash(script + " --recordings"), 2);
+  EXPECT_EQ(Bash(script + " --recordings '" + Path("none") + "'"), 1);
+  EXPECT_THAT(Bytes(Path("out")), HasSubstr("no such folder"));
 }
 
 TEST_F(SoakTest, RefusesWhatItDoesNotKnow) {

@@ -2,32 +2,20 @@
 
 #include <fmt/format.h>
 #include <sys/wait.h>
-#include <unistd.h>
 
 #include <cerrno>
 #include <cmath>
 #include <csignal>
 #include <cstdio>
-#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <mutex>
-#include <sstream>
 
 #include "core/base/error.h"
+#include "tools/cli/program_path.h"
 
 namespace lamina {
 namespace {
-
-bool ProgramExists(const std::string& name) {
-  const char* path = std::getenv("PATH");
-  std::istringstream folders(path == nullptr ? "" : path);
-  std::string folder;
-  while (std::getline(folders, folder, ':')) {
-    if (access((folder + "/" + name).c_str(), X_OK) == 0) return true;
-  }
-  return false;
-}
 
 // Writing to a gnuplot that has already given up must be an error here, not the end of the program.
 class IgnoreBrokenPipes {
@@ -50,7 +38,7 @@ void RequireWritable(const std::string& partial, const std::string& path) {
 }
 
 void RunGnuplot(const std::string& script, const std::string& path) {
-  if (!ProgramExists("gnuplot")) {
+  if (!ProgramInPath("gnuplot")) {
     throw OutputError("cannot draw " + path +
                       ": gnuplot is not in PATH (on Debian: apt install gnuplot-nox)");
   }

@@ -59,6 +59,16 @@ TEST_F(RunCommandTest, FrameTableHasALineForEachScan) {
   }
 }
 
+// What the program that starts it has in memory is no part of the run's.
+TEST_F(RunCommandTest, PeakMemoryIsThatOfTheRunAlone) {
+  const std::string scans = WriteRecording("street", Street(2));
+  constexpr std::size_t kOurs = 400'000'000;
+  const std::vector<char> memory(kOurs, 1);
+  Run(scans);
+  EXPECT_EQ(memory.back(), 1);
+  EXPECT_LT(Summary()["peak_rss_bytes"].get<std::size_t>(), kOurs);
+}
+
 TEST_F(RunCommandTest, SummaryHasTheFigures) {
   const Recording street = Street(40);
   const std::string scans = WriteRecording("street", street);
