@@ -9,6 +9,7 @@ namespace lamina {
 namespace {
 
 constexpr double kNotch = 1.57;
+constexpr double kExactShare = 5e-4;
 constexpr std::size_t kFewestRuns = 3;
 
 double Notch(const BenchFigure& figure) {
@@ -46,9 +47,11 @@ std::string NameOf(const BenchRow& row) {
 }  // namespace
 
 ChangeKind Compare(const BenchFigure& before, const BenchFigure& now) {
-  const double change = std::abs(SpreadOf(now.runs).median - SpreadOf(before.runs).median);
+  const double old_median = SpreadOf(before.runs).median, median = SpreadOf(now.runs).median;
+  const double change = std::abs(median - old_median);
   if (change == 0.0) return ChangeKind::kNone;
-  if (before.exact && now.exact) return ChangeKind::kChanged;
+  if (before.exact && now.exact)
+    return change > kExactShare * std::abs(old_median) ? ChangeKind::kChanged : ChangeKind::kNoise;
   if (std::min(before.runs.size(), now.runs.size()) < kFewestRuns) return ChangeKind::kTooFew;
   return change > Notch(before) + Notch(now) ? ChangeKind::kChanged : ChangeKind::kNoise;
 }
@@ -86,7 +89,8 @@ std::string AgainstTable(const BenchReport& before, const BenchReport& now) {
     notes += fmt::format("- another machine: {}, was {}\n", processor(now), processor(before));
   text +=
       "\nNoise: medians differ by no more than 1.57 (range / sqrt(runs) of before + the same of "
-      "now), range: from quartile to quartile. If floor_ms changed, so did the speed of the "
+      "now), range: from quartile to quartile; of counts, by no more than 0.05 %. If floor_ms "
+      "changed, so did the speed of the "
       "machine: see over_floor.\n";
   return notes.empty() ? text : text + "\n" + notes;
 }

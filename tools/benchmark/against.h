@@ -17,8 +17,8 @@ enum class ChangeKind {
 
 // The rule: medians differ if the notches of their box plots do not overlap, that is by more than
 // 1.57 (range0 / sqrt(n0) + range1 / sqrt(n1)), the ranges being from quartile to quartile (McGill,
-// Tukey and Larsen, The American Statistician 1978). A figure that is exact differs if its median
-// does.
+// Tukey and Larsen, The American Statistician 1978). Of figures that are exact, medians differ by
+// more than 0.05 %.
 ChangeKind Compare(const BenchFigure& before, const BenchFigure& now);
 
 // What Compare says of each figure that both have, as a Markdown table, and what but one of them

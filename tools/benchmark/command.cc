@@ -123,10 +123,10 @@ void Count(const BenchArguments& arguments, EventCounter counter, CaseRuns* runs
   };
   const EventCounts first = count(half), both = count(all);
   const double n = static_cast<double>(all - half);
-  runs->rows.front().Add("instructions", "million",
-                         1e-6 * (both.instructions - first.instructions) / n);
-  runs->rows.front().Add("cache_misses", "thousand",
-                         1e-3 * (both.cache_misses - first.cache_misses) / n);
+  const bool exact = counter == EventCounter::kCallgrind;
+  BenchRow& row = runs->rows.front();
+  row.Add("instructions", "million", 1e-6 * (both.instructions - first.instructions) / n, exact);
+  row.Add("cache_misses", "thousand", 1e-3 * (both.cache_misses - first.cache_misses) / n, exact);
 }
 
 void CountAll(const BenchArguments& arguments, std::vector<CaseRuns>* cases, BenchReport* report) {
@@ -187,7 +187,7 @@ std::string Page(const BenchReport& report) {
       fmt::format("{}; {}\n\n{}", report.program, MachineText(report.machine), BenchTable(report));
   text +=
       "\nMedians (quartiles) of interleaved runs; ms a frame. floor_ms: reading each scan and "
-      "hashing each point once into clusters. Stages: wall time.\n";
+      "hashing each point once into clusters. Stages: cpu_ms, divided as their wall times are.\n";
   for (const std::string& note : report.notes) text += "\n" + note + "\n";
   return text;
 }

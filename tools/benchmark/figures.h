@@ -10,7 +10,7 @@ namespace lamina {
 
 struct BenchFigure {
   std::string name, unit;
-  // The same at every run of the same program on the same input: counts, not times.
+  // The same at every run of the same program on the same input, to some 0.01 %: counts, not times.
   bool exact = false;
   std::vector<double> runs;  // one at least, finite
 };

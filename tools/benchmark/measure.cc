@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <limits>
+#include <numeric>
 
 #include "core/base/error.h"
 #include "io/file/file_writer.h"
@@ -60,6 +61,13 @@ StageTimes MeanStages(const std::vector<StageTimes>& scans, std::size_t first) {
   return mean;
 }
 
+StageTimes StageCpu(const std::vector<StageTimes>& scans, std::size_t first, double cpu_ms) {
+  const StageTimes all = MeanStages(scans, 0);
+  StageTimes stages = MeanStages(scans, first);
+  for (double& ms : stages) ms *= cpu_ms / std::accumulate(all.begin(), all.end(), 0.0);
+  return stages;
+}
+
 std::vector<std::string> RunArguments(const std::string& lamina, const BenchCase& bench_case,
                                       int threads, std::size_t frames, const std::string& out) {
   std::vector<std::string> argv{lamina,       "run",
@@ -94,7 +102,7 @@ void AddRun(const MeasuredRun& run, BenchRow* row) {
   row->Add("wall_ms", "ms", 1e3 / Number(summary, "frames_per_s"));
   row->Add("frames_per_s", "1/s", Number(summary, "frames_per_s"));
   row->Add("process_cpu_s", "s", run.usage.cpu_s);
-  const StageTimes stages = MeanStages(run.stages, 0);
+  const StageTimes stages = StageCpu(run.stages, 0, Number(summary, "cpu_ms_per_frame"));
   for (std::size_t k = 0; k < stages.size(); ++k)
     row->Add(std::string(kBenchStages[k]) + "_ms", "ms", stages[k]);
   row->Add("peak_rss_mb", "MB", Number(summary, "peak_rss_bytes") / kMegabyte);

@@ -73,10 +73,12 @@ std::vector<ScalingPoint> PointsOf(const ScalingOptions& options) {
   return all;
 }
 
-// Stages over the second half of the scans: with a full window, in a map that has grown.
+// Stages, by CPU, over the second half of the scans: with a full window, in a map that has grown.
 void AddScalingRun(const MeasuredRun& run, ScalingPoint* point) {
   AddRun(run, &point->row);
-  const StageTimes stages = MeanStages(run.stages, run.stages.size() / 2);
+  const BenchFigure* const cpu = point->row.Find("cpu_ms");
+  const double cpu_ms = cpu == nullptr ? std::nan("") : cpu->runs.back();
+  const StageTimes stages = StageCpu(run.stages, run.stages.size() / 2, cpu_ms);
   double sum = 0.0;
   for (std::size_t k = 0; k < stages.size(); ++k) {
     point->row.Add(kBenchStages[k], "ms", stages[k]);
@@ -182,6 +184,9 @@ std::vector<ScalingStudy> StudyScaling(const ScalingOptions& options,
                                        const std::function<void(const std::string&)>& step) {
   options.Check();
   std::vector<ScalingPoint> points = PointsOf(options);
+  // Before minutes of measuring.
+  for (const ScalingPoint& point : points)
+    LoadConfig(point.bench_case.config, point.bench_case.set);
   for (ScalingPoint& point : points) {
     step(fmt::format("recording {}", point.bench_case.name));
     PrepareCase((fs::path(options.folder) / "scans" / point.bench_case.name).string(),
@@ -202,7 +207,8 @@ std::vector<ScalingStudy> StudyScaling(const ScalingOptions& options,
 
 std::string ScalingTable(const std::vector<ScalingStudy>& studies) {
   std::vector<std::string> figures;
-  std::string text = "Exponents; above 1.05 in bold. Stages: second half of the scans.\n\n| of |";
+  std::string text =
+      "Exponents; above 1.05 in bold. Stages: CPU ms a frame, second half of the scans.\n\n| of |";
   std::string line = "|---|";
   for (const ScalingStudy& study : studies) {
     text += fmt::format(" {}, {} to {} |", study.quantity,

@@ -10,6 +10,7 @@ namespace {
 
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 class BenchCommand : public RunTest {
  protected:
@@ -54,7 +55,7 @@ TEST_F(BenchCommand, MeasuresACaseAndComparesWithTheTimeBefore) {
 TEST_F(BenchCommand, StudiesHowTheCostGrows) {
   if (std::system("gnuplot --version >/dev/null 2>&1") != 0) GTEST_SKIP() << "no gnuplot";
   const Outcome outcome =
-      Bench({"--scaling", "--scaling-points", "500,1000", "--scaling-windows", "2,3",
+      Bench({"--scaling", "--scaling-points", "500,1000", "--scaling-windows", "3,4",
              "--scaling-lengths", "4,8", "--threads", "1", "--frames", "4", "--repetitions", "1"});
   ASSERT_EQ(outcome.code, 0) << outcome.err;
   EXPECT_THAT(Bytes(Path("bench/scaling.md")),
@@ -74,6 +75,9 @@ TEST_F(BenchCommand, ErrorsNameWhatIsWrong) {
   EXPECT_THAT(said(2, {"--case", "tiny"}), HasSubstr("NAME=SCANS,CONFIG"));
   EXPECT_THAT(said(2, {"--repetitions", "0"}), HasSubstr("--repetitions = 0"));
   EXPECT_THAT(said(2, {"--threads", "0"}), HasSubstr("--threads = 0"));
+  // Before anything is generated or mapped.
+  EXPECT_THAT(said(2, {"--scaling", "--scaling-windows", "2,3"}),
+              AllOf(HasSubstr("backend.window.frames = 2"), Not(HasSubstr("recording"))));
   EXPECT_THAT(said(1, {"--against", Path("none.json")}), HasSubstr("none.json"));
   EXPECT_THAT(said(1, {"--results", Write("broken.json", "{\"bench\": 1,")}),
               HasSubstr("broken.json: is no JSON object"));

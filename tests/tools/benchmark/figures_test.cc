@@ -62,6 +62,15 @@ TEST(BenchAgainst, ALargerOneIsSaidInPerCent) {
   EXPECT_THAT(table, HasSubstr("| bytes_a_leaf, B | 160 | 152 | **-5.0 %** |"));
 }
 
+TEST(BenchAgainst, CountsMayDifferALittle) {
+  const auto kind = [](double before, double now) {
+    return Compare({"n", "", true, {before}}, {"n", "", true, {now}});
+  };
+  EXPECT_EQ(kind(1e6, 1e6 + 100.0), ChangeKind::kNoise);
+  EXPECT_EQ(kind(1e6, 1e6 - 1000.0), ChangeKind::kChanged);
+  EXPECT_EQ(kind(0.0, 1.0), ChangeKind::kChanged);
+}
+
 TEST(BenchAgainst, TwoRunsDoNotTellNoiseFromChange) {
   const BenchReport before = ReportOf({10.0, 10.1}, 160.0), now = ReportOf({5.0, 5.1}, 160.0);
   EXPECT_EQ(Compare(before.rows[0].figures[0], now.rows[0].figures[0]), ChangeKind::kTooFew);
