@@ -8,7 +8,9 @@
 //     bits    one thread, one order: the same at any number of threads of the caller (as long as
 //             the installed BLAS does not itself share out a product by its own threads)
 //
-// Not thread-safe; different objects may be used at once. Private to backend/bundle.
+// Not thread-safe; different objects may be used at once.
+//
+// Private to backend/bundle.
 #pragma once
 
 #include <Eigen/Core>
