@@ -13,6 +13,7 @@
 #include "tools/info/command.h"
 #include "tools/merge/command.h"
 #include "tools/plot/command.h"
+#include "tools/refine/command.h"
 #include "tools/register/command.h"
 #include "tools/report/command.h"
 #include "tools/run/command.h"
@@ -34,6 +35,7 @@ void AddProductCommands(CLI::App* app, std::function<int()>* run) {
   AddDoctorCommand(app, run);
   AddSolveGraphCommand(app, run);
   AddMergeCommand(app, run);
+  AddRefineCommand(app, run);
   AddCampaignCommand(app, run);
 }
 

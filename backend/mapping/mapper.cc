@@ -67,7 +67,7 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
     if (!odometry_.lost()) lost_track_.Add(stamp_ns, *clusters, frame.twist);
     odometry_.Lose();
     ++lost_in_a_row_;
-    result.to_restart = !localising_ && MayRestart() && may_restart;
+    result.to_restart = may_restart_ && MayRestart() && may_restart;
     if (result.to_restart) return result;
   } else {
     matched_ = matched_ || frame.status == OdometryFrame::Status::kTracked;
@@ -272,7 +272,14 @@ bool Mapper::ApplySolve(const BundleResult& result) {
 
 void Mapper::StartLocalising(const SE3& T_world_lidar) {
   localising_ = true;
+  may_restart_ = false;
   odometry_.StartAt(T_world_lidar);
+}
+
+void Mapper::StartLocalising(const Trajectory& last) {
+  localising_ = true;
+  odometry_.StartOver();
+  for (const StampedPose& pose : last) odometry_.Accept(pose.stamp_ns, pose.T_world_lidar);
 }
 
 void Mapper::Close() {
@@ -292,9 +299,13 @@ void Mapper::PopOldest() {
 
 void Mapper::TellWindow() const {
   if (!on_final_keyframe_) return;
-  for (std::size_t i = 0; i < window_.frames().size(); ++i) {
-    on_final_keyframe_(piece_, window_.AsFinal(i));
-  }
+  for (const FinalKeyframe& keyframe : WindowKeyframes()) on_final_keyframe_(piece_, keyframe);
+}
+
+std::vector<FinalKeyframe> Mapper::WindowKeyframes() const {
+  std::vector<FinalKeyframe> keyframes;
+  for (std::size_t i = 0; i < window_.frames().size(); ++i) keyframes.push_back(window_.AsFinal(i));
+  return keyframes;
 }
 
 void Mapper::DropWindow() {
@@ -342,7 +353,7 @@ std::vector<Eigen::Vector3d> Mapper::NewestKeyframe() const {
 void Mapper::Archive(StateArchive& a) {
   a(&T_world_start_, &odometry_, &window_, &keyframes_, &first_id_, &keyframes_since_solve_,
     &frames_since_keyframe_, &solving_, &lost_in_a_row_, &lost_track_, &start_, &matched_,
-    &localising_);
+    &localising_, &may_restart_);
   open_.resize(a.Size(open_.size(), 1));
   for (OpenFrame& frame : open_) {
     a(&frame.scan, &frame.stamp_ns, &frame.keyframe_id, &frame.T_keyframe_lidar);

@@ -118,10 +118,15 @@ class Mapper {
   void TellFinalKeyframes(OnFinalKeyframe tell) { on_final_keyframe_ = std::move(tell); }
   // Of those that are in the window at the end, too.
   void TellWindow() const;
+  // Those in the window, as they stand.
+  std::vector<FinalKeyframe> WindowKeyframes() const;
 
   // From now on scans are matched to the map and leave it as it is, the first one near this pose.
   // Before any scan.
   void StartLocalising(const SE3& T_world_lidar);
+  // The same where the map is known to have had the sensor in the last scans. When it is lost for
+  // long, a scan is to begin a piece of its own.
+  void StartLocalising(const Trajectory& last);
 
   // No more scans come: the frames of the window join the fixed part of the map as they stand, and
   // all poses are final. Nothing is kept of a piece in which no scan was ever matched: another may
@@ -189,6 +194,7 @@ class Mapper {
   OnFinalKeyframe on_final_keyframe_;
   bool matched_ = false;  // any scan, ever
   bool localising_ = false;
+  bool may_restart_ = true;  // when it is lost for long
 };
 
 }  // namespace lamina

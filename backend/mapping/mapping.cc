@@ -5,6 +5,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "backend/submaps/piece_searches.h"
 #include "core/base/stopwatch.h"
 
 namespace lamina {
@@ -41,9 +42,18 @@ Mapping::Mapping(const MappingOptions& options, MappingCallbacks callbacks, Voxe
   }
 }
 
+Mapping::~Mapping() = default;
+
 void Mapping::StartLocalising(const SE3& T_world_lidar) {
   localise_from_ = T_world_lidar;
   loops_.reset();  // the map stays as it is
+}
+
+void Mapping::StartLocalising(const std::vector<MapPlace>& places) {
+  searches_ = std::make_unique<PieceSearches>(options_.loops, options_.mapper.odometry.matcher,
+                                              places, map_);
+  counts_.pieces = static_cast<std::size_t>(map_.LastPiece() + 1);
+  loops_.reset();
 }
 
 DecodedScan Mapping::Decode(const ScanSource& source, std::size_t begin, std::size_t i) const {
@@ -96,6 +106,7 @@ MappedScan Mapping::Add(DecodedScan scan) {
   // After the callback: a caller may be waiting for the pose of this scan, none yet for the next.
   if (!report.skipped) {
     CorrectMap(report.piece);
+    FindPlace(recording, report);
     recording->mapper->StartDueSolve();
   }
   SolveSilent(report.index);
@@ -147,15 +158,17 @@ std::unique_ptr<PieceMapper> Mapping::BeginPiece(const SE3& T_world_start) {
   }
   auto mapper =
       std::make_unique<PieceMapper>(options_.mapper, &map_, piece, next_stream_++, T_world_start);
+  if (searches_ != nullptr) searches_->Begin(piece);
   Listen(&mapper->mapper());
   if (localise_from_) mapper->mapper().StartLocalising(*localise_from_);
   return mapper;
 }
 
 void Mapping::Listen(Mapper* mapper) {
-  if (loops_ == nullptr && !callbacks_.on_final_keyframe) return;
+  if (loops_ == nullptr && searches_ == nullptr && !callbacks_.on_final_keyframe) return;
   mapper->TellFinalKeyframes([this](std::int64_t piece, const FinalKeyframe& keyframe) {
     if (loops_ != nullptr) loops_->Track(piece)->Add(keyframe);
+    if (PlaceSearch* const search = SearchOf(piece); search != nullptr) search->Add(keyframe);
     if (callbacks_.on_final_keyframe) callbacks_.on_final_keyframe(piece, keyframe);
   });
 }
@@ -166,6 +179,30 @@ void Mapping::CorrectMap(std::int64_t piece) {
   if (!parts) return;
   map_.SelectPiece(piece);
   map_.ReplaceFixed(*parts);
+}
+
+PlaceSearch* Mapping::SearchOf(std::int64_t piece) {
+  return searches_ == nullptr ? nullptr : searches_->Find(piece);
+}
+
+void Mapping::FindPlace(Recording* recording, const MappedScan& report) {
+  // Scans that say how the sensor moves.
+  constexpr std::size_t kLast = 5;
+  PlaceSearch* const search = SearchOf(report.piece);
+  if (search == nullptr || !report.keyframe || !search->Due()) return;
+  const Mapper& own = recording->mapper->mapper();
+  const std::optional<FoundPlace> found = searches_->Look(search, own.WindowKeyframes(), map_);
+  if (callbacks_.on_look) callbacks_.on_look({report.index, report.piece, search->reason(), found});
+  if (!found) return;
+  Trajectory last = own.OpenFrames();
+  if (last.size() > kLast) last.erase(last.begin(), last.end() - kLast);
+  for (StampedPose& pose : last) pose.T_world_lidar = found->T_piece_own * pose.T_world_lidar;
+  End(recording->mapper.get(), report.index);
+  map_.ErasePiece(report.piece);
+  ++counts_.found;
+  recording->mapper =
+      std::make_unique<PieceMapper>(options_.mapper, &map_, found->piece, next_stream_++, SE3());
+  recording->mapper->mapper().StartLocalising(last);
 }
 
 void Mapping::EndLongestSilent(std::size_t scan) {
@@ -184,6 +221,7 @@ void Mapping::End(PieceMapper* mapper, std::size_t scan) {
   poses_.Close(mapper->stream());
   mapper->mapper().Close();
   const std::int64_t piece = mapper->mapper().piece();
+  if (searches_ != nullptr) searches_->End(piece);
   if (loops_ != nullptr && loops_->Find(piece) != nullptr) loops_->Track(piece)->Finish();
 }
 
@@ -300,6 +338,7 @@ void Mapping::Archive(StateArchive& a) {
   SE3 start = localise_from_.value_or(SE3());
   a(&counts_, &poses_, &localising, &start, &next_stream_, &newest_);
   if (a.reading()) localise_from_ = localising ? std::make_optional(start) : std::nullopt;
+  ArchiveSearches(a);
   std::vector<std::string> names;
   for (const auto& [name, recording] : recordings_) names.push_back(name);
   a(&names);
@@ -317,8 +356,19 @@ void Mapping::Archive(StateArchive& a) {
     }
     a(recording.mapper.get());
   }
-  if (localise_from_) loops_.reset();
+  if (localise_from_ || searches_ != nullptr) loops_.reset();
   if (loops_ != nullptr) a(loops_.get());
+}
+
+void Mapping::ArchiveSearches(StateArchive& a) {
+  bool any = searches_ != nullptr;
+  a(&any);
+  if (!any) return;
+  if (a.reading()) {
+    searches_ = std::make_unique<PieceSearches>(options_.loops, options_.mapper.odometry.matcher,
+                                                options_.mapper.map.LeafSize());
+  }
+  searches_->Archive(a, map_);
 }
 
 }  // namespace lamina

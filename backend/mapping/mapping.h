@@ -37,7 +37,8 @@
 // would get alone. It begins a piece of the map (VoxelMap), and another one when it was lost for
 // too long: nothing is known of where one piece lies in the frame of another, and nothing of one is
 // matched to another or drawn over it. (Localising, all recordings are matched to the map that is
-// there, from the same start.) The number of recordings under way is bounded: when one more comes,
+// there, from the same start; or, without one, as a piece of its own until the map shows where it
+// is.) The number of recordings under way is bounded: when one more comes,
 // the one that was silent longest is ended, and what comes of it later begins a new piece.
 #pragma once
 
@@ -61,12 +62,17 @@
 
 namespace lamina {
 
+struct MapPlace;
+class PieceSearches;
+class PlaceSearch;
+
 // Not thread-safe, but for Decode.
 class Mapping {
  public:
   // `store` gets parts of the map that leave memory (VoxelMap). Throws OptionError.
   explicit Mapping(const MappingOptions& options = {}, MappingCallbacks callbacks = {},
                    VoxelStore* store = nullptr);
+  ~Mapping();
   Mapping(const Mapping&) = delete;
   Mapping& operator=(const Mapping&) = delete;
 
@@ -87,6 +93,11 @@ class Mapping {
 
   // From now on scans are matched to the map and leave it as it is, the first one near this pose.
   void StartLocalising(const SE3& T_world_lidar);
+  // The same without a start: each recording begins a piece of its own, which nothing connects to
+  // the map, until these places show where it is (backend/submaps/place_search.h). From then on its
+  // scans are matched to the map; one that is lost for long begins anew so. `places`: from
+  // PlaceIndex::SpacingM() apart, of pieces of the map.
+  void StartLocalising(const std::vector<MapPlace>& places);
 
   const MappingOptions& options() const { return options_; }
   const MappingCounts& counts() const { return counts_; }
@@ -116,6 +127,11 @@ class Mapping {
     std::unique_ptr<PieceMapper> mapper;
   };
 
+  // Looks for the piece of a recording among the places of the map; once found, its scans are
+  // matched to that.
+  void FindPlace(Recording* recording, const MappedScan& report);
+  // Null if the piece is not looked for.
+  PlaceSearch* SearchOf(std::int64_t piece);
   // Null if the map has no room for another piece.
   Recording* FindOrBegin(const MappedScan& report);
   std::unique_ptr<PieceMapper> BeginPiece(const SE3& T_world_start);
@@ -133,6 +149,7 @@ class Mapping {
   void HandOnFinalPoses(std::size_t scan);
   void CountSolves(std::vector<SolveReport> solves, std::size_t before_scan);
   FinalPoses::Visit Visitor() const;
+  void ArchiveSearches(StateArchive& a);
 
   const MappingOptions options_;
   MappingCallbacks callbacks_;
@@ -140,6 +157,7 @@ class Mapping {
   MappingCounts counts_;
   FinalPoses poses_;
   std::optional<SE3> localise_from_;
+  std::unique_ptr<PieceSearches> searches_;  // null unless localising without a start
   FinalPoses::Stream next_stream_ = 0;
   std::string newest_;  // recording
   bool finished_ = false;

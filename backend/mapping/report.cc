@@ -11,7 +11,7 @@ void SolveReport::Archive(StateArchive& a) {
 }
 
 void MappingCounts::Archive(StateArchive& a) {
-  a(&scans, &frames, &keyframes, &lost, &restarts, &degenerate, &searched, &pieces, &solves,
+  a(&scans, &frames, &keyframes, &lost, &restarts, &degenerate, &searched, &pieces, &found, &solves,
     &failed_solves, &discarded_solves);
   std::vector<SkipReason> reasons;
   std::vector<std::size_t> numbers;

@@ -10,6 +10,7 @@
 #include "backend/mapping/final_poses.h"
 #include "backend/mapping/mapped_scan.h"
 #include "backend/submaps/final_keyframe.h"
+#include "backend/submaps/place_report.h"
 #include "core/geometry/state_archive.h"
 
 namespace lamina {
@@ -28,6 +29,7 @@ struct MappingCounts {
   std::size_t scans = 0, frames = 0;  // with and without those skipped
   std::size_t keyframes = 0, lost = 0, restarts = 0, degenerate = 0, searched = 0;
   std::size_t pieces = 0;  // of the map, begun
+  std::size_t found = 0;   // pieces that a finished map showed the place of
   std::map<SkipReason, std::size_t> skipped;
   std::size_t solves = 0, failed_solves = 0, discarded_solves = 0;
 
@@ -42,6 +44,7 @@ struct MappingCallbacks {
   std::function<void()> on_settled;
   std::function<void(const FinalPose&)> on_final_pose;  // each scan, in order, somewhat later
   std::function<void(const SolveReport&)> on_solve;
+  OnPlaceReport on_look;
   OnFinalKeyframe on_final_keyframe;  // each that leaves the window
 };
 

@@ -25,7 +25,8 @@ struct SessionOptions {
 struct BaseMap {
   std::string session;        // its folder
   std::string fixed_options;  // those that it must have been begun with
-  SE3 T_world_start;          // where the first scan is, roughly, in piece 0 of its map
+  // Where the first scan is, roughly, in piece 0 of its map; without it, the map is to show that.
+  std::optional<SE3> T_world_start;
 };
 
 struct SessionSetup {

@@ -3,13 +3,18 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
+#include <cstddef>
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <sstream>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "backend/session/checkpoint.h"
+#include "backend/submaps/map_places.h"
+#include "backend/submaps/place_index.h"
 #include "core/base/error.h"
 
 namespace lamina {
@@ -38,21 +43,65 @@ void SetAside(const std::string& path, const std::string& why) {
   fs::rename(path, path + ".damaged", ignored);
 }
 
-// With the map of another session, to localise in it.
-std::unique_ptr<Mapping> MappingInBaseMap(const BaseMap& base, TileStore* tiles,
+// By piece, in its frame.
+using Ways = std::map<std::int64_t, std::vector<Eigen::Vector3d>>;
+
+// With the map of another session as it stands in a checkpoint, corrected by its loops, and the
+// ways through it.
+std::unique_ptr<Mapping> CopyOfMap(const SessionSetup& setup, std::int64_t scans, TileStore* tiles,
+                                   const MakeMapping& make, Ways* ways) {
+  const BaseMap& base = *setup.base_map;
+  const std::string path = (fs::path(base.session) / CheckpointName(scans)).string();
+  std::unique_ptr<Mapping> mapping = make();
+  if (setup.mapping.loops.enabled) {
+    // What it matches to is the part around its sensor alone.
+    Mapping mapped(setup.mapping);
+    ReadCheckpoint(path, base.fixed_options, CheckpointPart::kAll, &mapped);
+    if (mapped.loops() != nullptr) {
+      mapped.Finish();
+      mapped.loops()->AddCorrectedTo(&mapping->map());
+      for (const auto& [piece, closure] : mapped.loops()->pieces()) {
+        for (std::size_t i = 0; i < closure->submaps().size(); ++i) {
+          for (const SubmapKeyframe& keyframe : closure->submaps()[i].keyframes)
+            (*ways)[piece].push_back(closure->anchors()[i] * keyframe.T_submap_lidar.t);
+        }
+      }
+      return mapping;
+    }
+  }
+  ReadCheckpoint(path, base.fixed_options, CheckpointPart::kMap, mapping.get());
+  if (!mapping->map().HasPiece(0)) {
+    throw InputError(fmt::format("{}: no scan of the first piece of the map was ever matched",
+                                 CheckpointName(scans)));
+  }
+  tiles->CopyFrom((fs::path(base.session) / "map_tiles.db").string(), scans - 1);
+  const SessionDatabase database((fs::path(base.session) / "session.db").string(), false);
+  database.ForEach(0, scans, [&](const SessionScan& scan) {
+    if (scan.keyframe && !scan.skipped && mapping->map().HasPiece(scan.piece))
+      (*ways)[scan.piece].push_back(scan.T_world_lidar.t);
+  });
+  return mapping;
+}
+
+// To localise in the map of another session.
+std::unique_ptr<Mapping> MappingInBaseMap(const SessionSetup& setup, TileStore* tiles,
                                           const MakeMapping& make) {
+  const BaseMap& base = *setup.base_map;
   const SessionReadingLock lock(base.session);
   for (const std::int64_t scans : CheckpointsIn(base.session)) {
     try {
-      std::unique_ptr<Mapping> mapping = make();
-      ReadCheckpoint((fs::path(base.session) / CheckpointName(scans)).string(), base.fixed_options,
-                     CheckpointPart::kMap, mapping.get());
-      if (!mapping->map().HasPiece(0)) {
-        throw InputError(fmt::format("{}: no scan of the first piece of the map was ever matched",
-                                     CheckpointName(scans)));
+      Ways ways;
+      std::unique_ptr<Mapping> mapping = CopyOfMap(setup, scans, tiles, make, &ways);
+      if (base.T_world_start) {
+        mapping->StartLocalising(*base.T_world_start);
+        return mapping;
       }
-      tiles->CopyFrom((fs::path(base.session) / "map_tiles.db").string(), scans - 1);
-      mapping->StartLocalising(base.T_world_start);
+      std::vector<MapPlace> places;
+      for (const auto& [piece, way] : ways)
+        AddPlaces(piece, way, PlaceIndex::SpacingM(setup.mapping.loops), &places);
+      mapping->StartLocalising(places);
+      spdlog::info("the map is searched for the scans: {} places of {} pieces", places.size(),
+                   ways.size());
       return mapping;
     } catch (const InputError& error) {
       spdlog::error("{}; trying the checkpoint before it", error.what());
@@ -98,7 +147,7 @@ RecoveredMapping RecoverMapping(const SessionSetup& setup, const SessionFolder& 
   }
   if (recorded > 0) spdlog::warn("no checkpoint can be used: all scans are mapped again");
   tiles->RollBackTo(-1);
-  return {setup.base_map ? MappingInBaseMap(*setup.base_map, tiles, make) : make(), 0};
+  return {setup.base_map ? MappingInBaseMap(setup, tiles, make) : make(), 0};
 }
 
 }  // namespace lamina

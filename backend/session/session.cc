@@ -66,6 +66,9 @@ MappingCallbacks Session::Callbacks() {
     }
     if (hooks_.on_final) hooks_.on_final(pose);
   };
+  callbacks.on_look = [this](const PlaceReport& report) {
+    if (hooks_.on_look) hooks_.on_look(report);
+  };
   callbacks.on_solve = [this](const SolveReport& report) {
     if (!finished_) log_->Put(RecordOf(report));
   };

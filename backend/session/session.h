@@ -57,6 +57,8 @@ struct SessionHooks {
   // Before on_durable can be called for that scan; exactly for those for which it will be.
   std::function<void(const MappedScan&, const SessionScan&)> on_mapped;
   std::function<void(const MappedScan&, const SessionScan&)> on_scan;
+  // Localising without a start: a look for a piece among the places of the map.
+  OnPlaceReport on_look;
   // A pose that nothing will change any more; the scan may not be durable yet.
   std::function<void(const FinalPose&)> on_final;
   std::function<void(const SessionScan&)> on_durable;

@@ -80,6 +80,10 @@ bool VoxelMap::RoomForPiece() const {
          std::find(pieces_.begin(), pieces_.end(), kNoPiece) != pieces_.end();
 }
 
+std::int64_t VoxelMap::LastPiece() const {
+  return *std::max_element(pieces_.begin(), pieces_.end());
+}
+
 void VoxelMap::BeginPiece(std::int64_t piece) {
   const auto free = std::find(pieces_.begin(), pieces_.end(), kNoPiece);
   slot_ = static_cast<int>(free - pieces_.begin());

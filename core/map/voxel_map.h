@@ -92,11 +92,16 @@ class VoxelMap {
   std::int64_t selected_piece() const { return pieces_[static_cast<std::size_t>(slot_)]; }
   bool HasPiece(std::int64_t piece) const;
   bool RoomForPiece() const;
+  // The largest number of a piece.
+  std::int64_t LastPiece() const;
   // A new one, numbered so, and selects it. There must be room.
   void BeginPiece(std::int64_t piece);
   // Of a piece that nothing is to be kept of: takes out these roots, which are not held, and are
   // all that it has; gives its room to another.
   void DropPiece(std::int64_t piece, const std::vector<VoxelKey>& roots);
+  // The same of a piece of which nothing is held, in memory and in the store. A walk over all of
+  // the map.
+  void ErasePiece(std::int64_t piece);
 
   // --- Reading -------------------------------------------------------------------------------
 
@@ -130,6 +135,10 @@ class VoxelMap {
   // that is `changed_by` or earlier (0 for what lies in the store).
   std::int64_t ForEachSurfaceOfTile(VoxelKey tile, std::int64_t changed_by, int min_frames,
                                     const VisitSurfel& visit) const;
+  // The clusters of the leaves of one tile, in world coordinates, with the number of frames that
+  // they are of; first those in memory, then those in the store, where they stay.
+  using VisitLeaf = std::function<void(const PointCluster& cluster, int frames)>;
+  void ForEachLeafOfTile(VoxelKey tile, const VisitLeaf& visit) const;
   // The tiles of a piece in memory and in the store, their changes numbered by refreshes(). Null
   // unless TrackTiles() was called.
   const TileIndex* tiles(std::int64_t piece = 0) const;
@@ -272,7 +281,10 @@ class VoxelMap {
   // that of the root.
   PointCluster SumTree(NodeId id, const Eigen::Vector3d& centre, std::vector<TreeSum>* sums) const;
   void RefreshTree(NodeId root, std::vector<TreeSum>* sums, std::vector<PlaneChange>* changes);
+  // Those of a tile that are in memory, in the order of their keys.
+  std::vector<NodeId> RootsOfTile(VoxelKey tile) const;
   void VisitRoot(NodeId root, int min_frames, const VisitSurfel& visit) const;
+  static void VisitLeaves(const VoxelTrees& trees, NodeId root, const VisitLeaf& visit);
   void VisitSurfaces(NodeId id, int min_frames, std::int64_t piece, const VisitSurfel& visit) const;
   std::int32_t LastAdded(NodeId id) const;
 

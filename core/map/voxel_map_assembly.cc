@@ -1,4 +1,4 @@
-// The fixed part of a piece, exchanged as a whole: what was put together elsewhere takes its place.
+// The fixed part of a piece as a whole: exchanged for what was put together elsewhere, or erased.
 #include <algorithm>
 #include <utility>
 
@@ -24,6 +24,14 @@ void VoxelMap::ReplaceFixed(const std::vector<FixedPart>& parts) {
   EvictFor(reserve, trees_.touches());
   // Not added by a frame: no measure of what the next one may add.
   bytes_after_eviction_ = trees_.used_bytes();
+}
+
+void VoxelMap::ErasePiece(std::int64_t piece) {
+  SelectPiece(piece);
+  Refresh();
+  DropStored();
+  DropFixed();
+  DropPiece(piece, {});
 }
 
 void VoxelMap::DropStored() {

@@ -87,18 +87,42 @@ void VoxelMap::ForEachSurface(int min_frames, const VisitSurfel& visit) const {
   stored.Show();
 }
 
-std::int64_t VoxelMap::ForEachSurfaceOfTile(VoxelKey tile, std::int64_t changed_by, int min_frames,
-                                            const VisitSurfel& visit) const {
+std::vector<VoxelMap::NodeId> VoxelMap::RootsOfTile(VoxelKey tile) const {
   constexpr int kEdge = 1 << kTileBits;
   std::vector<NodeId> roots;
-  std::int64_t changed = 0;
   for (int i = 0; i < kEdge * kEdge * kEdge; ++i) {
     const NodeId root =
         trees_.FindRoot(VoxelOfTile(tile, i / kEdge / kEdge, i / kEdge % kEdge, i % kEdge));
-    if (root == kNoNode) continue;
-    roots.push_back(root);
-    changed = std::max(changed, std::int64_t{trees_.root(root).refreshed});
+    if (root != kNoNode) roots.push_back(root);
   }
+  return roots;
+}
+
+void VoxelMap::VisitLeaves(const VoxelTrees& trees, NodeId root, const VisitLeaf& visit) {
+  const Eigen::Vector3d centre = trees.CentreOf(root);
+  trees.ForEachLeaf(root, [&](const MapLeaf& leaf) {
+    PointCluster cluster = leaf.fixed.Unpacked(centre);
+    if (const PointCluster* window = trees.FindWindow(leaf)) cluster += *window;
+    if (!cluster.Empty()) visit(cluster, leaf.fixed_frames + leaf.window_frames);
+  });
+}
+
+void VoxelMap::ForEachLeafOfTile(VoxelKey tile, const VisitLeaf& visit) const {
+  for (const NodeId root : RootsOfTile(tile)) VisitLeaves(trees_, root, visit);
+  if (store_ == nullptr || !store_->Has(tile)) return;
+  VoxelTrees trees(options_.root_size_m, options_.depth);
+  store_->Show(tile, [&](std::string_view record) {
+    StateArchive a(record);
+    VisitLeaves(trees, trees.Load(a), visit);
+  });
+}
+
+std::int64_t VoxelMap::ForEachSurfaceOfTile(VoxelKey tile, std::int64_t changed_by, int min_frames,
+                                            const VisitSurfel& visit) const {
+  const std::vector<NodeId> roots = RootsOfTile(tile);
+  std::int64_t changed = 0;
+  for (const NodeId root : roots)
+    changed = std::max(changed, std::int64_t{trees_.root(root).refreshed});
   if (changed <= changed_by) return changed;
   for (const NodeId root : roots) VisitRoot(root, min_frames, visit);
   if (store_ == nullptr || !store_->Has(tile)) return changed;

@@ -243,7 +243,7 @@ class Campaign {
       for (const std::string& folder : folders) drives.push_back(ReadDrive(folder));
       SortByAge(&drives);
     });
-    const MergedMap merged(drives, config_, Sharing());
+    const MergedMap merged(drives, config_, MergedMap::Effort::kJoin, {}, Sharing());
     Together(ranks_, [&] {
       if (ranks_.rank() > 0) return;
       FolderWriter folder(target);

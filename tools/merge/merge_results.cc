@@ -43,7 +43,7 @@ class MergeOutput {
     Trajectory all;
     RemovePieceFiles(folder_, DriveTrajectoryName);
     FileWriter table(Path("frames.csv"));
-    table.Write("scan,stamp_s,status,piece,drive\n");
+    table.Write("scan,stamp_s,status,piece,frame,drive\n");
     for (std::size_t d = 0; d < drives_.size(); ++d) {
       Trajectory drive;
       const std::vector<MergedMap::Posed> posed = merged_.PosesOf(d);
@@ -52,7 +52,7 @@ class MergeOutput {
         const StampedPose pose{p.pose->pose.stamp_ns, p.T_frame_lidar};
         std::string line = fmt::format("{},", all.size());
         AppendSeconds(pose.stamp_ns, &line);
-        table.Write(line + fmt::format(",{},{},{}\n", p.pose->status, p.frame, d));
+        table.Write(line + fmt::format(",{},{},{},{}\n", p.pose->status, p.piece, p.frame, d));
         all.push_back(pose);
         drive.push_back(pose);
         by_frame[p.frame].push_back(pose);
@@ -93,18 +93,15 @@ class MergeOutput {
     table.Commit();
   }
 
-  // Pieces are numbered through all drives.
   void WriteGraphs() const {
     RemovePieceFiles(folder_, GraphFileName);
-    std::map<std::pair<std::size_t, std::int64_t>, std::int64_t> number;
     std::vector<SubmapFrameView> views;
     for (std::size_t frame = 0; frame < merged_.frames(); ++frame) {
       SubmapFrameView view;
       view.frame = static_cast<std::int64_t>(frame);
       for (const std::size_t i : merged_.SubmapsOfFrame(frame)) {
         const MergedMap::Origin& origin = merged_.origin(i);
-        const auto next = static_cast<std::int64_t>(number.size());
-        view.pieces.push_back(number.try_emplace({origin.drive, origin.piece}, next).first->second);
+        view.pieces.push_back(merged_.PieceNumber(origin.drive, origin.piece));
         view.submaps.push_back(origin.submap);
       }
       view.graph = PartOfGraph(merged_.graph(), merged_.SubmapsOfFrame(frame));

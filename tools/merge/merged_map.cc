@@ -2,10 +2,16 @@
 
 #include <fmt/format.h>
 
+#include <utility>
+
+#include "backend/submaps/map_refinement.h"
 #include "core/base/error.h"
 
 namespace lamina {
 namespace {
+
+// Of association, as a factor, where all pairs are compared.
+constexpr int kMoreRounds = 4;
 
 void CheckLeaves(const std::vector<Drive>& drives) {
   const Submap* first = nullptr;
@@ -25,8 +31,8 @@ void CheckLeaves(const std::vector<Drive>& drives) {
 
 }  // namespace
 
-MergedMap::MergedMap(const std::vector<Drive>& drives, const LaminaConfig& config,
-                     const WorkSharing& sharing)
+MergedMap::MergedMap(const std::vector<Drive>& drives, const LaminaConfig& config, Effort effort,
+                     const Progress& progress, const WorkSharing& sharing)
     : drives_(drives) {
   CheckLeaves(drives);
   std::vector<MapPiece> pieces;
@@ -41,10 +47,23 @@ MergedMap::MergedMap(const std::vector<Drive>& drives, const LaminaConfig& confi
   NumberFrames();
   std::vector<const Submap*> submaps;
   for (const Origin& origin : origins_) submaps.push_back(origin.submap);
-  bundle_ = AdjustSubmaps(submaps, joined_.graph, config.loops.bundle, config.map,
+  SubmapBundleOptions bundle = config.loops.bundle;
+  if (effort == Effort::kAllPairs) {
+    Refine(submaps, config, progress);
+    bundle.rounds *= kMoreRounds;
+  }
+  bundle_ = AdjustSubmaps(submaps, joined_.graph, bundle, config.map,
                           config.frontend.matcher.noise_floor_m);
   joined_.graph.poses = bundle_.anchors;
   CorrectDrives();
+}
+
+void MergedMap::Refine(const std::vector<const Submap*>& submaps, const LaminaConfig& config,
+                       const Progress& progress) {
+  RefinedGraph refined = RefineGraph(submaps, joined_.graph, config.loops, config.map,
+                                     config.frontend.matcher, progress);
+  joined_.graph = std::move(refined.graph);
+  joined_.loops.insert(joined_.loops.end(), refined.loops.begin(), refined.loops.end());
 }
 
 void MergedMap::AddOrigins() {
@@ -67,6 +86,12 @@ void MergedMap::NumberFrames() {
       frame_of_[i] = at->second;
       members_[at->second].push_back(i);
       frame_of_piece_[{d, origins_[i].piece}] = at->second;
+    }
+  }
+  for (const std::vector<std::size_t>& members : members_) {
+    for (const std::size_t i : members) {
+      const auto next = static_cast<std::int64_t>(numbers_.size());
+      numbers_.try_emplace({origins_[i].drive, origins_[i].piece}, next);
     }
   }
 }
@@ -93,7 +118,7 @@ std::vector<MergedMap::Posed> MergedMap::PosesOf(std::size_t drive) const {
   for (const DrivePose& pose : drives_[drive].poses) {
     const auto correction = corrections_.find({drive, pose.piece});
     if (correction == corrections_.end()) continue;
-    posed.push_back({frame_of_piece_.at({drive, pose.piece}), &pose,
+    posed.push_back({frame_of_piece_.at({drive, pose.piece}), PieceNumber(drive, pose.piece), &pose,
                      correction->second.Corrected(pose.pose.stamp_ns, pose.pose.T_world_lidar)});
   }
   return posed;

@@ -1,12 +1,16 @@
 // Drives of one place as one map: their pieces joined (backend/submaps/piece_joining.h), then
 // adjusted together (backend/submaps/submap_bundle.h).
 //
+// With more effort, all pairs of submaps that then overlap are compared in between
+// (backend/submaps/map_refinement.h), and the adjustment takes more rounds.
+//
 // What is joined lies in one frame, that of its oldest submap; frames are numbered from 0, the
 // oldest first.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <utility>
 #include <vector>
@@ -21,7 +25,11 @@ class MergedMap {
  public:
   // Drives sorted by age, one at least; they must outlive it. Throws InputError if their submaps
   // have leaves of different sizes.
+  enum class Effort { kJoin, kAllPairs };
+  // Pairs that were compared, and that are known to be due.
+  using Progress = std::function<void(std::size_t, std::size_t)>;
   MergedMap(const std::vector<Drive>& drives, const LaminaConfig& config,
+            Effort effort = Effort::kJoin, const Progress& progress = {},
             const WorkSharing& sharing = {});
 
   std::size_t frames() const { return members_.size(); }
@@ -40,8 +48,14 @@ class MergedMap {
   };
   const Origin& origin(std::size_t submap) const { return origins_[submap]; }
 
+  // The number of a drive's piece among those of all drives, frame by frame.
+  std::int64_t PieceNumber(std::size_t drive, std::int64_t piece) const {
+    return numbers_.at({drive, piece});
+  }
+
   struct Posed {
     std::size_t frame = 0;
+    std::int64_t piece = 0;  // its number among those of all drives
     const DrivePose* pose = nullptr;
     SE3 T_frame_lidar;
   };
@@ -53,6 +67,8 @@ class MergedMap {
 
  private:
   void AddOrigins();
+  void Refine(const std::vector<const Submap*>& submaps, const LaminaConfig& config,
+              const Progress& progress);
   void NumberFrames();
   void CorrectDrives();
 
@@ -66,6 +82,7 @@ class MergedMap {
   // Of each piece of each drive.
   std::map<std::pair<std::size_t, std::int64_t>, AnchorCorrection> corrections_;
   std::map<std::pair<std::size_t, std::int64_t>, std::size_t> frame_of_piece_;
+  std::map<std::pair<std::size_t, std::int64_t>, std::int64_t> numbers_;
 };
 
 }  // namespace lamina

@@ -145,6 +145,21 @@ class SubmapReader {
 
 }  // namespace
 
+std::vector<SubmapFrameView> FramesOf(const std::map<std::int64_t, const LoopClosure*>& pieces) {
+  std::vector<SubmapFrameView> frames;
+  for (const auto& [piece, closure] : pieces) {
+    if (closure->submaps().empty()) continue;
+    SubmapFrameView& frame = frames.emplace_back();
+    frame.frame = piece;
+    frame.graph = closure->graph();
+    for (const Submap& submap : closure->submaps()) {
+      frame.pieces.push_back(piece);
+      frame.submaps.push_back(&submap);
+    }
+  }
+  return frames;
+}
+
 void WriteSubmaps(const std::string& path, const std::vector<SubmapFrameView>& frames) {
   SectionWriter writer(path, kKind);
   for (const SubmapFrameView& frame : frames) {

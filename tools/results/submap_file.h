@@ -12,10 +12,12 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <string>
 #include <vector>
 
 #include "backend/submaps/anchor_graph.h"
+#include "backend/submaps/loop_closure.h"
 #include "backend/submaps/submap.h"
 
 namespace lamina {
@@ -37,6 +39,9 @@ struct SubmapFrameView {
   std::vector<const Submap*> submaps;
   AnchorGraph graph;
 };
+
+// Of pieces that nothing joins, each a frame; they must outlive it.
+std::vector<SubmapFrameView> FramesOf(const std::map<std::int64_t, const LoopClosure*>& pieces);
 
 // Throws OutputError.
 void WriteSubmaps(const std::string& path, const std::vector<SubmapFrameView>& frames);

@@ -9,6 +9,7 @@
 #include <csignal>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -45,9 +46,9 @@ void RequestReload(int) {
   daemon->Wake();
 }
 
-// x y z, or x y z qx qy qz qw.
-SE3 ParseStart(const std::vector<double>& numbers) {
-  if (numbers.empty()) return SE3();
+// x y z, or x y z qx qy qz qw; nothing of nothing.
+std::optional<SE3> ParseStart(const std::vector<double>& numbers) {
+  if (numbers.empty()) return std::nullopt;
   if (numbers.size() != 3 && numbers.size() != 7) {
     throw OptionError(
         fmt::format("--start has {} numbers: must be x y z or x y z qx qy qz qw", numbers.size()));
@@ -158,7 +159,7 @@ void AddMappingOptions(CLI::App* command, WatchArguments* a) {
   command
       ->add_option("--start", a->start,
                    "For --mode localise: where the first scan is in the map, roughly: x y z, or "
-                   "x y z qx qy qz qw")
+                   "x y z qx qy qz qw. Without it the sensor is looked for everywhere in the map")
       ->expected(3, 7);
 }
 

@@ -13,6 +13,7 @@
 #include "tools/cli/common.h"
 #include "tools/results/piece_trajectories.h"
 #include "tools/results/process_report.h"
+#include "tools/results/submap_file.h"
 #include "tools/watch/continued.h"
 #include "tools/watch/log.h"
 #include "tools/watch/service_notify.h"
@@ -41,6 +42,21 @@ SystemClock::time_point LastChange(const std::string& path) {
 
 // Scans of a recording in one file are decoded for their stamps, too: so many stay unpacked.
 constexpr std::size_t kBatchOfRecording = 8;
+
+void LogLook(const PlaceReport& report) {
+  if (!report.found) {
+    if (report.reason.empty()) return;
+    spdlog::info("scan {}: piece {} is not found in the map yet: {}", report.scan, report.piece,
+                 report.reason);
+    return;
+  }
+  const SE3& T = report.found->T_piece_own;
+  spdlog::info(
+      "scan {}: found in piece {} of the map: piece {} begins there at {:.3f} {:.3f} {:.3f}, "
+      "quaternion {:.6f} {:.6f} {:.6f} {:.6f}",
+      report.scan, report.found->piece, report.piece, T.t.x(), T.t.y(), T.t.z(), T.q.x(), T.q.y(),
+      T.q.z(), T.q.w());
+}
 
 LivePose LivePoseOf(const FinalPose& pose) {
   return {static_cast<std::int64_t>(pose.scan), pose.pose.stamp_ns, pose.pose.T_world_lidar,
@@ -96,10 +112,13 @@ SessionSetup WatchDaemon::MakeSessionSetup() const {
   setup.base_map = setup_.base_map;
   if (setup_.base_map) {
     setup.base_map->fixed_options = setup.fixed_options;
-    const SE3& T = setup_.base_map->T_world_start;
-    setup.fixed_options += fmt::format("localise:\n  map: {}\n  start: {} {} {} {} {} {} {}\n",
-                                       setup_.base_map->session, T.t.x(), T.t.y(), T.t.z(), T.q.x(),
-                                       T.q.y(), T.q.z(), T.q.w());
+    std::string start = "none";
+    if (const std::optional<SE3>& T = setup_.base_map->T_world_start) {
+      start = fmt::format("{} {} {} {} {} {} {}", T->t.x(), T->t.y(), T->t.z(), T->q.x(), T->q.y(),
+                          T->q.z(), T->q.w());
+    }
+    setup.fixed_options +=
+        fmt::format("localise:\n  map: {}\n  start: {}\n", setup_.base_map->session, start);
   }
   return setup;
 }
@@ -111,6 +130,7 @@ SessionHooks WatchDaemon::Hooks() {
   hooks.on_final = [this](const FinalPose& pose) {
     if (setup_.http && !pose.skipped) view_.RevisePoses({LivePoseOf(pose)});
   };
+  hooks.on_look = [](const PlaceReport& report) { LogLook(report); };
   hooks.on_durable = [this](const SessionScan& row) { OnDurable(row); };
   hooks.on_checkpoint = [this](const SessionCheckpoint& checkpoint, std::int64_t released) {
     OnCheckpoint(checkpoint, released);
@@ -373,6 +393,8 @@ void WatchDaemon::WriteOutputs() {
   table.Commit();
   WritePieceTrajectories(setup_.session, table.pieces(),
                          [&](const FinalPoses::Visit& visit) { session_->ForEachPose(visit); });
+  if (const PieceLoops* const loops = session_->mapping().loops(); loops != nullptr)
+    WriteSubmaps((folder / kSubmapFileName).string(), FramesOf(loops->pieces()));
   RunFigures figures;
   const VoxelMap& map = session_->mapping().map();
   figures.map_surfels = WriteMap(

@@ -7,16 +7,11 @@
 #include <algorithm>
 #include <filesystem>
 #include <functional>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
-#include "config/config.h"
 #include "core/base/error.h"
-#include "io/recording/trajectory_io.h"
-#include "tests/support/io_test_files.h"
-#include "tests/support/mapped_drives.h"
-#include "tools/results/submap_file.h"
+#include "tests/support/drive_folders.h"
 
 namespace lamina {
 namespace {
@@ -31,54 +26,7 @@ int Merge(std::vector<std::string> arguments) {
   return run();
 }
 
-class MergeCommand : public FilesTest {
- protected:
-  // The output folder of a run over a drive that began `start_s` seconds after the first day. Its
-  // world is the frame of its first pose, and drifts.
-  std::string MapDrive(const std::string& name, const Town& town, const std::vector<SE3>& drive,
-                       int start_s) {
-    const MappedDrive mapped = lamina::MapDrive(town, drive, static_cast<unsigned>(start_s + 1),
-                                                0.0004, 1000000000LL * start_s);
-    const LoopClosure& closure = *mapped.loops;
-    Trajectory odometry = mapped.odometry;
-    LaminaConfig config;
-    config.loops = DriveLoopOptions();
-    SubmapFrameView view;
-    view.graph = closure.graph();
-    for (const Submap& submap : closure.submaps()) {
-      view.submaps.push_back(&submap);
-      view.pieces.push_back(0);
-    }
-    std::filesystem::create_directories(Path(name));
-    WriteSubmaps(Path(name + "/" + kSubmapFileName), {view});
-    const AnchorCorrection correction(closure.submaps(), closure.anchors());
-    std::string table = "scan,stamp_s,status,piece\n";
-    for (std::size_t i = 0; i < odometry.size(); ++i) {
-      odometry[i].T_world_lidar =
-          correction.Corrected(odometry[i].stamp_ns, odometry[i].T_world_lidar);
-      table += std::to_string(i) + ",";
-      AppendSeconds(odometry[i].stamp_ns, &table);
-      table += ",tracked,0\n";
-    }
-    WriteTumTrajectory(Path(name + "/trajectory_tum.txt"), odometry);
-    Write(name + "/frames.csv", table);
-    Write(name + "/config.yaml", ToYaml(config));
-    return Path(name);
-  }
-  nlohmann::json Summary(const std::string& out = "out") const {
-    return nlohmann::json::parse(Bytes(Path(out + "/summary.json")));
-  }
-  // Root mean square of the errors of a drive in the frame whose origin is at this true pose.
-  double ErrorM(const std::string& file, const SE3& T_true_frame,
-                const std::vector<SE3>& truth) const {
-    const Trajectory poses = ReadTrajectory(Path(file));
-    EXPECT_EQ(poses.size(), truth.size());
-    double square = 0.0;
-    for (std::size_t i = 0; i < poses.size(); ++i)
-      square += (T_true_frame * poses[i].T_world_lidar.t - truth[i].t).squaredNorm();
-    return std::sqrt(square / static_cast<double>(poses.size()));
-  }
-};
+class MergeCommand : public DriveFoldersTest {};
 
 TEST_F(MergeCommand, DrivesOfOneTownBecomeOneMapWhateverTheirOrder) {
   const Town town(1);
@@ -113,6 +61,24 @@ TEST_F(MergeCommand, DrivesOfTwoTownsStayTwoMaps) {
   for (const char* name : {"map_surfels_piece1.ply", "trajectory_tum_piece0.txt",
                            "trajectory_tum_piece1.txt", "graph_piece1.g2o"})
     EXPECT_TRUE(std::filesystem::exists(Path(std::string("out/") + name))) << name;
+}
+
+TEST_F(MergeCommand, WhatWasMergedIsMergedWithMore) {
+  const Town town(1);
+  const std::vector<SE3> there = Drive({{-60, -60}, {60, -60}, {60, 60}});
+  const std::vector<SE3> back = Drive({{60, 30}, {60, -60}, {-60, -60}});
+  const std::vector<SE3> third = Drive({{60, -60}, {60, 60}, {0, 60}});
+  const std::string first = MapDrive("first", town, there, 0);
+  const std::string second = MapDrive("second", town, back, 1000);
+  // Its stamps lie between those of the others.
+  const std::string last = MapDrive("last", town, third, 500);
+  ASSERT_EQ(Merge({first, second, "--out", Path("two")}), 0);
+  ASSERT_EQ(Merge({Path("two"), last, "--out", Path("out")}), 0);
+  EXPECT_EQ(Summary()["frames"].size(), 1U);
+  std::vector<SE3> both = there;
+  both.insert(both.end(), back.begin(), back.end());
+  EXPECT_LT(ErrorM("out/trajectory_tum_drive0.txt", there[0], both), 1.0);
+  EXPECT_LT(ErrorM("out/trajectory_tum_drive1.txt", there[0], third), 1.0);
 }
 
 TEST_F(MergeCommand, WhatIsNoDriveIsNamed) {

@@ -1,0 +1,34 @@
+// Places of a finished map: what it has around points of the ways that sensors took through it.
+//
+// A place is described (place_image.h) and registered against as a submap is, but holds all that
+// the map has within a radius of it, whichever keyframes saw it; it is read out of the map when it
+// is needed. Neighbouring places overlap: one of them is near the middle of any short way.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "backend/submaps/submap.h"
+#include "core/geometry/se3.h"
+#include "core/geometry/state_archive.h"
+#include "core/map/voxel_map.h"
+
+namespace lamina {
+
+struct MapPlace {
+  std::int64_t piece = 0;
+  Eigen::Vector3d at = Eigen::Vector3d::Zero();  // of the sensor, in the frame of the piece
+
+  void Archive(StateArchive& a) { a(&piece, &at); }
+};
+
+// Adds places of a piece along a way, so that each point of it is within `spacing_m` of one.
+void AddPlaces(std::int64_t piece, const std::vector<Eigen::Vector3d>& way, double spacing_m,
+               std::vector<MapPlace>* places);
+
+// What the map has within `radius_m` of a place, in a frame that is parallel to the piece's and
+// whose voxels are those of the map. One keyframe, at the place. Depends on what the map holds
+// alone, in memory or in its store.
+Submap SubmapAround(const MapPlace& place, double radius_m, const VoxelMap& map);
+
+}  // namespace lamina

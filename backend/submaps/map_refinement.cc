@@ -1,0 +1,196 @@
+#include "backend/submaps/map_refinement.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <set>
+#include <string>
+#include <utility>
+
+#include "backend/submaps/submap_pairs.h"
+#include "backend/submaps/submap_place.h"
+
+namespace lamina {
+namespace {
+
+// Middles of submaps that are compared are at most so far apart, of the way of one; the nearest.
+constexpr double kBesideShare = 0.7;
+constexpr std::size_t kBesideEach = 6;
+constexpr int kMostRounds = 6;
+// A loop that is where the anchors have it, but for what they were not known by.
+constexpr double kStaysM = 2.0, kStaysDeg = 3.0;
+// Pairs that are registered between two reports of progress.
+constexpr std::size_t kBatch = 64;
+
+using Pair = std::pair<std::size_t, std::size_t>;
+
+class GraphRefiner {
+ public:
+  GraphRefiner(const std::vector<const Submap*>& submaps, const AnchorGraph& graph,
+               const LoopOptions& options, const VoxelMapOptions& map,
+               const ScanMatcherOptions& matcher)
+      : submaps_(submaps), options_(options), map_(map), registration_(matcher) {
+    result_.graph = graph;
+    for (const auto* edges : {&graph.odometry, &graph.loops}) {
+      for (const AnchorEdge& edge : *edges) compared_.insert(std::minmax(edge.from, edge.to));
+    }
+    FindParts();
+    Describe();
+  }
+
+  RefinedGraph Refine(const std::function<void(std::size_t, std::size_t)>& progress) {
+    std::size_t done = 0;
+    for (; result_.rounds < kMostRounds; ++result_.rounds) {
+      const std::vector<SubmapPair> pairs = Overlapping();
+      if (pairs.empty()) break;
+      const std::size_t due = done + pairs.size();
+      for (std::size_t begin = 0; begin < pairs.size(); begin += kBatch) {
+        const std::size_t end = std::min(pairs.size(), begin + kBatch);
+        Compare({pairs.begin() + static_cast<std::ptrdiff_t>(begin),
+                 pairs.begin() + static_cast<std::ptrdiff_t>(end)});
+        done += end - begin;
+        if (progress) progress(done, due);
+      }
+      Solve();
+    }
+    return std::move(result_);
+  }
+
+ private:
+  void FindParts();
+  void Describe();
+  std::vector<SubmapPair> Overlapping() const;
+  void Compare(const std::vector<SubmapPair>& pairs);
+  void Solve();
+  Eigen::Vector3d Middle(std::size_t i) const { return images_[i].T_level_submap.Inverse().t; }
+
+  const std::vector<const Submap*>& submaps_;
+  const LoopOptions& options_;
+  const VoxelMapOptions& map_;
+  SubmapRegistration registration_;
+  std::vector<PlaceImage> images_;
+  std::vector<std::size_t> part_, chain_;  // chain_: those that odometry joins
+  std::vector<double> way_;                // along the chain
+  std::set<Pair> compared_;
+  std::vector<std::size_t> loop_of_edge_;  // of the edges that were found here
+  RefinedGraph result_;
+};
+
+void GraphRefiner::FindParts() {
+  part_.resize(submaps_.size());
+  std::iota(part_.begin(), part_.end(), std::size_t{0});
+  chain_ = part_;
+  way_.assign(submaps_.size(), 0.0);
+  const auto join = [](const std::vector<AnchorEdge>& edges, std::vector<std::size_t>* of) {
+    for (const AnchorEdge& edge : edges) {
+      const auto [first, second] = std::minmax((*of)[edge.from], (*of)[edge.to]);
+      if (first != second) std::replace(of->begin(), of->end(), second, first);
+    }
+  };
+  const AnchorGraph& graph = result_.graph;
+  join(graph.odometry, &chain_);
+  for (const AnchorEdge& edge : graph.odometry) {
+    if (edge.to == edge.from + 1) way_[edge.to] = way_[edge.from] + submaps_[edge.from]->way_m;
+  }
+  part_ = chain_;
+  join(graph.loops, &part_);
+}
+
+void GraphRefiner::Describe() {
+  images_.reserve(submaps_.size());
+  for (std::size_t i = 0; i < submaps_.size(); ++i) {
+    const bool follows = i > 0 && chain_[i] == chain_[i - 1];
+    images_.push_back(ImageOfSubmap(*submaps_[i], LeafPlanes(*submaps_[i]),
+                                    follows ? submaps_[i - 1] : nullptr,
+                                    follows ? &images_[i - 1] : nullptr, options_.place));
+  }
+}
+
+std::vector<SubmapPair> GraphRefiner::Overlapping() const {
+  const std::vector<SE3>& poses = result_.graph.poses;
+  std::vector<Eigen::Vector3d> middles;
+  for (std::size_t i = 0; i < poses.size(); ++i) middles.push_back(poses[i] * Middle(i));
+  std::vector<SubmapPair> pairs;
+  for (std::size_t to = 0; to < poses.size(); ++to) {
+    std::vector<std::pair<double, std::size_t>> near;
+    for (std::size_t from = 0; from < to; ++from) {
+      if (part_[from] != part_[to]) continue;
+      if (chain_[from] == chain_[to] &&
+          way_[to] - way_[from] - submaps_[from]->way_m < options_.min_way_m)
+        continue;
+      const double distance = (middles[from] - middles[to]).norm();
+      if (distance < kBesideShare * options_.submap.length_m) near.emplace_back(distance, from);
+    }
+    std::sort(near.begin(), near.end());
+    if (near.size() > kBesideEach) near.resize(kBesideEach);
+    for (const auto& [distance, from] : near) {
+      if (compared_.count({from, to}) == 0)
+        pairs.push_back({from, to, poses[from].Inverse() * poses[to], 0.0});
+    }
+  }
+  return pairs;
+}
+
+void GraphRefiner::Compare(const std::vector<SubmapPair>& pairs) {
+  const std::vector<SubmapMatch> matches =
+      RegisterPairs(submaps_, images_, pairs, registration_, map_, {});
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    compared_.insert({pairs[i].from, pairs[i].to});
+    Loop loop;
+    loop.from = pairs[i].from;
+    loop.to = pairs[i].to;
+    loop.match = matches[i];
+    loop.reason = Refusal(loop.match, options_.verification);
+    const Eigen::Vector3d middle = Middle(loop.to);
+    const bool stays =
+        (pairs[i].T_from_to * middle - loop.match.T_other_query * middle).norm() < kStaysM &&
+        RotationAngle(pairs[i].T_from_to, loop.match.T_other_query) < kStaysDeg * M_PI / 180.0;
+    if (loop.reason.empty() && !stays) loop.reason = "not where the other loops have it";
+    if (loop.reason.empty()) {
+      loop.status = Loop::Status::kAccepted;
+      result_.graph.loops.push_back(EdgeOf(loop));
+      result_.graph.kept_before.push_back(false);
+      loop_of_edge_.push_back(result_.loops.size());
+    }
+    result_.loops.push_back(loop);
+  }
+}
+
+void GraphRefiner::Solve() {
+  AnchorGraph& graph = result_.graph;
+  const AnchorGraphResult solved = SolveAnchorGraph(graph, options_.graph);
+  if (!solved.good) return;
+  graph.poses = solved.poses;
+  // What was there before is first; what was found here follows in the order of its loops.
+  const std::size_t before = graph.loops.size() - loop_of_edge_.size();
+  std::vector<AnchorEdge> edges;
+  std::vector<std::size_t> loops;
+  for (std::size_t i = 0; i < graph.loops.size(); ++i) {
+    if (i >= before) {
+      Loop& loop = result_.loops[loop_of_edge_[i - before]];
+      loop.solved = solved.kept[i];
+      if (loop.solved) {
+        loops.push_back(loop_of_edge_[i - before]);
+      } else {
+        loop.status = Loop::Status::kRefused;
+        loop.reason = "contradicts the other loops";
+      }
+    }
+    if (solved.kept[i]) edges.push_back(graph.loops[i]);
+  }
+  graph.loops = std::move(edges);
+  graph.kept_before.assign(graph.loops.size(), true);
+  loop_of_edge_ = std::move(loops);
+}
+
+}  // namespace
+
+RefinedGraph RefineGraph(const std::vector<const Submap*>& submaps, const AnchorGraph& graph,
+                         const LoopOptions& options, const VoxelMapOptions& map,
+                         const ScanMatcherOptions& matcher,
+                         const std::function<void(std::size_t, std::size_t)>& progress) {
+  CheckOptions(options, "loops");
+  return GraphRefiner(submaps, graph, options, map, matcher).Refine(progress);
+}
+
+}  // namespace lamina

@@ -1,0 +1,45 @@
+// Localising without a start: the places of a finished map, and the pieces that are looked for in
+// it, each by a PlaceSearch of its own.
+//
+// Not thread-safe; deterministic.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "backend/submaps/place_search.h"
+
+namespace lamina {
+
+class PieceSearches {
+ public:
+  // Describes the places out of the map. Throws OptionError.
+  PieceSearches(const LoopOptions& options, const ScanMatcherOptions& matcher,
+                const std::vector<MapPlace>& places, const VoxelMap& map);
+  // For Archive() to read into.
+  PieceSearches(const LoopOptions& options, const ScanMatcherOptions& matcher, double leaf_size_m);
+
+  void Begin(std::int64_t piece);
+  void End(std::int64_t piece) { searches_.erase(piece); }
+  // Null if the piece is not looked for.
+  PlaceSearch* Find(std::int64_t piece);
+  std::optional<FoundPlace> Look(PlaceSearch* search, const std::vector<FinalKeyframe>& window,
+                                 const VoxelMap& map) const {
+    return search->Look(window, *places_, map);
+  }
+
+  // Reading describes the places anew.
+  void Archive(StateArchive& a, const VoxelMap& map);
+
+ private:
+  LoopOptions options_;
+  ScanMatcherOptions matcher_;
+  double leaf_size_m_;
+  std::unique_ptr<PlaceIndex> places_;
+  std::map<std::int64_t, PlaceSearch> searches_;
+};
+
+}  // namespace lamina

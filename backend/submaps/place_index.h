@@ -1,0 +1,76 @@
+// All places of a finished map, and which of them a submap shows that nothing is known of.
+//
+// Nothing tells where to look, so what repeats must be told apart, and a place that the map does
+// not have must not be found in it. A submap is believed to lie at a pose if
+//
+//     looked up   the place looks alike (place_lookup.h): hypotheses, a few for each pose
+//     registered  the submap's planes agree with the map's (submap_registration.h) by gates that
+//                 are stricter than those of loops, which know where to expect the sensor
+//     no rival    no pose elsewhere passes those of loops and contradicts the map about as little
+//
+// What is believed once may still be an alias: PlaceSearch asks again after more of the way.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "backend/submaps/loop_options.h"
+#include "backend/submaps/map_places.h"
+#include "backend/submaps/place_image.h"
+#include "backend/submaps/submap_registration.h"
+#include "core/map/voxel_map.h"
+#include "frontend/scan_matcher.h"
+
+namespace lamina {
+
+// Where a submap seems to lie in the map.
+struct Sighting {
+  std::int64_t piece = 0;
+  SE3 T_piece_submap;
+  SubmapMatch match;   // T_other_query is of the place
+  double score = 0.0;  // of the images
+  std::string reason;  // why it is not to be believed; empty if it is
+};
+
+// Immutable; thread-safe.
+class PlaceIndex {
+ public:
+  // Describes the places, each out of the map as it is now. Throws OptionError.
+  PlaceIndex(const LoopOptions& options, const ScanMatcherOptions& matcher,
+             std::vector<MapPlace> places, const VoxelMap& map);
+
+  // So near to one another that each place of a way is seen well from one of them.
+  static double SpacingM(const LoopOptions& options);
+
+  // The most likely pose of a submap whose anchor is upright within options.place.max_tilt_deg,
+  // with what speaks against it. `map`: as it was described, whatever other pieces it has got
+  // since. Deterministic at any number of threads.
+  Sighting Find(const Submap& submap, const VoxelMap& map) const;
+
+  const std::vector<MapPlace>& places() const { return places_; }
+
+ private:
+  struct Hypothesis {
+    std::size_t place = 0;
+    SE3 T_place_submap;
+    double score = 0.0;
+  };
+  SE3 InPiece(const Hypothesis& hypothesis) const;
+  // The same poses, each of the place that is nearest to it, and once.
+  std::vector<Hypothesis> OfNearest(const std::vector<Sighting>& sightings,
+                                    const Eigen::Vector3d& middle) const;
+  std::vector<Sighting> Register(const SubmapQuery& query,
+                                 const std::vector<Hypothesis>& hypotheses, bool coarse,
+                                 const VoxelMap& map) const;
+  std::vector<Hypothesis> Hypotheses(const PlaceImage& image) const;
+  Submap At(std::size_t place, const VoxelMap& map) const;
+
+  LoopOptions options_;
+  SubmapRegistration registration_;
+  std::vector<MapPlace> places_;
+  std::vector<SE3> T_piece_place_;
+  std::vector<PlaceImage> images_;
+};
+
+}  // namespace lamina

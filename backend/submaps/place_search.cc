@@ -1,0 +1,85 @@
+#include "backend/submaps/place_search.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace lamina {
+namespace {
+
+// Keyframes between two looks: of the first ones, and after kFirstLooks.
+constexpr int kKeyframesFirst = 10, kKeyframesThen = 40;
+constexpr std::int64_t kFirstLooks = 15;
+// What the sensor must have moved on between two looks that agree, as a share of a submap's way.
+constexpr double kMovedShare = 0.1;
+// How far two looks may be apart.
+constexpr double kAgreeM = 0.5, kAgreeDeg = 1.5;
+// A submap that is longer than this share of the largest is looked for by itself.
+constexpr double kLongEnough = 0.5;
+// Way that a query may have, times that of a submap: what a place shows is wider.
+constexpr double kWayFactor = 1.3;
+
+SubmapOptions Longer(SubmapOptions options) {
+  options.length_m *= kWayFactor;
+  return options;
+}
+
+}  // namespace
+
+PlaceSearch::PlaceSearch(const LoopOptions& options, double leaf_size_m)
+    : options_(Longer(options.submap)), builder_(options_, leaf_size_m) {}
+
+void PlaceSearch::Add(const FinalKeyframe& keyframe) {
+  if (auto submap = builder_.Add(keyframe)) complete_ = std::move(submap);
+}
+
+bool PlaceSearch::Due() {
+  const int after = looks_ < kFirstLooks ? kKeyframesFirst : kKeyframesThen;
+  return ++keyframes_since_look_ >= after;
+}
+
+Submap PlaceSearch::Gathered(const std::vector<FinalKeyframe>& window) const {
+  SubmapBuilder builder = builder_;
+  std::optional<Submap> complete = complete_;
+  for (const FinalKeyframe& keyframe : window) {
+    if (auto submap = builder.Add(keyframe)) complete = std::move(submap);
+  }
+  Submap current = builder.Current();
+  if (complete && current.way_m < kLongEnough * options_.length_m) return std::move(*complete);
+  return current;
+}
+
+std::optional<FoundPlace> PlaceSearch::Look(const std::vector<FinalKeyframe>& window,
+                                            const PlaceIndex& places, const VoxelMap& map) {
+  keyframes_since_look_ = 0;
+  ++looks_;
+  const Submap submap = Gathered(window);
+  if (submap.keyframes.empty()) return std::nullopt;
+  const Sighting sighting = places.Find(submap, map);
+  reason_ = sighting.reason;
+  if (!reason_.empty()) return std::nullopt;
+  const Eigen::Vector3d sensor = submap.T_world_submap * submap.keyframes.back().T_submap_lidar.t;
+  const FoundPlace found{sighting.piece, sighting.T_piece_submap * submap.T_world_submap.Inverse()};
+  const bool agrees =
+      seen_ && found.piece == last_.piece &&
+      (found.T_piece_own * sensor - last_.T_piece_own * sensor).norm() <= kAgreeM &&
+      RotationAngle(found.T_piece_own, last_.T_piece_own) <= kAgreeDeg * M_PI / 180.0;
+  const bool moved = (sensor - sensor_).norm() >= kMovedShare * options_.length_m;
+  if (agrees && moved) return found;
+  // A look from where the last one was says nothing new.
+  if (agrees) return std::nullopt;
+  seen_ = true;
+  last_ = found;
+  sensor_ = sensor;
+  return std::nullopt;
+}
+
+void PlaceSearch::Archive(StateArchive& a) {
+  bool complete = complete_.has_value();
+  a(&builder_, &complete, &keyframes_since_look_, &looks_, &reason_, &seen_, &last_.piece,
+    &last_.T_piece_own, &sensor_);
+  if (a.reading()) complete_ = complete ? std::make_optional<Submap>() : std::nullopt;
+  if (complete) a(&*complete_);
+}
+
+}  // namespace lamina

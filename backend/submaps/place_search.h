@@ -1,0 +1,54 @@
+// The way of a sensor whose place is unknown, until a finished map shows it.
+//
+// Its scans are mapped as a piece of their own, which nothing connects to the map. Every so many
+// keyframes what they have gathered is looked for among the places of the map (place_index.h). The
+// piece is found when two looks in a row, between which the sensor has moved on, say the same.
+//
+// What is decided when counts keyframes. Not thread-safe; deterministic.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "backend/submaps/place_index.h"
+#include "backend/submaps/place_report.h"
+#include "backend/submaps/submap.h"
+
+namespace lamina {
+
+class PlaceSearch {
+ public:
+  // Throws OptionError.
+  PlaceSearch(const LoopOptions& options, double leaf_size_m);
+
+  // The next keyframe that has left the window.
+  void Add(const FinalKeyframe& keyframe);
+  // A keyframe has entered the window: whether a look is due.
+  bool Due();
+  // Looks, with the keyframes that are in the window.
+  std::optional<FoundPlace> Look(const std::vector<FinalKeyframe>& window, const PlaceIndex& places,
+                                 const VoxelMap& map);
+  // What came of the last look, for a log line; empty before the first, and when it was believed.
+  const std::string& reason() const { return reason_; }
+
+  void Archive(StateArchive& a);
+
+ private:
+  // What the last keyframes have gathered.
+  Submap Gathered(const std::vector<FinalKeyframe>& window) const;
+
+  SubmapOptions options_;
+  SubmapBuilder builder_;
+  std::optional<Submap> complete_;  // the newest that is
+  int keyframes_since_look_ = 0;
+  std::int64_t looks_ = 0;
+  std::string reason_;
+  // Of the last look that was believed.
+  bool seen_ = false;
+  FoundPlace last_;
+  Eigen::Vector3d sensor_ = Eigen::Vector3d::Zero();  // in the own piece
+};
+
+}  // namespace lamina

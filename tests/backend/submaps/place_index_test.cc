@@ -1,0 +1,116 @@
+#include "backend/submaps/place_index.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "backend/submaps/place_search.h"
+#include "tests/support/mapped_drives.h"
+#include "tests/support/memory_voxel_store.h"
+
+namespace lamina {
+namespace {
+
+// A finished map of one drive, and its places.
+class PlaceIndexTest : public testing::Test {
+ protected:
+  void MapTown(const Town& town, const std::vector<SE3>& drive, StampNs start_ns = 0) {
+    mapped_ = MapDrive(town, drive, 3, 0.0, start_ns);
+    map_ = std::make_unique<VoxelMap>(VoxelMapOptions());
+    AddToMap(mapped_.loops->submaps(), mapped_.loops->anchors(), map_.get());
+    std::vector<Eigen::Vector3d> way;
+    for (const StampedPose& pose : mapped_.odometry) way.push_back(pose.T_world_lidar.t);
+    std::vector<MapPlace> places;
+    AddPlaces(0, way, PlaceIndex::SpacingM(options_), &places);
+    index_ = std::make_unique<PlaceIndex>(options_, ScanMatcherOptions(), places, *map_);
+  }
+  // Looks after every fourth keyframe of a visit, whose own world is the frame of its first pose.
+  std::optional<FoundPlace> Visit(const Town& town, const std::vector<SE3>& drive, unsigned seed) {
+    Draws draws(seed);
+    PlaceSearch search(options_, map_->options().LeafSize());
+    for (std::size_t i = 0; i < drive.size(); ++i) {
+      search.Add(KeyframeOf(town, static_cast<std::int64_t>(i), drive[i],
+                            drive[0].Inverse() * drive[i], map_->options().LeafSize(), &draws));
+      if (i % 4 != 3) continue;
+      if (const auto found = search.Look({}, *index_, *map_)) return found;
+      reasons_ += search.reason() + "; ";
+    }
+    return std::nullopt;
+  }
+  double ErrorM(const FoundPlace& found, const SE3& T_true_first) const {
+    return (found.T_piece_own.t - (mapped_.truth[0].Inverse() * T_true_first).t).norm();
+  }
+
+  LoopOptions options_ = DriveLoopOptions();
+  std::string reasons_;  // of all looks that were not believed
+  MappedDrive mapped_;
+  std::unique_ptr<VoxelMap> map_;
+  std::unique_ptr<PlaceIndex> index_;
+};
+
+TEST_F(PlaceIndexTest, AVisitIsFoundInTheMapWhateverItsDirection) {
+  const Town town(1);
+  MapTown(town, Drive({{-60, -60}, {60, -60}, {60, 60}}));
+  const std::vector<std::vector<SE3>> visits = {
+      Drive({{-20, -60}, {40, -60}}), Drive({{40, -60}, {-20, -60}}), Drive({{60, 50}, {60, -10}})};
+  for (std::size_t i = 0; i < visits.size(); ++i) {
+    const auto found = Visit(town, visits[i], static_cast<unsigned>(i) + 10);
+    ASSERT_TRUE(found.has_value()) << "visit " << i << ": " << reasons_;
+    EXPECT_LT(ErrorM(*found, visits[i][0]), 0.2) << "visit " << i;
+  }
+}
+
+TEST_F(PlaceIndexTest, WhatTheMapDoesNotHaveIsNotFoundInIt) {
+  MapTown(Town(1), Drive({{-60, -60}, {60, -60}, {60, 60}}));
+  for (unsigned seed = 20; seed < 23; ++seed)
+    EXPECT_FALSE(Visit(Town(seed), Drive({{-60, -60}, {60, -60}}), seed).has_value()) << seed;
+  // Nor another street of the same town.
+  EXPECT_FALSE(Visit(Town(1), Drive({{-60, 60}, {-60, 0}}), 30).has_value());
+}
+
+TEST_F(PlaceIndexTest, AmongEqualHousesNoneIsBelieved) {
+  // A street of equal houses, 12 m from one to the next, on both sides.
+  std::vector<Facet> facets;
+  for (double x = -140.0; x < 140.0; x += 10.0) {
+    for (double y = -20.0; y < 20.0; y += 10.0)
+      facets.push_back({{x + 5, y + 5, 0}, {5, 0, 0}, {0, 5, 0}});
+  }
+  for (double x = -138.0; x < 138.0; x += 12.0) {
+    for (const double side : {-1.0, 1.0}) {
+      facets.push_back({{x, side * 8.0, 3.0}, {4, 0, 0}, {0, 0, 3}});
+      facets.push_back({{x + 4, side * 11.0, 3.0}, {0, 3, 0}, {0, 0, 3}});
+      facets.push_back({{x - 4, side * 11.0, 3.0}, {0, 3, 0}, {0, 0, 3}});
+    }
+  }
+  const Town terrace(facets);
+  MapTown(terrace, Drive({{-90, 0}, {90, 0}}));
+  EXPECT_FALSE(Visit(terrace, Drive({{-42, 0}, {42, 0}}), 5).has_value());
+}
+
+TEST_F(PlaceIndexTest, PlacesAreTheSameInMemoryAndInTheStore) {
+  const Town town(2);
+  MapTown(town, Drive({{-60, -60}, {60, -60}}));
+  MapPlace place{0, {40.0, 3.0, 0.0}};
+  const Submap all = SubmapAround(place, 30.0, *map_);
+  ASSERT_GT(all.leaves.size(), 1000U);
+  EXPECT_TRUE(SubmapAround({0, {900.0, 0.0, 0.0}}, 30.0, *map_).leaves.empty());
+  MemoryVoxelStore store;
+  VoxelMapOptions small;
+  small.budget_mb = 1.0;
+  VoxelMap map(small, &store);
+  AddToMap(mapped_.loops->submaps(), mapped_.loops->anchors(), &map);
+  ASSERT_FALSE(store.Empty());
+  const Submap stored = SubmapAround(place, 30.0, map);
+  ASSERT_EQ(stored.leaves.size(), all.leaves.size());
+  for (std::size_t i = 0; i < all.leaves.size(); ++i) {
+    ASSERT_TRUE(std::equal(all.leaves[i].index, all.leaves[i].index + 3, stored.leaves[i].index));
+    ASSERT_EQ(all.leaves[i].cluster.count, stored.leaves[i].cluster.count);
+  }
+}
+
+}  // namespace
+}  // namespace lamina
