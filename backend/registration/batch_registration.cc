@@ -6,6 +6,7 @@
 #include <new>
 
 #include "backend/bundle/uncertainty/pose_covariance.h"
+#include "backend/registration/frame_links.h"
 #include "core/base/parallel.h"
 #include "core/base/stopwatch.h"
 #include "core/geometry/central_twist.h"
@@ -103,14 +104,16 @@ std::string Refusal(const BundleProblem& problem, const Observability& observabi
   return "";
 }
 
+// Beyond this a turn of frames against each other leaves nothing of their associations.
+constexpr double kMostTurnRad = 0.5;
+
 // Frames that a solve has carried farther than its associations can be good for.
 std::vector<int> FramesThatLeapt(const std::vector<SE3>& before, const std::vector<SE3>& after,
                                  double root_size_m) {
-  constexpr double kMostRad = 0.5;
   std::vector<int> leapt;
   for (std::size_t k = 0; k < before.size(); ++k) {
     if ((after[k].t - before[k].t).norm() > root_size_m ||
-        RotationAngle(before[k], after[k]) > kMostRad) {
+        RotationAngle(before[k], after[k]) > kMostTurnRad) {
       leapt.push_back(static_cast<int>(k));
     }
   }
@@ -128,6 +131,18 @@ bool MovedLess(const std::vector<SE3>& a, const std::vector<SE3>& b, double rota
   const auto n = static_cast<double>(a.size());
   return rotation2 <= n * rotation_rad * rotation_rad &&
          translation2 <= n * translation_m * translation_m;
+}
+
+// A long chain swings at its end when its links hardly move: if these move far less, that is
+// enough.
+bool Settled(const std::vector<SE3>& before, const std::vector<SE3>& after, const FrameLinks& links,
+             const RegistrationOptions& options) {
+  constexpr double kBetween = 0.1;
+  const double rad = options.min_rotation_change_deg * M_PI / 180.0;
+  const double m = options.min_translation_change_m;
+  const FrameLinks::Motion between = links.Between(before, after);
+  return MovedLess(before, after, rad, m) ||
+         (between.rad <= kBetween * rad && between.m <= kBetween * m);
 }
 
 // Groups found to slide go back, along the directions that are open, to where they began: earlier
@@ -158,6 +173,23 @@ void PutBack(const std::vector<BatchFrame>& frames, const std::vector<BundleFaul
       }
     }
   }
+}
+
+// Finds what the problem does not determine, and holds it. False if there is nothing to solve: then
+// *result says why.
+bool HoldOpen(const std::vector<BatchFrame>& frames, const RegistrationOptions& options,
+              Slides slides, BundleProblem* problem, RegistrationResult* result) {
+  const Observability observability = FindObservability(*problem, options.observability, slides);
+  result->faults = observability.faults;
+  result->reason = Refusal(*problem, observability, options.solver);
+  if (!result->reason.empty()) {
+    result->status = Status::kIllPosed;
+    return false;
+  }
+  PutBack(frames, result->faults, &problem->poses);
+  problem->holds = observability.holds;
+  problem->hold_first_pose = false;
+  return true;
 }
 
 void AddCovariances(const BundleProblem& problem, RegistrationResult* result) {
@@ -285,6 +317,7 @@ RegistrationResult BatchRegistration::Solve(const std::vector<BatchFrame>& frame
   for (const BatchFrame& frame : frames) result.poses.push_back(frame.T_world_lidar);
   result.status = Status::kRoundLimit;
   std::vector<BatchFrame> merged;
+  FrameLinks links;
   for (int round = 0; round < options_.rounds && result.status == Status::kRoundLimit; ++round) {
     Stopwatch watch;
     RoundReport report;
@@ -297,21 +330,20 @@ RegistrationResult BatchRegistration::Solve(const std::vector<BatchFrame>& frame
       merged = Merged(frames, factor * map_.LeafSize());
     }
     *problem = CastRound(factor > 1 ? merged : frames, result.poses, report.root_size_m);
+    links.Apply(problem);
+    links.Add(*problem);
     // Poor poses part planes that belong together; coarse rounds are there to join them.
     const bool coarse = report.root_size_m > map_.root_size_m;
-    const Observability observability =
-        FindObservability(*problem, options_.observability, coarse ? Slides::kFree : Slides::kHeld);
-    result.faults = observability.faults;
-    result.reason = Refusal(*problem, observability, options_.solver);
-    if (!result.reason.empty()) {
-      result.status = Status::kIllPosed;
-      return result;
-    }
-    PutBack(frames, result.faults, &problem->poses);
-    problem->holds = observability.holds;
-    problem->hold_first_pose = false;
+    const Slides slides = coarse ? Slides::kFree : Slides::kHeld;
+    if (!HoldOpen(frames, options_, slides, problem, &result)) return result;
     report.build_ms = watch.LapMilliseconds();
-    const BundleResult solved = SolveRound(callbacks, problem, &report, &result.faults);
+    BundleResult solved = SolveRound(callbacks, problem, &report, &result.faults);
+    if (links.CutFarther(solved.poses, RootSize(0), kMostTurnRad) > 0) {
+      report.leapt = true;
+      links.Apply(problem);
+      if (!HoldOpen(frames, options_, slides, problem, &result)) return result;
+      solved = SolveRound(callbacks, problem, &report, &result.faults);
+    }
     result.rounds.push_back(report);
     if (callbacks.on_round) callbacks.on_round(report);
     if (!solved.usable()) {
@@ -319,9 +351,7 @@ RegistrationResult BatchRegistration::Solve(const std::vector<BatchFrame>& frame
       result.reason = "the solver failed in round " + std::to_string(round);
       return result;
     }
-    const bool settled =
-        MovedLess(result.poses, solved.poses, options_.min_rotation_change_deg * M_PI / 180.0,
-                  options_.min_translation_change_m);
+    const bool settled = Settled(result.poses, solved.poses, links, options_);
     result.poses = solved.poses;
     if (settled && !coarse) {
       result.status = Status::kConverged;

@@ -13,6 +13,9 @@
 // needs no finer clusters than its own leaves: they are merged, by the power of two nearest to its
 // size.
 //
+// Links between frames that solves have carried farther than a voxel of the first round are cut
+// (frame_links.h): what made them was no plane of both.
+//
 // What cannot be determined (observability.h) stays at the initial poses and is reported; the rest
 // is solved. Nothing at all to solve is a refusal. Groups of frames that slide as one are held in
 // the rounds at the final size alone: planes that poor poses part are still to be joined by the
@@ -64,7 +67,7 @@ struct RoundReport {
   double initial_cost = 0.0, final_cost = 0.0;
   int iterations = 0;
   // A frame was carried farther than a voxel, where its associations mean nothing: the round was
-  // solved again with such frames held.
+  // solved again with such frames held, or such links cut.
   bool leapt = false;
   double build_ms = 0.0, solve_ms = 0.0;  // map and problem / the solver alone
 };
