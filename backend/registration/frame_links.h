@@ -11,7 +11,9 @@
 //
 //     d = |T_j' T_j^-1 m - T_k' T_k^-1 m|,     m = (t_j + t_k) / 2
 //
-// so that a chain may swing as a whole by any angle. Private to backend/registration.
+// so that a chain may swing as a whole by any angle.
+//
+// Private to backend/registration.
 #pragma once
 
 #include <algorithm>

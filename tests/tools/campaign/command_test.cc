@@ -1,4 +1,4 @@
-// `lamina campaign`, alone and under mpirun: the same bytes, whatever was there before and whichever rank did it.
+// `lamina campaign`, alone and under mpirun: the same bytes, whatever was there already.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
