@@ -80,7 +80,15 @@ std::string AgainstTable(const BenchReport& before, const BenchReport& now) {
     }
   }
   for (const BenchRow& row : before.rows) {
-    if (RowLike(now, row) == nullptr) notes += fmt::format("- {}: not measured now\n", NameOf(row));
+    const BenchRow* const now_row = RowLike(now, row);
+    if (now_row == nullptr) {
+      notes += fmt::format("- {}: not measured now\n", NameOf(row));
+      continue;
+    }
+    for (const BenchFigure& figure : row.figures) {
+      if (now_row->Find(figure.name) == nullptr)
+        notes += fmt::format("- {}: {} not measured now\n", NameOf(row), figure.name);
+    }
   }
   const auto processor = [](const BenchReport& r) {
     return r.machine.is_object() ? r.machine.value("processor", "?") : std::string("?");

@@ -89,6 +89,11 @@ TEST(BenchAgainst, RowsAndScansThatDifferAreNamed) {
                     HasSubstr("hall, 2 threads: not measured before"),
                     HasSubstr("another machine: Q, was P")));
   EXPECT_THAT(AgainstTable(now, before), HasSubstr("hall, 2 threads: not measured now"));
+  now.rows[0].Add("instructions", "million", 90.0, true);
+  EXPECT_THAT(AgainstTable(before, now),
+              HasSubstr("street, 2 threads: instructions not measured before"));
+  EXPECT_THAT(AgainstTable(now, before),
+              HasSubstr("street, 2 threads: instructions not measured now"));
 }
 
 class BenchFile : public FilesTest {};
