@@ -46,8 +46,8 @@ void SetAside(const std::string& path, const std::string& why) {
 // By piece, in its frame.
 using Ways = std::map<std::int64_t, std::vector<Eigen::Vector3d>>;
 
-// With the map of another session as it stands in a checkpoint, corrected by its loops, and the
-// ways through it.
+// With the map of another session as it stands in a checkpoint, corrected by its loops, and, where
+// no start is known, the ways through it.
 std::unique_ptr<Mapping> CopyOfMap(const SessionSetup& setup, std::int64_t scans, TileStore* tiles,
                                    const MakeMapping& make, Ways* ways) {
   const BaseMap& base = *setup.base_map;
@@ -75,11 +75,12 @@ std::unique_ptr<Mapping> CopyOfMap(const SessionSetup& setup, std::int64_t scans
                                  CheckpointName(scans)));
   }
   tiles->CopyFrom((fs::path(base.session) / "map_tiles.db").string(), scans - 1);
-  const SessionDatabase database((fs::path(base.session) / "session.db").string(), false);
-  database.ForEach(0, scans, [&](const SessionScan& scan) {
-    if (scan.keyframe && !scan.skipped && mapping->map().HasPiece(scan.piece))
-      (*ways)[scan.piece].push_back(scan.T_world_lidar.t);
-  });
+  if (base.T_world_start) return mapping;
+  ForEachScanOf((fs::path(base.session) / "session.db").string(), scans,
+                [&](const SessionScan& scan) {
+                  if (scan.keyframe && !scan.skipped && mapping->map().HasPiece(scan.piece))
+                    (*ways)[scan.piece].push_back(scan.T_world_lidar.t);
+                });
   return mapping;
 }
 

@@ -28,6 +28,24 @@ constexpr std::size_t kMostLogBytes = 8 << 20;
 constexpr const char* kChecksum = ".crc32";
 std::string ChecksumOf(const std::string& value) { return std::to_string(Crc32(value)); }
 
+SessionScan ReadRow(const std::string& path, SQLite::Statement* rows) {
+  try {
+    return ReadScanRow(rows);
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("{}: the row of scan {} is damaged: {}", path,
+                                 rows->getColumn(0).getInt64(), error.what()));
+  }
+}
+
+void VisitScans(const std::string& path, const SQLite::Database& database, std::int64_t from,
+                std::int64_t to, const std::function<void(const SessionScan&)>& visit) {
+  SQLite::Statement rows(database,
+                         "SELECT * FROM scans WHERE scan >= ? AND scan < ? ORDER BY scan");
+  rows.bind(1, from);
+  rows.bind(2, to);
+  while (rows.executeStep()) visit(ReadRow(path, &rows));
+}
+
 }  // namespace
 
 struct SessionDatabase::Impl {
@@ -88,14 +106,7 @@ struct SessionDatabase::Impl {
                                        others.getColumn(0).getString()));
   }
 
-  SessionScan Row(SQLite::Statement* rows) const {
-    try {
-      return ReadScanRow(rows);
-    } catch (const InputError& error) {
-      throw InputError(fmt::format("{}: the row of scan {} is damaged: {}", path,
-                                   rows->getColumn(0).getInt64(), error.what()));
-    }
-  }
+  SessionScan Row(SQLite::Statement* rows) const { return ReadRow(path, rows); }
 
   std::int64_t Number(const char* query) const {
     SQLite::Statement statement(database, query);
@@ -225,13 +236,13 @@ std::int64_t SessionDatabase::set_aside() const {
 
 void SessionDatabase::ForEach(std::int64_t from, std::int64_t to,
                               const std::function<void(const SessionScan&)>& visit) const {
-  impl_->Guarded("cannot be read", [&] {
-    SQLite::Statement rows(impl_->database,
-                           "SELECT * FROM scans WHERE scan >= ? AND scan < ? ORDER BY scan");
-    rows.bind(1, from);
-    rows.bind(2, to);
-    while (rows.executeStep()) visit(impl_->Row(&rows));
-  });
+  impl_->Guarded("cannot be read",
+                 [&] { VisitScans(impl_->path, impl_->database, from, to, visit); });
+}
+
+void ForEachScanOf(const std::string& path, std::int64_t to,
+                   const std::function<void(const SessionScan&)>& visit) {
+  OnSqlite(path, "cannot be read", [&] { VisitScans(path, OpenUntouched(path), 0, to, visit); });
 }
 
 std::vector<SessionDatabase::Sequence> SessionDatabase::Sequences(std::int64_t to) const {

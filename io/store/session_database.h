@@ -123,4 +123,9 @@ class SessionDatabase {
   std::unique_ptr<Impl> impl_;
 };
 
+// Scans [0, to), in order, of a session that stays as it is, to the last byte of its folder. Throws
+// InputError.
+void ForEachScanOf(const std::string& path, std::int64_t to,
+                   const std::function<void(const SessionScan&)>& visit);
+
 }  // namespace lamina

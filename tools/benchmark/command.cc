@@ -249,15 +249,15 @@ int RunBench(BenchArguments arguments) {
 void AddScalingOptions(CLI::App* command, BenchArguments* a) {
   ScalingOptions& o = a->scaling_options;
   command->add_flag("--scaling", a->scaling,
-                    "how the cost of a frame grows with points, window, map and threads, instead "
+                    "How the cost of a frame grows with points, window, map and threads, instead "
                     "of the cases: scaling.md, scaling.json, scaling.svg");
-  command->add_option("--scaling-points", o.points, "points a scan, a,b,c")
+  command->add_option("--scaling-points", o.points, "Points a scan, a,b,c")
       ->delimiter(',')
       ->capture_default_str();
-  command->add_option("--scaling-windows", o.windows, "frames of the window")
+  command->add_option("--scaling-windows", o.windows, "Frames of the window")
       ->delimiter(',')
       ->capture_default_str();
-  command->add_option("--scaling-lengths", o.lengths, "scans of the drive, for the size of the map")
+  command->add_option("--scaling-lengths", o.lengths, "Scans of the drive, for the size of the map")
       ->delimiter(',')
       ->capture_default_str();
 }
@@ -268,31 +268,34 @@ void AddBenchCommand(CLI::App* app, std::function<int()>* run) {
   const auto arguments = std::make_shared<BenchArguments>();
   BenchArguments& a = *arguments;
   CLI::App* command = app->add_subcommand("bench", PurposeOfLabCommand("bench"));
-  command->add_option("--out", a.out, "folder for bench.md, bench.json, recordings and runs")
+  command->add_option("--out", a.out, "Folder for bench.md, bench.json, recordings and runs")
       ->required();
-  command->add_option("--program", a.program, "the program to measure; this one if left out");
+  command->add_option("--program", a.program, "The program to measure; this one if left out");
   command->add_option("--case", a.cases,
                       "NAME=SCANS,CONFIG: one more recording; may be given repeatedly");
   command
-      ->add_option("--only", a.only, "names of cases, a,b,c; hdl64, vlp16 and avia are generated")
+      ->add_option("--only", a.only, "Names of cases, a,b,c; hdl64, vlp16 and avia are generated")
       ->delimiter(',');
   command
       ->add_option("--frames", a.frames,
-                   "scans of each case; 0: 100 generated ones, all of a recorded one")
+                   "Scans of each case; 0: 100 generated ones, all of a recorded one")
       ->capture_default_str();
-  command->add_option("--threads", a.threads, "numbers of threads, a,b,c")
+  command->add_option("--threads", a.threads, "Numbers of threads, a,b,c")
       ->delimiter(',')
       ->capture_default_str();
-  command->add_option("--repetitions", a.repetitions, "runs of each")->capture_default_str();
+  command->add_option("--repetitions", a.repetitions, "Runs of each case and number of threads")
+      ->capture_default_str();
   command->add_flag("--count", a.count,
-                    "count instructions and cache misses: perf stat, or callgrind, which takes "
+                    "Count instructions and cache misses: perf stat, or callgrind, which takes "
                     "minutes");
-  command->add_option("--counted-frames", a.counted_frames, "scans for that")
+  command
+      ->add_option("--counted-frames", a.counted_frames,
+                   "Scans of each case that --count counts in")
       ->capture_default_str();
   command->add_option("--against", a.against,
-                      "bench.json of an earlier measurement: what changed, and what is noise");
+                      "Bench.json of an earlier measurement: what changed, and what is noise");
   command->add_option("--results", a.results,
-                      "bench.json to show or compare instead of measuring anew");
+                      "Bench.json to show or compare instead of measuring anew");
   AddScalingOptions(command, arguments.get());
   command->callback([arguments, run] { *run = [arguments] { return RunBench(*arguments); }; });
 }
