@@ -6,10 +6,10 @@
 #include <vector>
 
 #include "backend/calibration/sensor_calibration.h"
+#include "backend/loops/loop_options.h"
 #include "backend/mapping/options.h"
 #include "backend/registration/batch_registration.h"
 #include "backend/session/options.h"
-#include "backend/submaps/loop_options.h"
 #include "core/options/options.h"
 #include "io/inbox/inbox.h"
 

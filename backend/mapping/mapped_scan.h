@@ -38,7 +38,7 @@ struct MappedScan {
   std::int64_t piece = 0;    // of the map, in whose frame the pose is
   bool began_piece = false;  // with this scan
   // From the frame of the pose, that of odometry, to that of the map as loops have corrected it by
-  // now (backend/submaps/loop_track.h); identity before any has. It may jump; the pose does not.
+  // now (backend/loops/loop_track.h); identity before any has. It may jump; the pose does not.
   SE3 T_map_world;
   // Milliseconds of wall time. Of the solve: the one that was taken in before this scan. Of the
   // map: to take that in and to build the next problem, since the scan before.

@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "backend/submaps/piece_searches.h"
+#include "backend/localisation/piece_searches.h"
 #include "core/base/stopwatch.h"
 
 namespace lamina {

@@ -29,7 +29,7 @@
 // map.budget_mb if it has a VoxelStore.
 //
 // With loops.enabled the map is made of submaps, and places that are visited again correct it
-// (backend/submaps/loop_track.h). All poses here stay those of odometry, in a frame that never
+// (backend/loops/loop_track.h). All poses here stay those of odometry, in a frame that never
 // jumps; MappedScan::T_map_world and loops()->Corrected() move them to where corrections have them.
 //
 // A recording (the scans of one clock and one sensor: a folder of an inbox) has odometry, window
@@ -49,13 +49,13 @@
 #include <string>
 #include <vector>
 
+#include "backend/loops/piece_loops.h"
 #include "backend/mapping/final_poses.h"
 #include "backend/mapping/mapped_scan.h"
 #include "backend/mapping/options.h"
 #include "backend/mapping/piece_mapper.h"
 #include "backend/mapping/report.h"
 #include "backend/mapping/scan_decoder.h"
-#include "backend/submaps/piece_loops.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"
@@ -94,8 +94,8 @@ class Mapping {
   // From now on scans are matched to the map and leave it as it is, the first one near this pose.
   void StartLocalising(const SE3& T_world_lidar);
   // The same without a start: each recording begins a piece of its own, which nothing connects to
-  // the map, until these places show where it is (backend/submaps/place_search.h). From then on its
-  // scans are matched to the map; one that is lost for long begins anew so. `places`: from
+  // the map, until these places show where it is (backend/localisation/place_search.h). From then
+  // on its scans are matched to the map; one that is lost for long begins anew so. `places`: from
   // PlaceIndex::SpacingM() apart, of pieces of the map.
   void StartLocalising(const std::vector<MapPlace>& places);
 

@@ -1,8 +1,8 @@
 // The options of mapping, all that decide results together.
 #pragma once
 
+#include "backend/loops/loop_options.h"
 #include "backend/mapping/mapper.h"
-#include "backend/submaps/loop_options.h"
 #include "core/options/options.h"
 #include "frontend/scan_preparation.h"
 

@@ -7,10 +7,10 @@
 #include <map>
 
 #include "backend/bundle/adjuster.h"
+#include "backend/localisation/place_report.h"
 #include "backend/mapping/final_poses.h"
 #include "backend/mapping/mapped_scan.h"
 #include "backend/submaps/final_keyframe.h"
-#include "backend/submaps/place_report.h"
 #include "core/geometry/state_archive.h"
 
 namespace lamina {

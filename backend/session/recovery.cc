@@ -12,9 +12,9 @@
 #include <utility>
 #include <vector>
 
+#include "backend/localisation/map_places.h"
+#include "backend/localisation/place_index.h"
 #include "backend/session/checkpoint.h"
-#include "backend/submaps/map_places.h"
-#include "backend/submaps/place_index.h"
 #include "core/base/error.h"
 
 namespace lamina {

@@ -14,8 +14,8 @@
 #include <string>
 #include <vector>
 
+#include "backend/loops/piece_loops.h"
 #include "backend/mapping/final_poses.h"
-#include "backend/submaps/piece_loops.h"
 #include "io/file/published_file.h"
 #include "io/recording/trajectory_io.h"
 #include "io/store/session_database.h"

@@ -1,6 +1,4 @@
 // Many pairs of submaps, each registered from a pose of its own (submap_registration.h).
-//
-// Private to backend/submaps.
 #pragma once
 
 #include <cstddef>

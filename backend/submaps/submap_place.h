@@ -1,6 +1,4 @@
 // What a submap is recognised and registered by.
-//
-// Private to backend/submaps.
 #pragma once
 
 #include <vector>

@@ -35,6 +35,8 @@ const std::map<std::string, std::vector<std::vector<std::string>>> kRooms = {
      {{"backend/bundle"},
       {"backend/bundle/uncertainty"},
       {"backend/submaps"},
+      {"backend/loops"},
+      {"backend/localisation"},
       {"backend/bundle/formulations", "backend/mapping"},
       {"backend/registration", "backend/calibration", "backend/session"}}},
 };

@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "backend/submaps/loop_closure.h"
+#include "backend/loops/loop_closure.h"
 #include "tests/support/submap_town.h"
 
 namespace lamina {

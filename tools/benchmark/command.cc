@@ -293,9 +293,9 @@ void AddBenchCommand(CLI::App* app, std::function<int()>* run) {
                    "Scans of each case that --count counts in")
       ->capture_default_str();
   command->add_option("--against", a.against,
-                      "Bench.json of an earlier measurement: what changed, and what is noise");
+                      "A bench.json of an earlier measurement: what changed, and what is noise");
   command->add_option("--results", a.results,
-                      "Bench.json to show or compare instead of measuring anew");
+                      "A bench.json to show or compare instead of measuring anew");
   AddScalingOptions(command, arguments.get());
   command->callback([arguments, run] { *run = [arguments] { return RunBench(*arguments); }; });
 }

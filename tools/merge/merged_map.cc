@@ -4,7 +4,7 @@
 
 #include <utility>
 
-#include "backend/submaps/map_refinement.h"
+#include "backend/loops/map_refinement.h"
 #include "core/base/error.h"
 
 namespace lamina {

@@ -1,8 +1,8 @@
-// Drives of one place as one map: their pieces joined (backend/submaps/piece_joining.h), then
+// Drives of one place as one map: their pieces joined (backend/loops/piece_joining.h), then
 // adjusted together (backend/submaps/submap_bundle.h).
 //
 // With more effort, all pairs of submaps that then overlap are compared in between
-// (backend/submaps/map_refinement.h), and the adjustment takes more rounds.
+// (backend/loops/map_refinement.h), and the adjustment takes more rounds.
 //
 // What is joined lies in one frame, that of its oldest submap; frames are numbered from 0, the
 // oldest first.
@@ -15,7 +15,7 @@
 #include <utility>
 #include <vector>
 
-#include "backend/submaps/piece_joining.h"
+#include "backend/loops/piece_joining.h"
 #include "backend/submaps/submap_bundle.h"
 #include "tools/merge/drive.h"
 

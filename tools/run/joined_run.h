@@ -1,5 +1,5 @@
 // The pieces of a run when all scans are mapped: those that have seen the same place are joined
-// (backend/submaps/piece_joining.h), anchors adjusted by the planes that submaps share
+// (backend/loops/piece_joining.h), anchors adjusted by the planes that submaps share
 // (backend/submaps/submap_bundle.h), and map and poses moved with their submaps.
 //
 // What is joined lies in the frame of its first piece, which is called its frame here.
@@ -11,8 +11,8 @@
 #include <string>
 #include <vector>
 
-#include "backend/submaps/loop_closure.h"
-#include "backend/submaps/piece_joining.h"
+#include "backend/loops/loop_closure.h"
+#include "backend/loops/piece_joining.h"
 #include "backend/submaps/submap_bundle.h"
 #include "config/config.h"
 #include "tools/results/submap_file.h"

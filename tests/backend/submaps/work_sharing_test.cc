@@ -8,7 +8,7 @@
 #include <thread>
 #include <vector>
 
-#include "backend/submaps/piece_joining.h"
+#include "backend/loops/piece_joining.h"
 #include "tests/support/mapped_drives.h"
 
 namespace lamina {

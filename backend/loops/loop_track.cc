@@ -1,4 +1,4 @@
-#include "backend/submaps/loop_track.h"
+#include "backend/loops/loop_track.h"
 
 #include <algorithm>
 #include <utility>

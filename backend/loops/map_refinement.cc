@@ -1,4 +1,4 @@
-#include "backend/submaps/map_refinement.h"
+#include "backend/loops/map_refinement.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "backend/submaps/piece_loops.h"
+#include "backend/loops/piece_loops.h"
 
 #include <algorithm>
 #include <vector>

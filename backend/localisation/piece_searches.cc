@@ -1,4 +1,4 @@
-#include "backend/submaps/piece_searches.h"
+#include "backend/localisation/piece_searches.h"
 
 namespace lamina {
 

@@ -26,7 +26,7 @@
 #include <optional>
 #include <vector>
 
-#include "backend/submaps/loop_closure.h"
+#include "backend/loops/loop_closure.h"
 #include "backend/submaps/map_assembly.h"
 #include "core/base/parallel.h"
 

@@ -1,4 +1,4 @@
-#include "backend/submaps/map_places.h"
+#include "backend/localisation/map_places.h"
 
 #include <algorithm>
 #include <cmath>

@@ -7,7 +7,7 @@
 #include <map>
 #include <memory>
 
-#include "backend/submaps/loop_track.h"
+#include "backend/loops/loop_track.h"
 
 namespace lamina {
 

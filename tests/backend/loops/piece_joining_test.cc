@@ -1,4 +1,4 @@
-#include "backend/submaps/piece_joining.h"
+#include "backend/loops/piece_joining.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "backend/submaps/place_index.h"
+#include "backend/localisation/place_index.h"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "backend/submaps/place_search.h"
+#include "backend/localisation/place_search.h"
 #include "tests/support/mapped_drives.h"
 #include "tests/support/memory_voxel_store.h"
 

@@ -12,8 +12,8 @@
 #include <string>
 #include <vector>
 
-#include "backend/submaps/place_index.h"
-#include "backend/submaps/place_report.h"
+#include "backend/localisation/place_index.h"
+#include "backend/localisation/place_report.h"
 #include "backend/submaps/submap.h"
 
 namespace lamina {

@@ -1,4 +1,4 @@
-#include "backend/submaps/loop_closure.h"
+#include "backend/loops/loop_closure.h"
 
 #include <Eigen/Cholesky>
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "backend/submaps/place_search.h"
+#include "backend/localisation/place_search.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "backend/submaps/place_index.h"
+#include "backend/localisation/place_index.h"
 
 #include <algorithm>
 #include <cmath>

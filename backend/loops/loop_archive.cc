@@ -1,5 +1,5 @@
 // The state of loop closure, written and read (core/geometry/state_archive.h).
-#include "backend/submaps/loop_closure.h"
+#include "backend/loops/loop_closure.h"
 
 namespace lamina {
 

@@ -17,7 +17,7 @@
 #include <string>
 #include <vector>
 
-#include "backend/submaps/loop_options.h"
+#include "backend/loops/loop_options.h"
 #include "backend/submaps/place_lookup.h"
 #include "core/map/voxel_map.h"
 #include "frontend/scan_matcher.h"

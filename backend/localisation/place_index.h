@@ -15,8 +15,8 @@
 #include <string>
 #include <vector>
 
-#include "backend/submaps/loop_options.h"
-#include "backend/submaps/map_places.h"
+#include "backend/localisation/map_places.h"
+#include "backend/loops/loop_options.h"
 #include "backend/submaps/place_image.h"
 #include "backend/submaps/submap_registration.h"
 #include "core/map/voxel_map.h"

@@ -10,7 +10,7 @@
 #include <optional>
 #include <vector>
 
-#include "backend/submaps/place_search.h"
+#include "backend/localisation/place_search.h"
 
 namespace lamina {
 
