@@ -10,8 +10,6 @@
 namespace lamina {
 namespace {
 
-// Four numbers, of which a processor without AVX makes two and two.
-using Four = double __attribute__((vector_size(32)));
 using FourPlaces = std::int64_t __attribute__((vector_size(32)));
 
 // Raw sums about the centre of the voxel: within half a voxel of their origin, sums in double lose

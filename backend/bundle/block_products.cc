@@ -5,12 +5,6 @@
 #include "core/base/processor.h"
 
 namespace lamina {
-namespace {
-
-// Four numbers, of which a processor without AVX makes two and two.
-using Four = double __attribute__((vector_size(32)));
-
-}  // namespace
 
 LAMINA_FOR_EACH_PROCESSOR
 void SubtractProducts(const PlaneRows* rows, const std::int32_t* frames, std::size_t count,

@@ -8,6 +8,13 @@
 // are the same bits.
 #pragma once
 
+namespace lamina {
+
+// Four numbers, of which a processor without AVX makes two and two.
+using Four = double __attribute__((vector_size(32)));
+
+}  // namespace lamina
+
 // Sanitizers are not ready at the time of the choice.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \
     !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)

@@ -243,8 +243,9 @@ Surface VoxelMap::SurfaceOf(const PointCluster& cluster, int frames) const {
   if (cluster.count < options_.min_points) return s;
   s.kind = Surface::Kind::kRough;
   const double thickness2 = options_.max_thickness_m * options_.max_thickness_m;
-  if (SurelyThick(cluster.Covariance(), thickness2, options_.max_flatness)) return s;
-  const Eigen3 eigen = cluster.Eigen();
+  const Symmetric3 covariance = cluster.Covariance();
+  if (SurelyThick(covariance, thickness2, options_.max_flatness)) return s;
+  const Eigen3 eigen = EigenDecompose(covariance);
   constexpr double kLeastVariance = 1e-8;  // m^2, so that the breadth follows from the flatness
   s.variance = static_cast<float>(std::max(kLeastVariance, eigen.l(2)));
   if (eigen.l(1) > 0.0) s.flatness = s.variance / static_cast<float>(eigen.l(1));

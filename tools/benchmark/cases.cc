@@ -3,11 +3,10 @@
 #include <fmt/format.h>
 
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 
 #include "core/base/error.h"
 #include "io/file/file_writer.h"
+#include "io/file/folder_writer.h"
 #include "tools/cli/common.h"
 #include "tools/synth/command.h"
 #include "tools/synth/writer.h"
@@ -19,11 +18,6 @@ namespace fs = std::filesystem;
 
 // Names the options that a generated recording was made with; written last.
 constexpr char kMadeBy[] = "made_by.txt";
-
-std::string TextOf(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
 
 }  // namespace
 
@@ -60,7 +54,7 @@ void PrepareCase(const std::string& folder, BenchCase* bench_case) {
   bench_case->scans = folder;
   const fs::path made_by = fs::path(folder) / kMadeBy;
   const std::string options = fmt::format("{}\n", fmt::join(bench_case->synth, " "));
-  if (TextOf(made_by) == options) return;
+  if (HoldsText(made_by, options)) return;
   if (fs::exists(made_by)) fs::remove_all(folder);
   MakeDirectory(fs::path(folder).parent_path().string());
   WriteSequence(ParseSynthOptions(bench_case->synth), folder);

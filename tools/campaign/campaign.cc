@@ -5,18 +5,16 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <optional>
-#include <sstream>
 #include <system_error>
 
 #include "config/config.h"
 #include "core/base/error.h"
 #include "core/base/stopwatch.h"
 #include "core/geometry/state_archive.h"
+#include "io/file/folder_writer.h"
 #include "tools/campaign/together.h"
 #include "tools/cli/common.h"
 #include "tools/merge/drive.h"
@@ -55,56 +53,12 @@ struct Outcome {
   void Archive(StateArchive& a) { a(&status, &reason); }
 };
 
-// Empty if it cannot be read.
-std::string TextOf(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::ostringstream text;
-  text << file.rdbuf();
-  return file ? text.str() : std::string();
+FolderWriter NewFolder(const fs::path& target) { return {target, target.string() + ".part"}; }
+
+void Finish(const std::string& made_of, FolderWriter* folder) {
+  WriteTextFile((fs::path(folder->path()) / kMadeOf).string(), made_of);
+  folder->Replace();
 }
-
-// A folder that is whole or not there: results are made in path(), then Commit() gives them their
-// name. Without that, or left behind by a process that was killed, they are removed.
-class FolderWriter {
- public:
-  explicit FolderWriter(fs::path target) : target_(std::move(target)), part_(target_) {
-    part_ += ".part";
-    Remove(part_);
-    MakeDirectory(part_.string());
-  }
-  ~FolderWriter() {
-    std::error_code ignored;
-    fs::remove_all(part_, ignored);
-  }
-  FolderWriter(const FolderWriter&) = delete;
-  FolderWriter& operator=(const FolderWriter&) = delete;
-
-  std::string path() const { return part_.string(); }
-  // `made_of` goes to kMadeOf. Throws OutputError.
-  void Commit(const std::string& made_of) {
-    WriteTextFile((part_ / kMadeOf).string(), made_of);
-    SyncFolder(part_.string());
-    Remove(target_);
-    std::error_code error;
-    fs::rename(part_, target_, error);
-    if (error) {
-      throw OutputError(fmt::format("{}: cannot be renamed to {}: {}", part_.string(),
-                                    target_.string(), error.message()));
-    }
-    SyncFolder(target_.parent_path().string());
-  }
-
- private:
-  static void Remove(const fs::path& folder) {
-    std::error_code error;
-    fs::remove_all(folder, error);
-    if (error) {
-      throw OutputError(fmt::format("{}: cannot be removed: {}", folder.string(), error.message()));
-    }
-  }
-
-  fs::path target_, part_;
-};
 
 // All files of a folder, or of the one; what cannot be looked at counts nothing.
 std::uintmax_t BytesOf(const std::string& path) {
@@ -191,9 +145,9 @@ class Campaign {
   Outcome MapOne(const ListedRecording& recording) const {
     if (stop_) throw InterruptedError("what is mapped until now is kept; start it again to go on");
     const std::string made_of = MadeOf(recording);
-    if (TextOf(Drive(recording.name) / kMadeOf) == made_of) return {Status::kThere, ""};
+    if (HoldsText(Drive(recording.name) / kMadeOf, made_of)) return {Status::kThere, ""};
     Stopwatch watch;
-    FolderWriter folder(Drive(recording.name));
+    FolderWriter folder = NewFolder(Drive(recording.name));
     RunArguments run;
     run.scans = recording.scans;
     run.frames = recording.frames;
@@ -211,7 +165,7 @@ class Campaign {
     } catch (const OptionError& error) {
       return LeaveOut(recording, error.what());
     }
-    folder.Commit(made_of);
+    Finish(made_of, &folder);
     spdlog::info("rank {}: {} mapped in {:.1f} s{}{}", ranks_.rank(), recording.name,
                  1e-3 * watch.Milliseconds(), outcome.reason.empty() ? "" : "; ", outcome.reason);
     return outcome;
@@ -236,7 +190,7 @@ class Campaign {
     });
     const fs::path target = fs::path(arguments_.out) / "map";
     // What was mapped just now is the same only if a kept map was made of it.
-    const bool there = Count(Status::kMapped) == 0 && TextOf(target / kMadeOf) == made_of;
+    const bool there = Count(Status::kMapped) == 0 && HoldsText(target / kMadeOf, made_of);
     if (ranks_.Exchange(there ? "y" : "n").front() == "y") return "their map is there already";
     std::vector<lamina::Drive> drives;
     Together(ranks_, [&] {
@@ -246,10 +200,10 @@ class Campaign {
     const MergedMap merged(drives, config_, MergedMap::Effort::kJoin, {}, Sharing());
     Together(ranks_, [&] {
       if (ranks_.rank() > 0) return;
-      FolderWriter folder(target);
+      FolderWriter folder = NewFolder(target);
       const nlohmann::json summary = WriteMerge(folder.path(), drives, merged, config_);
       WriteTextFile((fs::path(folder.path()) / "summary.json").string(), SummaryText(summary));
-      folder.Commit(made_of);
+      Finish(made_of, &folder);
     });
     return merged.frames() == 1 ? "one map"
                                 : fmt::format("{} maps that nothing connects", merged.frames());

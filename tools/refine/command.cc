@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/base/error.h"
+#include "io/file/folder_writer.h"
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"
 #include "tools/merge/drive.h"
@@ -51,18 +52,14 @@ int Refine(const RefineArguments& arguments) {
   // A name that ends in a slash has no last part.
   fs::path out = fs::absolute(arguments.out).lexically_normal();
   if (!out.has_filename()) out = out.parent_path();
-  const std::string partial = out.string() + ".partial";
-  std::error_code ignored;
-  fs::remove_all(partial, ignored);
-  MakeDirectory(partial);
+  FolderWriter folder(out, out.string() + ".partial");
   const MergedMap refined(drives, config, MergedMap::Effort::kAllPairs,
                           [](std::size_t done, std::size_t due) {
                             spdlog::info("compared {} of {} pairs of submaps", done, due);
                           });
-  const nlohmann::json summary = WriteMerge(partial, drives, refined, config);
-  WriteTextFile((fs::path(partial) / "summary.json").string(), SummaryText(summary));
-  fs::remove(out, ignored);  // if it is an empty folder
-  fs::rename(partial, out);
+  const nlohmann::json summary = WriteMerge(folder.path(), drives, refined, config);
+  WriteTextFile((fs::path(folder.path()) / "summary.json").string(), SummaryText(summary));
+  folder.Commit();
   fmt::print(
       "{} submaps, {} loops accepted that were not known; anchors adjusted in {} rounds by {} "
       "planes, {:.3f} m at most\n",
