@@ -64,6 +64,9 @@ struct OdometryFrame {
   Vector6d twist = Vector6d::Zero();  // body, per second, during the scan
   MatchResult match;
   bool searched = false;  // a search ran
+  // Standard deviation along the direction that the match knows least, where few surfaces face it
+  // and the motion before tells no more (direction_profile.h); 0 elsewhere.
+  double open_m = 0.0;
 };
 
 // Not thread-safe; deterministic.
@@ -149,9 +152,14 @@ class Odometry {
   void SettleWeakest(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
                      const VoxelMap& map, int passes, std::vector<PointCluster>* deskewed,
                      OdometryFrame* frame) const;
+  // Whether the prediction leaves the direction that a match knows least to the search.
+  bool Unbridged(const PosePrediction& prediction, const MatchResult& match) const;
+  // What a search has found there where few surfaces face it.
+  void DoubtUnbridged(const PosePrediction& prediction, const std::vector<PointCluster>& deskewed,
+                      const VoxelMap& map, OdometryFrame* frame) const;
   // The same while the motion before it is as unsure: the match stays, with what else it may be in
   // its covariance. Degenerate where that is much.
-  void DoubtWeakest(const DirectionProfile& profile, MatchResult* match) const;
+  void DoubtWeakest(const DirectionProfile& profile, OdometryFrame* frame) const;
   // How often a scan is deskewed again.
   int DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const;
   // Status and pose of a frame that was matched.

@@ -8,6 +8,7 @@
 
 #include "core/geometry/robust_kernel.h"
 #include "core/map/voxel_key.h"
+#include "frontend/direction_profile.h"
 #include "frontend/odometry.h"
 #include "frontend/plane_score.h"
 
@@ -52,10 +53,17 @@ Eigen::Vector3d LeastFaced(const std::vector<PointCluster>& clusters, const SE3&
 StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& map_options)
     : map_options_(map_options),
       matcher_(Narrow(options.matcher)),
-      reach_m_s_(2.0 * options.motion.start_speed_sigma_m_s) {}
+      reach_m_s_(2.0 * options.motion.start_speed_sigma_m_s),
+      open_sigma_m_(options.matcher.max_direction_sigma_m) {
+  steady_.voxel_size_m = map_options.LeafSize();
+  steady_.noise_m = options.matcher.noise_floor_m;
+  steady_.speed_sigma_m_s = options.motion.start_speed_sigma_m_s;
+  steady_.acceleration_sigma_m_s2 = options.motion.acceleration_sigma_m_s2;
+  steady_.most_speed_m_s = reach_m_s_;
+}
 
 void StartTrack::Clear() {
-  open_ = overruled_ = false;
+  open_ = overruled_ = unsure_ = false;
   scans_.clear();
   hypotheses_.clear();
 }
@@ -68,6 +76,8 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
   }
   scans_.push_back({frame.stamp_ns, clusters, frame.T_world_lidar, Vector6d::Zero()});
   if (scans_.size() == 1) return;
+  all_tracked_ = all_tracked_ && frame.status == OdometryFrame::Status::kTracked;
+  unsure_ = all_tracked_ && (unsure_ || frame.open_m > open_sigma_m_);
   if (scans_.size() == 2) {
     Begin(frame);
   } else {
@@ -83,9 +93,11 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
   Decide();
 }
 
-VoxelMap StartTrack::MapOf(const std::vector<SE3>& poses, std::size_t scans) const {
+VoxelMap StartTrack::MapOf(const std::vector<SE3>& poses, std::size_t scans,
+                           std::size_t without) const {
   VoxelMap map(map_options_);
   for (std::size_t k = 0; k < scans; ++k) {
+    if (k == without) continue;
     const std::vector<PointCluster> clusters =
         DeskewClusters(scans_[k].clusters, Twist(poses, std::max<std::size_t>(k, 1)));
     for (const PointCluster& cluster : clusters) {
@@ -233,8 +245,99 @@ bool StartTrack::Match(Hypothesis* hypothesis) const {
   return true;
 }
 
+std::vector<SteadyScan> StartTrack::WithoutWay(WayAlong* own) const {
+  std::vector<SE3> poses;
+  for (const Scan& scan : scans_) poses.push_back(scan.T_world_lidar);
+  std::vector<SteadyScan> scans;
+  for (std::size_t k = 0; k < scans_.size(); ++k) {
+    const SE3& T = poses[k];
+    Vector6d twist = Twist(poses, std::max<std::size_t>(k, 1));
+    const Eigen::Vector3d u_lidar = T.q.conjugate() * u_;
+    own->speeds_m_s.push_back(u_lidar.dot(twist.tail<3>()));
+    own->positions_m.push_back(u_.dot(T.t - poses[0].t));
+    twist.tail<3>() -= own->speeds_m_s.back() * u_lidar;
+    SteadyScan scan;
+    scan.time_s = SecondsBetween(scans_[0].stamp_ns, scans_[k].stamp_ns);
+    for (const PointCluster& cluster : DeskewClusters(scans_[k].clusters, twist))
+      scan.clusters.push_back(cluster.Moved(SE3(T.q, T.t - own->positions_m.back() * u_)));
+    if (AnyTimed(scans_[k].clusters)) {
+      for (const TimedCluster& cluster : scans_[k].clusters)
+        scan.cluster_times_s.push_back(cluster.mean_time_s);
+    }
+    scans.push_back(std::move(scan));
+  }
+  return scans;
+}
+
+bool StartTrack::TakeSteady() {
+  // A speed that is known worse, or at the end of what is looked for, may be any.
+  constexpr double kMostOpenMS = 4.0, kMostOfReach = 0.8;
+  constexpr double kRefutedSigmas = 3.0, kStandingSigmas = 5.0;
+  WayAlong own;
+  const SteadyMotionSearch search(steady_, u_, WithoutWay(&own));
+  const FoundMotion found = search.Find();
+  if (found.open_speed_m_s > kMostOpenMS ||
+      std::abs(found.motion.speed_m_s) > kMostOfReach * steady_.most_speed_m_s)
+    return false;
+  const WayAlong way = search.WayUnder(found.motion);
+  // Scans from nearly one place have their points in the same few spots of each wall, and look
+  // sharp for that alone.
+  const bool standing = std::abs(way.positions_m.back()) < steady_.voxel_size_m;
+  if (search.Sharper(way, own) < (standing ? kStandingSigmas : kRefutedSigmas)) return false;
+  std::vector<SE3> steady;
+  for (std::size_t k = 0; k < scans_.size(); ++k) {
+    steady.push_back(scans_[k].T_world_lidar);
+    steady.back().t += (way.positions_m[k] - own.positions_m[k]) * u_;
+  }
+  std::vector<SE3> poses = steady;
+  MatchResult match;
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    if (!SettleBeside(k, &poses, &match)) return false;
+  }
+  // Twists of a steady motion are steadier than those from pose to pose.
+  Overrule(poses, steady, match);
+  return true;
+}
+
+bool StartTrack::SettleBeside(std::size_t scan, std::vector<SE3>* poses, MatchResult* match) const {
+  // What a steady motion leaves open of a pose.
+  constexpr double kOpenM = 0.05;
+  const VoxelMap map = MapOf(*poses, poses->size(), scan);
+  const std::vector<PointCluster> clusters =
+      DeskewClusters(scans_[scan].clusters, Twist(*poses, std::max<std::size_t>(scan, 1)));
+  SE3& T = (*poses)[scan];
+  Vector6d along = Vector6d::Zero();
+  along.tail<3>() = u_;
+  const DirectionProfile profile(clusters, map, T, along, steady_.noise_m);
+  const DirectionProfile::Posterior posterior = profile.With(0.0, kOpenM);
+  PosePrediction prediction;
+  prediction.T_world_lidar = T;
+  prediction.covariance.diagonal().setConstant(kOpenM * kOpenM);
+  *match = matcher_.MatchKnown(clusters, profile.At(posterior.mean_m), {along, posterior.sigma_m},
+                               prediction, map);
+  if (match->status == MatchResult::Status::kTooFewMatches) return false;
+  T = match->T_world_lidar;
+  return true;
+}
+
+void StartTrack::Overrule(const std::vector<SE3>& poses, const std::vector<SE3>& moving,
+                          const MatchResult& match) {
+  open_ = false;
+  overruled_ = true;
+  for (std::size_t k = 0; k < scans_.size(); ++k) {
+    scans_[k].T_world_lidar = poses[k];
+    scans_[k].twist = Twist(moving, std::max<std::size_t>(k, 1));
+  }
+  match_ = match;
+  hypotheses_.clear();
+}
+
 void StartTrack::Decide() {
-  if (hypotheses_.empty()) return Clear();
+  if (unsure_ && scans_.size() >= kMostScans && TakeSteady()) return;
+  if (hypotheses_.empty()) {
+    if (!unsure_ || scans_.size() >= kMostScans) Clear();
+    return;
+  }
   constexpr double kClearSigmas = 3.0, kLikelySigmas = 1.0;
   Hypothesis best = hypotheses_.front();
   for (const Hypothesis& h : hypotheses_) {
@@ -244,17 +347,10 @@ void StartTrack::Decide() {
   followed_ = followed_ && !refuted(hypotheses_.front());
   hypotheses_.erase(std::remove_if(hypotheses_.begin(), hypotheses_.end(), refuted),
                     hypotheses_.end());
-  if (hypotheses_.size() > 1 && scans_.size() < kMostScans) return;
+  if ((unsure_ || hypotheses_.size() > 1) && scans_.size() < kMostScans) return;
   // Of several that are left at the end one that is likely better is followed.
   if (followed_ && Better(best, hypotheses_.front()) < kLikelySigmas) return Clear();
-  open_ = false;
-  overruled_ = true;
-  for (std::size_t k = 0; k < scans_.size(); ++k) {
-    scans_[k].T_world_lidar = best.poses[k];
-    scans_[k].twist = Twist(best.poses, std::max<std::size_t>(k, 1));
-  }
-  match_ = best.match;
-  hypotheses_.clear();
+  Overrule(best.poses, best.poses, best.match);
 }
 
 Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
@@ -268,7 +364,7 @@ Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
 }
 
 void StartTrack::Archive(StateArchive& a) {
-  a(&open_, &overruled_, &scans_, &hypotheses_, &followed_, &u_);
+  a(&open_, &overruled_, &unsure_, &all_tracked_, &scans_, &hypotheses_, &followed_, &u_);
 }
 
 }  // namespace lamina

@@ -33,6 +33,7 @@
 #include "frontend/odometry.h"
 #include "frontend/scan_clusters.h"
 #include "frontend/scan_matcher.h"
+#include "frontend/steady_motion.h"
 
 namespace lamina {
 
@@ -44,7 +45,7 @@ class StartTrack {
   // Whether the next scan is wanted: from the first one on, until one hypothesis is left or taken.
   bool open() const { return open_; }
   // Whether there is more than one hypothesis.
-  bool contested() const { return open_ && !hypotheses_.empty(); }
+  bool contested() const { return open_ && (unsure_ || !hypotheses_.empty()); }
 
   // The next scan, and what odometry made of it. The first has no match. The second gives the
   // hypotheses about its match; scans that are far apart in time, or made-up stamps, give none.
@@ -89,8 +90,10 @@ class StartTrack {
   double Better(const Hypothesis& a, const Hypothesis& b) const;
   // Body twist at a scan, per second, from the motion since the one before.
   Vector6d Twist(const std::vector<SE3>& poses, std::size_t scan) const;
-  // Of the first so many scans.
-  VoxelMap MapOf(const std::vector<SE3>& poses, std::size_t scans) const;
+  // Of the first so many scans, or all of them but one.
+  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
+  VoxelMap MapOf(const std::vector<SE3>& poses, std::size_t scans,
+                 std::size_t without = kNone) const;
   // Poses that differ by moves along u, and fit better than those beside them.
   std::vector<SE3> Minima(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
                           const VoxelMap& map) const;
@@ -100,14 +103,28 @@ class StartTrack {
   // Brings its newest pose to the minimum near by.
   bool Match(Hypothesis* hypothesis) const;
   void Decide();
+  // Puts the scans where the steady motion along u_ has them under which they make the sharpest
+  // map. False if it is no sharper than as odometry has them, or says too little.
+  bool TakeSteady();
+  // Brings the pose of a scan to the map that all others make, along u only as far as few surfaces
+  // may (direction_profile.h). False if it meets too little of it.
+  bool SettleBeside(std::size_t scan, std::vector<SE3>* poses, MatchResult* match) const;
+  // The scans as if the sensor had not moved along u, and how it has as odometry has it.
+  std::vector<SteadyScan> WithoutWay(WayAlong* own) const;
+  // Closes with these poses, and with the twists of those where it is `moving`.
+  void Overrule(const std::vector<SE3>& poses, const std::vector<SE3>& moving,
+                const MatchResult& match);
 
   VoxelMapOptions map_options_;
   ScanMatcher matcher_;
-  double reach_m_s_;
+  double reach_m_s_, open_sigma_m_;
+  SteadyMotionOptions steady_;
   bool open_ = true, overruled_ = false;
   std::vector<Scan> scans_;  // poses and twists: once closed
   std::vector<Hypothesis> hypotheses_;
   bool followed_ = false;  // whether the first of them is that of odometry
+  // Whether a match left the way open, and whether all scans so far were tracked.
+  bool unsure_ = false, all_tracked_ = true;
   MatchResult match_;
   Eigen::Vector3d u_ = Eigen::Vector3d::UnitX();
 };

@@ -62,7 +62,7 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   if (odometry_.started()) RecallAround(odometry_.Predict(stamp_ns), *clusters);
   result.odometry = Register(stamp_ns, *clusters);
   OdometryFrame& frame = result.odometry;
-  if (start_.open()) FollowStart(scan, &frame);
+  const bool started_over = start_.open() && FollowStart(scan, &frame);
   if (frame.status == OdometryFrame::Status::kLost) {
     if (!odometry_.lost()) lost_track_.Add(stamp_ns, *clusters, frame.twist);
     odometry_.Lose();
@@ -74,6 +74,7 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
     lost_in_a_row_ = 0;
     odometry_.Accept(frame);
     if (lost_track_.scans() > 1) odometry_.Assume(lost_track_.Twist());
+    if (started_over) odometry_.Assume(frame.twist);
     lost_track_.Clear();
     ++frames_since_keyframe_;
     result.keyframe = !localising_ && IsKeyframe(frame.T_world_lidar);
@@ -90,16 +91,18 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   return result;
 }
 
-void Mapper::FollowStart(const MapperScan& scan, OdometryFrame* frame) {
+bool Mapper::FollowStart(const MapperScan& scan, OdometryFrame* frame) {
   // Only as long as all that the scans have left can be taken back.
   if (localising_ || window_.full() || open_.size() != start_.scans().size()) start_.Clear();
-  if (!start_.open()) return;
+  if (!start_.open()) return false;
   start_.Add(*frame, scan.stamp_made_up, *scan.clusters);
-  if (start_.overruled()) {
+  const bool overruled = start_.overruled();
+  if (overruled) {
     StartOver(frame);
     start_.Clear();
   }
   frame->match.covariance += start_.Spread(frame->T_world_lidar);
+  return overruled;
 }
 
 void Mapper::StartOver(OdometryFrame* frame) {

@@ -157,8 +157,9 @@ class Mapper {
   void AddKeyframe(const OdometryFrame& frame, std::vector<TimedCluster> clusters);
   // The same for a scan that follows a lost one.
   OdometryFrame FindAgain(StampNs stamp_ns, const std::vector<TimedCluster>& clusters);
-  // While the first scans have several explanations. *frame is what odometry made of this one.
-  void FollowStart(const MapperScan& scan, OdometryFrame* frame);
+  // While the first scans have several explanations. *frame is what odometry made of this one. True
+  // if they are taken again under another explanation.
+  bool FollowStart(const MapperScan& scan, OdometryFrame* frame);
   // Takes back all scans so far and takes them again as start_ has them; *frame is of the newest.
   void StartOver(OdometryFrame* frame);
   // Whether a lost scan is to begin a map anew.

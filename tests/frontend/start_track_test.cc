@@ -132,6 +132,58 @@ TEST_F(StartTrackTest, WhatIsContestedIsUncertain) {
   EXPECT_LT(std::sqrt(spread(4, 4)), 0.1);
 }
 
+// Scans of so few points that what two of them have in common says nothing of the way.
+class SparseStartTest : public StartTrackTest {
+ protected:
+  // By how far odometry is off in each of them.
+  static constexpr double kOffM[] = {0.0, 0.2, -0.15, 0.1, 0.3, -0.2, -0.1, 0.25, 0.1, 0.0};
+
+  std::vector<TimedCluster> Sparse(int scan) {
+    const SE3 T = BayStreet::PoseAt(kFastM * kPeriodS * scan);
+    return BuildScanClusters(street_.Scan(T, 3000, &draws_), map_.LeafSize());
+  }
+  static OdometryFrame Unsure(int scan, double off_m) {
+    OdometryFrame frame = Matched(scan, 0.0);
+    frame.T_world_lidar = FromStartFast(scan);
+    frame.T_world_lidar.t.x() += off_m;
+    frame.match.T_world_lidar = frame.T_world_lidar;
+    frame.open_m = scan == 0 ? 0.0 : 0.3;
+    return frame;
+  }
+  static SE3 FromStartFast(int scan) {
+    return BayStreet::PoseAt(0.0).Inverse() * BayStreet::PoseAt(kFastM * kPeriodS * scan);
+  }
+
+  static constexpr double kFastM = 12.0;
+};
+
+TEST_F(SparseStartTest, ManyScansTellTheWayThatTwoDoNot) {
+  StartTrack start(options_, map_);
+  int scan = 0;
+  for (; start.open() && scan < 10; ++scan) {
+    start.Add(Unsure(scan, kOffM[scan]), false, Sparse(scan));
+    if (scan == 1) {
+      ASSERT_TRUE(start.contested());
+    }
+  }
+  ASSERT_TRUE(start.overruled());
+  ASSERT_EQ(start.scans().size(), static_cast<std::size_t>(scan));
+  const Eigen::Vector3d off = start.scans().front().T_world_lidar.t;
+  for (int k = 0; k < scan; ++k) {
+    const StartTrack::Scan& taken = start.scans()[static_cast<std::size_t>(k)];
+    EXPECT_LT((taken.T_world_lidar.t - off - FromStartFast(k).t).norm(), 0.1) << k;
+    EXPECT_NEAR(taken.twist(3), kFastM, 0.5) << k;
+  }
+}
+
+TEST_F(SparseStartTest, WhatOdometryHasRightStays) {
+  StartTrack start(options_, map_);
+  for (int scan = 0; start.open() && scan < 10; ++scan)
+    start.Add(Unsure(scan, 0.0), false, Sparse(scan));
+  EXPECT_FALSE(start.open());
+  EXPECT_FALSE(start.overruled());
+}
+
 TEST_F(StartTrackTest, ScansWithoutMeasuredTimesAreLeftAlone) {
   for (const bool made_up : {true, false}) {
     StartTrack start(options_, map_);

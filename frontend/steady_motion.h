@@ -1,0 +1,103 @@
+// How fast a sensor moved along one direction while it took several scans: the steady motion under
+// which they make the sharpest map.
+//
+// Two sparse scans hardly share a plane that faces the way: a column of points on a wall is a line,
+// two of them are a plane wherever they stand, and what such planes say of the next scan is chance.
+// Eight scans together show every wall as what it is, if they are put where they were taken. Under
+// a constant acceleration, positions along the unit vector u are, about the middle of the scans,
+//
+//     x(t) = v t + a t^2 / 2,
+//
+// and v and a are those that maximise
+//
+//     L(v, a) = sum_b L_b - v^2 / (2 sv^2) - a^2 / (2 sa^2),
+//     L_b = -1/2 a_b mean_i( log(lambda_i + s^2) ),    a_b = n_b / (n_b + n_0),
+//
+// the mean over the n_b points in the block b of 4 m about the sensor, in which points are of one
+// thing, may move together, and so count as one observation; lambda is the smallest eigenvalue of
+// the points in the voxel of point i, the paper's cost of a voxel (Huang et al., RA-L 2021, eq. 7),
+// and s the sensor's noise. The logarithm bounds what one voxel can cost, so that corners and
+// foliage do not outweigh walls. Several shifted grids of voxels keep v from being drawn to where
+// the faces of one grid lie. L rises over metres per second to its maximum, where the match of a
+// single scan has a minimum every few decimetres.
+//
+// One motion is refuted by another by so many standard deviations of a sum of independent votes:
+//
+//     z = sum_b v_b / sqrt(sum_b v_b^2),    v_b = D_b / sqrt(1 + D_b^2),    D_b = L_b - L'_b.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "core/geometry/point_cluster.h"
+#include "core/geometry/se3.h"
+
+namespace lamina {
+
+// One of the scans.
+struct SteadyScan {
+  double time_s = 0.0;
+  // In the world but for the way along u: as if the sensor had been at x = 0 in all scans, and had
+  // stood still along u during each of them.
+  std::vector<PointCluster> clusters;
+  // When each cluster was measured, after time_s. Empty where all are of one instant.
+  std::vector<double> cluster_times_s;
+};
+
+struct SteadyMotionOptions {
+  double voxel_size_m = 0.8;
+  double noise_m = 0.02;
+  double speed_sigma_m_s = 15.0;
+  double acceleration_sigma_m_s2 = 4.0;
+  // Faster than this it is not looked for.
+  double most_speed_m_s = 30.0;
+};
+
+struct SteadyMotion {
+  double speed_m_s = 0.0, acceleration_m_s2 = 0.0;
+};
+
+// Positions along u, metres from that of the first scan, and speeds.
+struct WayAlong {
+  std::vector<double> positions_m, speeds_m_s;
+};
+
+// What a search finds.
+struct FoundMotion {
+  SteadyMotion motion;
+  // Largest difference of speed that another motion may have without being refuted by this one.
+  double open_speed_m_s = 0.0;
+};
+
+// Runs on several threads, with the same bits at any number.
+class SteadyMotionSearch {
+ public:
+  // At least two scans, by increasing time.
+  SteadyMotionSearch(const SteadyMotionOptions& options, const Eigen::Vector3d& u,
+                     std::vector<SteadyScan> scans);
+
+  WayAlong WayUnder(const SteadyMotion& motion) const;
+  FoundMotion Find() const;
+  // By how many standard deviations the first one makes the map sharper.
+  double Sharper(const WayAlong& one, const WayAlong& other) const;
+
+ private:
+  // L_b of each block, in so many grids.
+  std::vector<double> BlockEvidence(const WayAlong& way, std::size_t grids) const;
+  void AddGrid(const WayAlong& way, const Eigen::Vector3d& shift_m,
+               std::vector<double>* sums) const;
+  // L from that of its blocks.
+  double Total(const SteadyMotion& motion, const std::vector<double>& blocks) const;
+  // From a motion to the maximum near by.
+  SteadyMotion Climb(const SteadyMotion& start) const;
+
+  SteadyMotionOptions options_;
+  Eigen::Vector3d u_;
+  std::vector<SteadyScan> scans_;
+  std::vector<std::int32_t> block_of_;  // of each cluster of each scan
+  std::vector<double> block_points_;
+  double middle_s_ = 0.0;
+};
+
+}  // namespace lamina
