@@ -140,11 +140,15 @@ std::uint32_t ArithmeticDecoder::NextByte() {
   return static_cast<unsigned char>(bytes_[at_++]);
 }
 
+void ArithmeticDecoder::FailDamaged() const {
+  throw InputError(fmt::format("{}: compressed points are damaged", name_));
+}
+
 void ArithmeticDecoder::Renormalise() {
   while (length_ < kLeastLength) {
     value_ = value_ << 8 | NextByte();
     // Damaged bytes can leave nothing of the interval.
-    if (length_ == 0) throw InputError(fmt::format("{}: compressed points are damaged", name_));
+    if (length_ == 0) FailDamaged();
     length_ <<= 8;
   }
 }

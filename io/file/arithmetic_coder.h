@@ -80,6 +80,7 @@ class ArithmeticDecoder {
   std::uint32_t Bit(std::uint32_t, BitModel* model);
   std::uint32_t Symbol(std::uint32_t, SymbolModel* model);
   std::uint32_t Bits(std::uint32_t, int bits);
+  [[noreturn]] void FailDamaged() const;
 
  private:
   std::uint32_t NextByte();

@@ -1,4 +1,4 @@
-// What LASzip expects of the fields of points: their models for the arithmetic coder.
+// What LASzip expects of numbers: the models for the arithmetic coder that its items are made of.
 //
 // Private to io/file.
 #pragma once
@@ -7,7 +7,6 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <cstring>
 #include <memory>
 #include <vector>
 
@@ -120,148 +119,53 @@ class MovingMedian {
   bool drop_high_ = true;
 };
 
-// A model for each value of a byte before, made when it is wanted.
-class ByteModels {
+// A model for each value before, up to 255, made when it is wanted.
+class ModelsByValue {
  public:
-  SymbolModel* At(std::uint8_t before) {
-    auto& model = models_[before];
-    if (model == nullptr) model = std::make_unique<SymbolModel>(256);
+  explicit ModelsByValue(std::uint32_t symbols) : symbols_(symbols) {}
+  SymbolModel* At(std::uint32_t before) {
+    auto& model = models_.at(before);
+    if (model == nullptr) model = std::make_unique<SymbolModel>(symbols_);
     return model.get();
   }
 
  private:
+  const std::uint32_t symbols_;
   std::array<std::unique_ptr<SymbolModel>, 256> models_;
-};
-
-struct Point10 {
-  std::int32_t x, y, z;
-  std::uint16_t intensity;
-  std::uint8_t returns, classification, scan_angle, user_data;
-  std::uint16_t source;
-};
-static_assert(sizeof(Point10) == 20, "as in the file");
-
-class Point10Model {
- public:
-  explicit Point10Model(const char* first) { std::memcpy(&last_, first, sizeof(last_)); }
-
-  template <typename Coder>
-  void Code(char* bytes, Coder* coder) {
-    Point10 p = last_;
-    if (Coder::kEncodes) std::memcpy(&p, bytes, sizeof(p));
-    CodeAttributes(&p, coder);
-    CodePlace(&p, coder);
-    last_ = p;
-    std::memcpy(bytes, &p, sizeof(p));
-  }
-
- private:
-  // Which pulse of how many: points of one kind are predicted from one another.
-  static std::size_t KindOf(std::size_t returns, std::size_t number) {
-    static constexpr std::uint8_t kKinds[8][8] = {
-        {15, 14, 13, 12, 11, 10, 9, 8},  {14, 0, 1, 3, 6, 10, 10, 9},
-        {13, 1, 2, 4, 7, 11, 11, 10},    {12, 3, 4, 5, 8, 12, 12, 11},
-        {11, 6, 7, 8, 9, 13, 13, 12},    {10, 10, 11, 12, 13, 14, 14, 13},
-        {9, 10, 11, 12, 13, 14, 15, 14}, {8, 9, 10, 11, 12, 13, 14, 15}};
-    return kKinds[returns][number];
-  }
-
-  template <typename Coder>
-  void CodeAttributes(Point10* p, Coder* coder) {
-    constexpr std::uint32_t kReturns = 32, kIntensity = 16, kClass = 8, kAngle = 4, kUser = 2,
-                            kSource = 1;
-    SetPulse(*p);
-    std::uint32_t changed = 0;
-    if (p->returns != last_.returns) changed |= kReturns;
-    if (p->intensity != intensities_[kind_]) changed |= kIntensity;
-    if (p->classification != last_.classification) changed |= kClass;
-    if (p->scan_angle != last_.scan_angle) changed |= kAngle;
-    if (p->user_data != last_.user_data) changed |= kUser;
-    if (p->source != last_.source) changed |= kSource;
-    changed = coder->Symbol(changed, &changed_);
-    const auto byte = [&](std::uint8_t value, SymbolModel* model) {
-      return static_cast<std::uint8_t>(coder->Symbol(value, model));
-    };
-    if ((changed & kReturns) != 0) p->returns = byte(p->returns, return_bytes_.At(last_.returns));
-    SetPulse(*p);
-    if ((changed & kIntensity) != 0) {
-      intensities_[kind_] = static_cast<std::uint16_t>(intensity_.Code(
-          intensities_[kind_], p->intensity, std::min<std::size_t>(kind_, 3), coder));
-    }
-    p->intensity = intensities_[kind_];
-    if ((changed & kClass) != 0) {
-      p->classification = byte(p->classification, classes_.At(last_.classification));
-    }
-    if ((changed & kAngle) != 0) {
-      const auto turn = static_cast<std::uint8_t>(p->scan_angle - last_.scan_angle);
-      const std::uint8_t found = byte(turn, &angles_[(p->returns >> 6) & 1U]);
-      p->scan_angle = static_cast<std::uint8_t>(last_.scan_angle + found);
-    }
-    if ((changed & kUser) != 0) p->user_data = byte(p->user_data, users_.At(last_.user_data));
-    if ((changed & kSource) != 0) {
-      p->source = static_cast<std::uint16_t>(source_.Code(last_.source, p->source, 0, coder));
-    }
-  }
-
-  void SetPulse(const Point10& p) {
-    const std::size_t number = p.returns & 7U, returns = (p.returns >> 3) & 7U;
-    kind_ = KindOf(returns, number);
-    level_ = returns > number ? returns - number : number - returns;
-    single_ = returns == 1 ? 1 : 0;
-  }
-
-  template <typename Coder>
-  void CodePlace(Point10* p, Coder* coder) {
-    // Even, so that the last bit of a context tells single pulses apart.
-    const auto even = [](int bits, int most) {
-      return static_cast<std::size_t>(bits < most ? bits & ~1 : most);
-    };
-    const std::int32_t dx = x_.Code(x_medians_[kind_].get(),
-                                    Signed(Unsigned(p->x) - Unsigned(last_.x)), single_, coder);
-    p->x = Signed(Unsigned(last_.x) + Unsigned(dx));
-    x_medians_[kind_].Add(dx);
-    const std::int32_t dy =
-        y_.Code(y_medians_[kind_].get(), Signed(Unsigned(p->y) - Unsigned(last_.y)),
-                single_ + even(x_.length(), 20), coder);
-    p->y = Signed(Unsigned(last_.y) + Unsigned(dy));
-    y_medians_[kind_].Add(dy);
-    p->z =
-        z_.Code(heights_[level_], p->z, single_ + even((x_.length() + y_.length()) / 2, 18), coder);
-    heights_[level_] = p->z;
-  }
-
-  Point10 last_{};
-  std::size_t kind_ = 0, level_ = 0, single_ = 0;
-  SymbolModel changed_{64};
-  ByteModels return_bytes_, classes_, users_;
-  std::array<SymbolModel, 2> angles_{SymbolModel(256), SymbolModel(256)};
-  NumberModel intensity_{16, 4}, source_{16, 1}, x_{32, 2}, y_{32, 22}, z_{32, 20};
-  std::array<std::uint16_t, 16> intensities_{};
-  std::array<MovingMedian, 16> x_medians_, y_medians_;
-  std::array<std::int32_t, 8> heights_{};
 };
 
 // Times as 64-bit patterns of doubles: multiples of the last difference, in up to four sequences
 // that take turns.
 class GpsTimeModel {
  public:
-  explicit GpsTimeModel(const char* first) { std::memcpy(&times_[0], first, sizeof(times_[0])); }
+  // Whether a time that is the same again is coded here, as in version 2 of the item, or elsewhere,
+  // as in version 3, which has no symbols for it.
+  enum class Repeats { kCoded, kElsewhere };
+  GpsTimeModel(std::int64_t first, Repeats repeats)
+      : repeats_(repeats == Repeats::kCoded ? 1 : 0),
+        first_(5 + repeats_),
+        multiples_(kSymbols + repeats_) {
+    times_[0] = first;
+  }
 
   template <typename Coder>
-  void Code(char* bytes, Coder* coder) {
-    std::int64_t time = 0;
-    if (Coder::kEncodes) std::memcpy(&time, bytes, sizeof(time));
-    // A change of sequence is coded, then the time in it.
+  std::int64_t Code(std::int64_t time, Coder* coder) {
+    // A change of sequence is coded, then the time in it. Damaged bytes can change it for ever.
+    constexpr int kMostChanges = 4;
+    int changes = 0;
     while (!(differences_[last_] == 0 ? CodeFirst(&time, coder) : CodeNext(&time, coder))) {
+      if constexpr (!Coder::kEncodes) {
+        if (++changes > kMostChanges) coder->FailDamaged();
+      }
     }
-    times_[last_] = time;
-    std::memcpy(bytes, &time, sizeof(time));
+    return times_[last_] = time;
   }
 
  private:
   static constexpr std::int32_t kMost = 500, kLeast = -10;
+  // kUnchanged has no symbol if repeats are coded elsewhere; those from kFull on are one less then.
   static constexpr std::uint32_t kUnchanged = kMost - kLeast + 1, kFull = kMost - kLeast + 2,
-                                 kSymbols = kMost - kLeast + 6;
+                                 kSymbols = kMost - kLeast + 5;
 
   std::int64_t From(std::size_t sequence, std::int64_t time) const {
     return static_cast<std::int64_t>(static_cast<std::uint64_t>(time) -
@@ -289,7 +193,7 @@ class GpsTimeModel {
       const std::uint32_t ahead = Ahead(*time);
       symbol = Fits(From(last_, *time)) ? 1 : ahead > 0 ? ahead + 2 : 2;
     }
-    symbol = coder->Symbol(symbol, &first_);
+    symbol = coder->Symbol(symbol - (1 - repeats_), &first_) + (1 - repeats_);
     if (symbol == 0) {
       *time = times_[last_];
     } else if (symbol == 1) {
@@ -315,7 +219,9 @@ class GpsTimeModel {
     if (Coder::kEncodes && *time != times_[last_]) {
       symbol = Fits(d) ? SymbolOf(static_cast<std::int32_t>(d)) : kFull + Ahead(*time);
     }
-    symbol = coder->Symbol(symbol, &multiples_);
+    const std::uint32_t left_out = symbol < kUnchanged ? 0 : 1 - repeats_;
+    symbol = coder->Symbol(symbol - left_out, &multiples_);
+    if (symbol >= kUnchanged) symbol += 1 - repeats_;
     if (symbol == kUnchanged) {
       *time = times_[last_];
     } else if (symbol < kUnchanged) {
@@ -376,11 +282,12 @@ class GpsTimeModel {
     strays_[last_] = 0;
   }
 
+  const std::uint32_t repeats_;  // 1 if they are coded here
   std::uint32_t last_ = 0, next_ = 0;
   std::array<std::int64_t, 4> times_{};
   std::array<std::int32_t, 4> differences_{};
   std::array<int, 4> strays_{};
-  SymbolModel first_{6}, multiples_{kSymbols};
+  SymbolModel first_, multiples_;
   NumberModel numbers_{32, 9};
 };
 

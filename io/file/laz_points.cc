@@ -5,16 +5,19 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <iterator>
+#include <memory>
 #include <utility>
 
 #include "core/base/error.h"
 #include "io/file/arithmetic_coder.h"
-#include "io/file/laz_models.h"
+#include "io/file/laz_layers.h"
+#include "io/file/laz_point10.h"
 
 namespace lamina {
 namespace {
 
-enum ItemType : std::uint16_t { kByte = 0, kPoint10 = 6, kGpsTime11 = 7, kRgb12 = 8 };
+constexpr std::uint16_t kPointwise = 2, kLayered = 3;  // both in chunks
 
 template <typename T>
 T NumberAt(std::string_view bytes, std::size_t at) {
@@ -87,10 +90,13 @@ class RecordModel {
  public:
   RecordModel(const LazLayout& layout, const char* first) : layout_(layout) {
     for (const LazItem& item : layout.items) {
-      if (item.type == kPoint10) point_ = std::make_unique<Point10Model>(first);
-      if (item.type == kGpsTime11) time_ = std::make_unique<GpsTimeModel>(first);
-      if (item.type == kRgb12) colour_ = std::make_unique<Rgb12Model>(first);
-      if (item.type == kByte) extra_ = std::make_unique<ExtraBytesModel>(first, item.bytes);
+      if (item.type == kLazPoint10) point_ = std::make_unique<Point10Model>(first);
+      if (item.type == kLazGpsTime11) {
+        time_ = std::make_unique<GpsTimeModel>(NumberAt<std::int64_t>({first, 8}, 0),
+                                               GpsTimeModel::Repeats::kCoded);
+      }
+      if (item.type == kLazRgb12) colour_ = std::make_unique<Rgb12Model>(first);
+      if (item.type == kLazByte) extra_ = std::make_unique<ExtraBytesModel>(first, item.bytes);
       first += item.bytes;
     }
   }
@@ -98,17 +104,25 @@ class RecordModel {
   template <typename Coder>
   void Code(char* record, Coder* coder) {
     for (const LazItem& item : layout_.items) {
-      if (item.type == kPoint10) point_->Code(record, coder);
-      if (item.type == kGpsTime11) time_->Code(record, coder);
+      if (item.type == kLazPoint10) point_->Code(record, coder);
+      if (item.type == kLazGpsTime11) CodeTime(record, coder);
       if constexpr (!Coder::kEncodes) {
-        if (item.type == kRgb12) colour_->Decode(record, coder);
-        if (item.type == kByte) extra_->Decode(record, coder);
+        if (item.type == kLazRgb12) colour_->Decode(record, coder);
+        if (item.type == kLazByte) extra_->Decode(record, coder);
       }
       record += item.bytes;
     }
   }
 
  private:
+  template <typename Coder>
+  void CodeTime(char* bytes, Coder* coder) {
+    std::int64_t time = 0;
+    std::memcpy(&time, bytes, sizeof(time));
+    time = time_->Code(time, coder);
+    std::memcpy(bytes, &time, sizeof(time));
+  }
+
   const LazLayout& layout_;
   std::unique_ptr<Point10Model> point_;
   std::unique_ptr<GpsTimeModel> time_;
@@ -116,12 +130,35 @@ class RecordModel {
   std::unique_ptr<ExtraBytesModel> extra_;
 };
 
-bool IsKnown(const LazItem& item) {
-  const bool fits = item.type == kByte ? item.bytes > 0 && item.bytes <= 1024
-                                       : (item.type == kPoint10 && item.bytes == 20) ||
-                                             (item.type == kGpsTime11 && item.bytes == 8) ||
-                                             (item.type == kRgb12 && item.bytes == 6);
-  return fits && item.version == 2;
+struct KnownItem {
+  LazItemType type;
+  bool layered;
+  std::uint16_t bytes;  // 0: any
+};
+constexpr KnownItem kKnownItems[] = {
+    {kLazPoint10, false, 20}, {kLazGpsTime11, false, 8},    {kLazRgb12, false, 6},
+    {kLazByte, false, 0},     {kLazPoint14, true, 30},      {kLazRgb14, true, 6},
+    {kLazRgbNir14, true, 8},  {kLazWavePacket14, true, 29}, {kLazByte14, true, 0}};
+
+bool IsKnown(const LazItem& item, bool layered) {
+  constexpr std::uint16_t kMostExtraBytes = 1024;
+  if (layered ? item.version != 3 && item.version != 4 : item.version != 2) return false;
+  return std::any_of(std::begin(kKnownItems), std::end(kKnownItems), [&](const KnownItem& known) {
+    const bool fits = known.bytes == 0 ? item.bytes > 0 && item.bytes <= kMostExtraBytes
+                                       : item.bytes == known.bytes;
+    return item.type == known.type && layered == known.layered && fits;
+  });
+}
+
+// Two numbers a chunk where they have any number of points, else one.
+template <typename Coder>
+LazChunk CodeChunk(const LazChunk& before, LazChunk chunk, bool any, NumberModel* numbers,
+                   Coder* coder) {
+  if (any) {
+    chunk.points = Unsigned(numbers->Code(Signed(before.points), Signed(chunk.points), 0, coder));
+  }
+  chunk.bytes = Unsigned(numbers->Code(Signed(before.bytes), Signed(chunk.bytes), 1, coder));
+  return chunk;
 }
 
 }  // namespace
@@ -134,7 +171,6 @@ std::size_t LazLayout::record_bytes() const {
 
 LazLayout ParseLazRecord(std::string_view record, const std::string& name) {
   constexpr std::size_t kHeadBytes = 34, kItemBytes = 6, kMostItems = 4;
-  constexpr std::uint16_t kChunked = 2;
   if (record.size() < kHeadBytes) {
     throw InputError(fmt::format("{}: does not tell how its points are compressed", name));
   }
@@ -142,38 +178,51 @@ LazLayout ParseLazRecord(std::string_view record, const std::string& name) {
   layout.chunk_points = NumberAt<std::uint32_t>(record, 12);
   const auto items = NumberAt<std::uint16_t>(record, 32);
   const auto compressor = NumberAt<std::uint16_t>(record, 0);
-  bool known = compressor == kChunked && NumberAt<std::uint16_t>(record, 2) == 0 && items >= 1 &&
-               items <= kMostItems && record.size() >= kHeadBytes + items * kItemBytes &&
-               layout.chunk_points > 0 && layout.chunk_points < UINT32_MAX;
-  std::array<bool, 9> seen{};
+  layout.layered = compressor == kLayered;
+  const LazItemType point = layout.layered ? kLazPoint14 : kLazPoint10;
+  bool known = (compressor == kPointwise || layout.layered) &&
+               NumberAt<std::uint16_t>(record, 2) == 0 && items >= 1 && items <= kMostItems &&
+               record.size() >= kHeadBytes + items * kItemBytes && layout.chunk_points > 0 &&
+               (layout.layered || layout.chunk_points != kLazAnyPoints);
+  std::array<bool, kLazByte14 + 1> seen{};
   for (std::size_t i = 0; known && i < items; ++i) {
     const std::size_t at = kHeadBytes + i * kItemBytes;
     const LazItem item{NumberAt<std::uint16_t>(record, at), NumberAt<std::uint16_t>(record, at + 2),
                        NumberAt<std::uint16_t>(record, at + 4)};
-    known = IsKnown(item) && !std::exchange(seen[item.type], true) &&
-            (i == 0) == (item.type == kPoint10);
+    known = IsKnown(item, layout.layered) && !std::exchange(seen[item.type], true) &&
+            (i == 0) == (item.type == point);
     layout.items.push_back(item);
   }
   if (!known) {
-    throw InputError(
-        fmt::format("{}: its points are compressed in a way that is not read (that of LAS point "
-                    "formats 0 to 3 is; `las2las` or `pdal translate` makes a LAS file of it)",
-                    name));
+    throw InputError(fmt::format(
+        "{}: its points are compressed in a way that is not read (that of LASzip 2 and 3 "
+        "for LAS point formats 0 to 3 and 6 to 10 is; `las2las` or `pdal translate` "
+        "makes a LAS file of it)",
+        name));
   }
   return layout;
 }
 
 LazLayout LazLayoutOfFormat1() {
   LazLayout layout;
-  layout.items = {{kPoint10, 20, 2}, {kGpsTime11, 8, 2}};
+  layout.items = {{kLazPoint10, 20, 2}, {kLazGpsTime11, 8, 2}};
+  return layout;
+}
+
+LazLayout LazLayoutOfFormat6(std::uint32_t chunk_points) {
+  LazLayout layout;
+  layout.layered = true;
+  layout.chunk_points = chunk_points;
+  layout.items = {{kLazPoint14, 30, 3}};
   return layout;
 }
 
 std::string LazRecord(const LazLayout& layout) {
   std::string record;
-  Put<std::uint16_t>(2, &record);  // points one by one, in chunks
+  Put(layout.layered ? kLayered : kPointwise, &record);
   Put<std::uint16_t>(0, &record);  // the arithmetic coder
-  record += std::string("\2\2\0\0", 4);
+  const char version = layout.layered ? 3 : 2;
+  record += std::string{version, version, 0, 0};
   Put<std::uint32_t>(0, &record);
   Put(layout.chunk_points, &record);
   Put<std::int64_t>(-1, &record);
@@ -188,6 +237,7 @@ std::string LazRecord(const LazLayout& layout) {
 }
 
 std::string PackLazChunk(const LazLayout& layout, std::string_view records) {
+  if (layout.layered) return PackLayeredChunk(records);
   const std::size_t bytes = layout.record_bytes();
   std::string chunk(records.substr(0, bytes));
   ArithmeticEncoder coder(&chunk);
@@ -202,37 +252,36 @@ std::string PackLazChunk(const LazLayout& layout, std::string_view records) {
 }
 
 void UnpackLazChunk(const LazLayout& layout, std::string_view chunk, std::uint64_t points,
-                    const std::string& name, std::string* records) {
+                    const std::string& name, const LazVisitor& visit) {
   const std::size_t bytes = layout.record_bytes();
   if (chunk.size() < bytes) throw InputError(fmt::format("{}: compressed points end early", name));
-  records->assign(chunk.substr(0, bytes));
+  if (layout.layered) return UnpackLayeredChunk(layout, chunk, points, name, visit);
+  visit(chunk.substr(0, bytes));
   if (points < 2) return;
   ArithmeticDecoder coder(chunk.substr(bytes), name);
   RecordModel model(layout, chunk.data());
   std::string record(bytes, '\0');
   for (std::uint64_t i = 1; i < points; ++i) {
     model.Code(record.data(), &coder);
-    *records += record;
+    visit(record);
   }
 }
 
-std::string LazChunkTable(const std::vector<std::uint32_t>& chunk_bytes) {
+std::string LazChunkTable(const LazLayout& layout, const std::vector<LazChunk>& chunks) {
   std::string table;
   Put<std::uint32_t>(0, &table);
-  Put(static_cast<std::uint32_t>(chunk_bytes.size()), &table);
+  Put(static_cast<std::uint32_t>(chunks.size()), &table);
   ArithmeticEncoder coder(&table);
   NumberModel numbers(32, 2);
-  std::uint32_t before = 0;
-  for (const std::uint32_t bytes : chunk_bytes) {
-    numbers.Code(Signed(before), Signed(bytes), 1, &coder);
-    before = bytes;
-  }
+  const bool any = layout.chunk_points == kLazAnyPoints;
+  LazChunk before;
+  for (const LazChunk& chunk : chunks) before = CodeChunk(before, chunk, any, &numbers, &coder);
   coder.Finish();
   return table;
 }
 
-std::vector<std::uint32_t> ParseLazChunkTable(std::string_view table, std::size_t most,
-                                              const std::string& name) {
+std::vector<LazChunk> ParseLazChunkTable(const LazLayout& layout, std::string_view table,
+                                         std::size_t most, const std::string& name) {
   constexpr std::size_t kHeadBytes = 8;
   if (table.size() < kHeadBytes || NumberAt<std::uint32_t>(table, 0) != 0) {
     throw InputError(fmt::format("{}: the table of its compressed points is damaged", name));
@@ -242,16 +291,17 @@ std::vector<std::uint32_t> ParseLazChunkTable(std::string_view table, std::size_
     throw InputError(
         fmt::format("{}: {} chunks of compressed points for at most {}", name, count, most));
   }
-  std::vector<std::uint32_t> chunk_bytes;
-  if (count == 0) return chunk_bytes;
+  std::vector<LazChunk> chunks;
+  if (count == 0) return chunks;
   ArithmeticDecoder coder(table.substr(kHeadBytes), name);
   NumberModel numbers(32, 2);
-  std::uint32_t before = 0;
+  const bool any = layout.chunk_points == kLazAnyPoints;
+  LazChunk before;
   for (std::uint32_t i = 0; i < count; ++i) {
-    before = Unsigned(numbers.Code(Signed(before), 0, 1, &coder));
-    chunk_bytes.push_back(before);
+    before = CodeChunk(before, LazChunk(), any, &numbers, &coder);
+    chunks.push_back(before);
   }
-  return chunk_bytes;
+  return chunks;
 }
 
 }  // namespace lamina

@@ -111,7 +111,7 @@ std::optional<std::size_t> DeclaredLasBytes(std::string_view head) {
 
 namespace {
 
-// The points of a file, some at a time.
+// The points of a file, one after the other.
 class LasRecords {
  public:
   // All must outlive it.
@@ -130,18 +130,27 @@ class LasRecords {
     }
   }
 
-  // Whole records; none behind the last.
-  std::string_view Next() {
-    if (!header_.compressed) return Plain();
-    if (done_ >= header_.points) return {};
-    const std::uint64_t points =
-        std::min<std::uint64_t>(layout_.chunk_points, header_.points - done_);
-    const std::uint32_t chunk = chunk_bytes_.at(next_chunk_++);
-    if (chunk > chunks_.size()) Fail("its chunks are longer than the file");
-    UnpackLazChunk(layout_, chunks_.substr(0, chunk), points, path_, &unpacked_);
-    chunks_.remove_prefix(chunk);
-    done_ += points;
-    return unpacked_;
+  void ForEach(const LazVisitor& visit) {
+    if (!header_.compressed) {
+      for (std::uint64_t i = 0; i < header_.points; ++i) {
+        visit(bytes_.substr(header_.data_at + i * header_.record_bytes, header_.record_bytes));
+      }
+      return;
+    }
+    std::uint64_t left = header_.points;
+    for (const LazChunk& chunk : chunks_) {
+      const bool told = layout_.chunk_points == kLazAnyPoints;
+      const std::uint64_t points =
+          told ? chunk.points : std::min<std::uint64_t>(layout_.chunk_points, left);
+      if (points > left) Fail("its chunks have more points than the header says");
+      if (chunk.bytes > packed_.size()) Fail("its chunks are longer than the file");
+      if (points > 0) {
+        UnpackLazChunk(layout_, packed_.substr(0, chunk.bytes), points, path_, visit);
+      }
+      packed_.remove_prefix(chunk.bytes);
+      left -= points;
+    }
+    if (left > 0) Fail("lacks some of its chunks");
   }
 
  private:
@@ -149,20 +158,17 @@ class LasRecords {
     throw InputError(fmt::format("{}: {}", path_, what));
   }
 
-  std::string_view Plain() {
-    if (done_ > 0) return {};
-    done_ = header_.points;
-    return bytes_.substr(header_.data_at, header_.points * header_.record_bytes);
-  }
-
   void FindChunks() {
     // More than any sensor measures in a sweep: equal points take no bytes to speak of.
-    constexpr std::uint64_t kMostPoints = 20'000'000;
-    if (header_.points > kMostPoints) {
-      Fail(fmt::format("{} compressed points, at most {} are read as a scan", header_.points,
-                       kMostPoints));
+    constexpr std::uint64_t kMostPoints = 20'000'000, kMostBytes = std::uint64_t{1} << 30;
+    if (header_.points > kMostPoints || header_.points > kMostBytes / header_.record_bytes) {
+      Fail(fmt::format("{} compressed points of {} bytes, at most {} and 1 GiB are read as a scan",
+                       header_.points, header_.record_bytes, kMostPoints));
     }
     layout_ = ParseLazRecord(FindLazRecord(), path_);
+    if (layout_.layered != (header_.format >= kFirstNewFormat)) {
+      Fail(fmt::format("points of format {} are not compressed in this way", header_.format));
+    }
     if (layout_.record_bytes() != header_.record_bytes) {
       Fail(fmt::format("points of {} bytes, which are {} when unpacked", header_.record_bytes,
                        layout_.record_bytes()));
@@ -174,10 +180,13 @@ class LasRecords {
     const auto table = NumberAt<std::uint64_t>(bytes_, header_.data_at);
     const std::uint64_t begin = header_.data_at + kPlaceBytes;
     if (table < begin || table > bytes_.size()) Fail("is truncated: has no table of its chunks");
-    chunks_ = bytes_.substr(begin, table - begin);
-    const std::uint64_t wanted = (header_.points + layout_.chunk_points - 1) / layout_.chunk_points;
-    chunk_bytes_ = ParseLazChunkTable(bytes_.substr(table), wanted, path_);
-    if (chunk_bytes_.size() != wanted) Fail("lacks some of its chunks");
+    packed_ = bytes_.substr(begin, table - begin);
+    // Each chunk begins with a record as it is.
+    const bool any = layout_.chunk_points == kLazAnyPoints;
+    const std::uint64_t most =
+        any ? std::min<std::uint64_t>(header_.points, packed_.size() / header_.record_bytes)
+            : (header_.points + layout_.chunk_points - 1) / layout_.chunk_points;
+    chunks_ = ParseLazChunkTable(layout_, bytes_.substr(table), most, path_);
   }
 
   // The content of the variable length record that LASzip makes.
@@ -201,11 +210,8 @@ class LasRecords {
   const std::string_view bytes_;
   const std::string& path_;
   LazLayout layout_;
-  std::string_view chunks_;
-  std::vector<std::uint32_t> chunk_bytes_;
-  std::size_t next_chunk_ = 0;
-  std::uint64_t done_ = 0;
-  std::string unpacked_;
+  std::string_view packed_;  // what is not unpacked yet
+  std::vector<LazChunk> chunks_;
 };
 
 // Adds a point, and its time if its format has one.
@@ -236,11 +242,7 @@ Scan ReadLas(const std::string& path, const ScanSourceOptions&, PointTimeField* 
   LasRecords records(header, bytes, path);
   Scan scan;
   std::vector<RawTime> raw;
-  for (std::string_view some = records.Next(); !some.empty(); some = records.Next()) {
-    for (std::size_t at = 0; at < some.size(); at += header.record_bytes) {
-      AddRecord(some.substr(at, header.record_bytes), header, path, &scan, &raw);
-    }
-  }
+  records.ForEach([&](std::string_view record) { AddRecord(record, header, path, &scan, &raw); });
   if (scan.points.empty()) throw InputError(fmt::format("{}: is empty: holds no points", path));
   CheckFrame(scan, path);
   if (raw.empty()) return scan;

@@ -1,5 +1,5 @@
-// LAS files (ASPRS, versions 1.0 to 1.4, point formats 0 to 10) as scans, and LAZ files of point
-// formats 0 to 3.
+// LAS files (ASPRS, versions 1.0 to 1.4, point formats 0 to 10) as scans, and LAZ files, COPC among
+// them, of point formats 0 to 3 and 6 to 10.
 //
 // One file is one scan, in the frame of its sensor. Its points are not split by their times: files
 // that hold more than a sweep are in the frame of a map, where there is nothing left to match.
