@@ -59,6 +59,7 @@ void LasPoints::Begin(const std::vector<CloudPoint>& points) {
   intensity_factor_ = IntensityFactor(points);
   least_.fill(std::numeric_limits<std::int32_t>::max());
   most_.fill(std::numeric_limits<std::int32_t>::min());
+  first_s_ = last_s_ = points.front().stamp_s;
 }
 
 std::int32_t LasPoints::Coordinate(const Eigen::Vector3d& p, int axis) const {
@@ -89,6 +90,8 @@ void LasPoints::Append(const std::vector<CloudPoint>& points, std::string* recor
     Put(kOnlyReturn, records);
     records->append(7, '\0');  // flags, class, user data, angle, source
     Put(point.stamp_s, records);
+    first_s_ = std::min(first_s_, point.stamp_s);
+    last_s_ = std::max(last_s_, point.stamp_s);
   }
   count_ += points.size();
 }

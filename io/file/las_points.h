@@ -39,6 +39,9 @@ class LasPoints {
   double offset(std::size_t axis) const { return offset_(static_cast<Eigen::Index>(axis)); }
   std::int32_t least(std::size_t axis) const { return least_[axis]; }
   std::int32_t most(std::size_t axis) const { return most_[axis]; }
+  // Earliest and latest stamp; 0 if there is none.
+  double first_s() const { return first_s_; }
+  double last_s() const { return last_s_; }
 
  private:
   void Begin(const std::vector<CloudPoint>& points);
@@ -49,6 +52,7 @@ class LasPoints {
   Eigen::Vector3d offset_ = Eigen::Vector3d::Zero();
   float intensity_factor_ = 1.0F;
   std::array<std::int32_t, 3> least_{}, most_{};
+  double first_s_ = 0.0, last_s_ = 0.0;
 };
 
 struct LasLayout {

@@ -8,10 +8,10 @@
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
-#include <optional>
 #include <string_view>
 
 #include "core/base/error.h"
+#include "io/file/copc_file.h"
 #include "io/file/file_writer.h"
 #include "io/file/las_file.h"
 
@@ -188,36 +188,77 @@ void WriteSurfels(const std::string& path, const SurfelMap& surfels) {
   writer.Commit();
 }
 
-struct CloudWriter::Impl {
-  explicit Impl(const std::string& path) {
-    const auto ending = std::filesystem::path(path).extension();
-    if (ending == ".las" || ending == ".laz") {
-      las.emplace(path, ending == ".laz");
-    } else if (ending == ".ply" || ending == ".pcd") {
-      records.emplace(path, CloudFields(), CloudFields());
-    } else {
-      throw OptionError(fmt::format("{}: the name must end in .ply, .pcd, .las or .laz", path));
-    }
-  }
-  // One of the two.
-  std::optional<RecordFile> records;
-  std::optional<LasFile> las;
+namespace {
+
+// What clouds are written to.
+class CloudFile {
+ public:
+  virtual ~CloudFile() = default;
+  virtual void Append(const std::vector<CloudPoint>& points) = 0;
+  virtual void Commit() = 0;
+  virtual std::size_t count() const = 0;
 };
 
-CloudWriter::CloudWriter(const std::string& path) : impl_(new Impl(path)) {}
+class PlyOrPcdCloud final : public CloudFile {
+ public:
+  explicit PlyOrPcdCloud(const std::string& path) : file_(path, CloudFields(), CloudFields()) {}
+  void Append(const std::vector<CloudPoint>& points) override {
+    std::string bytes;
+    bytes.reserve(points.size() * sizeof(ScanPoint));
+    for (const CloudPoint& point : points) {
+      const Eigen::Vector3f f = point.p.cast<float>();
+      AppendBytes(ScanPoint{f.x(), f.y(), f.z(), point.intensity}, &bytes);
+    }
+    file_.Append(bytes, points.size());
+  }
+  void Commit() override { file_.Commit(); }
+  std::size_t count() const override { return file_.count(); }
+
+ private:
+  RecordFile file_;
+};
+
+// Of LasFile or CopcFile.
+template <typename File>
+class LasCloud final : public CloudFile {
+ public:
+  template <typename... Arguments>
+  explicit LasCloud(const Arguments&... arguments) : file_(arguments...) {}
+  void Append(const std::vector<CloudPoint>& points) override { file_.Append(points); }
+  void Commit() override { file_.Commit(); }
+  std::size_t count() const override { return file_.count(); }
+
+ private:
+  File file_;
+};
+
+bool EndsWith(std::string_view text, std::string_view end) {
+  return text.size() >= end.size() && text.substr(text.size() - end.size()) == end;
+}
+
+std::unique_ptr<CloudFile> OpenCloud(const std::string& path) {
+  const std::string name = std::filesystem::path(path).filename().string();
+  if (EndsWith(name, ".copc.laz")) return std::make_unique<LasCloud<CopcFile>>(path);
+  if (EndsWith(name, ".laz")) return std::make_unique<LasCloud<LasFile>>(path, true);
+  if (EndsWith(name, ".las")) return std::make_unique<LasCloud<LasFile>>(path, false);
+  if (EndsWith(name, ".ply") || EndsWith(name, ".pcd")) {
+    return std::make_unique<PlyOrPcdCloud>(path);
+  }
+  throw OptionError(
+      fmt::format("{}: the name must end in .ply, .pcd, .las, .laz or .copc.laz", path));
+}
+
+}  // namespace
+
+struct CloudWriter::Impl {
+  std::unique_ptr<CloudFile> file;
+};
+
+CloudWriter::CloudWriter(const std::string& path) : impl_(new Impl{OpenCloud(path)}) {}
 
 CloudWriter::~CloudWriter() = default;
 
-void CloudWriter::Append(const std::vector<CloudPoint>& points) {
-  if (impl_->las) return impl_->las->Append(points);
-  std::string bytes;
-  bytes.reserve(points.size() * sizeof(ScanPoint));
-  for (const CloudPoint& point : points) {
-    const Eigen::Vector3f f = point.p.cast<float>();
-    AppendBytes(ScanPoint{f.x(), f.y(), f.z(), point.intensity}, &bytes);
-  }
-  impl_->records->Append(bytes, points.size());
-}
+void CloudWriter::Append(const std::vector<CloudPoint>& points) { impl_->file->Append(points); }
 
 void CloudWriter::Append(const std::vector<ScanPoint>& points) {
   std::vector<CloudPoint> cloud;
@@ -226,16 +267,8 @@ void CloudWriter::Append(const std::vector<ScanPoint>& points) {
   Append(cloud);
 }
 
-void CloudWriter::Commit() {
-  if (impl_->las) {
-    impl_->las->Commit();
-  } else {
-    impl_->records->Commit();
-  }
-}
+void CloudWriter::Commit() { impl_->file->Commit(); }
 
-std::size_t CloudWriter::size() const {
-  return impl_->las ? impl_->las->count() : impl_->records->count();
-}
+std::size_t CloudWriter::size() const { return impl_->file->count(); }
 
 }  // namespace lamina

@@ -1,7 +1,7 @@
-// Maps and clouds on disk, as PLY (binary little-endian), PCD (binary) and LAS.
+// Maps and clouds on disk, as PLY (binary little-endian), PCD (binary), LAS, LAZ and COPC.
 //
 // PLY and PCD have coordinates as float, as every viewer expects: exact to 1 mm within 8 km of the
-// world's origin. LAS keeps 0.1 mm anywhere (io/file/las_file.h).
+// world's origin. LAS, LAZ and COPC keep 0.1 mm anywhere (io/file/las_points.h).
 #pragma once
 
 #include <cstddef>
@@ -44,8 +44,9 @@ struct CloudPoint {
 };
 
 // A cloud written piece by piece, in bounded memory: the count in the header is patched at the end.
-// Format by the ending of the path: .ply or .pcd (x y z intensity, float), or .las (with stamps).
-// Throws OutputError; OptionError for another ending.
+// Format by the ending of the path: .ply or .pcd (x y z intensity, float); .las, .laz or .copc.laz
+// (with stamps; the last is sorted by Commit(), see io/file/copc_file.h). Throws OutputError;
+// OptionError for another ending.
 class CloudWriter {
  public:
   explicit CloudWriter(const std::string& path);

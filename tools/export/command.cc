@@ -98,8 +98,9 @@ int ExportCloudOf(const ExportArguments& arguments) {
         (run / "trajectory_tum.txt").string(), trajectory.size(), scans->size(), arguments.scans));
   }
   RequireSameRecording(*scans, posed, arguments, trajectory, rows, config.preparation);
+  const std::string ending = arguments.format == "copc" ? "copc.laz" : arguments.format;
   const std::string out =
-      arguments.out.empty() ? (run / ("cloud." + arguments.format)).string() : arguments.out;
+      arguments.out.empty() ? (run / ("cloud." + ending)).string() : arguments.out;
   CheckOutput(out, arguments.scans);
   CloudWriter writer(out);
   const ExportResult result = ExportCloud(*scans, posed, options, &writer, &StopOnSignals());
@@ -155,13 +156,14 @@ void AddExportCommand(CLI::App* app, std::function<int()>* run) {
                    "Edge of the voxels of which each keeps its first point")
       ->type_name("METRES");
   command->add_option("--format", arguments->format, "Format of the default output file")
-      ->check(CLI::IsMember({"ply", "pcd", "las", "laz"}))
+      ->check(CLI::IsMember({"ply", "pcd", "las", "laz", "copc"}))
       ->capture_default_str();
   command
-      ->add_option("--out", arguments->out,
-                   "Output file, .ply, .pcd, .las or .laz. Default: cloud.ply, or with another "
-                   "ending, in the run directory. LAS 1.4 and LAZ keep 0.1 mm anywhere, and the "
-                   "stamps of points")
+      ->add_option(
+          "--out", arguments->out,
+          "Output file, .ply, .pcd, .las, .laz or .copc.laz (COPC, which viewers show while "
+          "they load it). Default: cloud.ply, or with another ending, in the run "
+          "directory. LAS 1.4, LAZ and COPC keep 0.1 mm anywhere, and the stamps of points")
       ->type_name("FILE");
   command
       ->add_option("--trajectory", arguments->trajectory,

@@ -78,6 +78,12 @@ TEST_F(ExportCommandTest, WritesThePointsOfThePosedScans) {
 TEST_F(ExportCommandTest, FormatAndPathCanBeChosen) {
   ASSERT_EQ(Run({"--resolution", "0.5", "--format", "pcd"}), 0);
   EXPECT_EQ(ReadScanFile(Path("run/cloud.pcd"), {}).points.size(), 3U);
+  for (const char* format : {"las", "laz", "copc"}) {
+    ASSERT_EQ(Run({"--resolution", "0.5", "--format", format}), 0);
+    const std::string name = std::string("run/cloud.") + format;
+    const std::string file = Path(format == std::string("copc") ? "run/cloud.copc.laz" : name);
+    EXPECT_EQ(ReadScanFile(file, {}).points.size(), 3U) << format;
+  }
   ASSERT_EQ(Run({"--resolution", "10", "--out", Path("map.ply")}), 0);
   EXPECT_EQ(ReadScanFile(Path("map.ply"), {}).points.size(), 1U);
   EXPECT_THROW(Run({"--resolution", "1", "--format", "xyz"}), CLI::ParseError);
