@@ -225,7 +225,11 @@ OusterSensor::OusterSensor(OusterMetadata metadata) : metadata_(std::move(metada
 
 std::optional<std::uint32_t> OusterSensor::PlaceOf(std::string_view packet) const {
   if (packet.size() != packet_bytes_) return std::nullopt;
-  return NumberAt<std::uint16_t>(packet, LayoutOf(metadata_.profile).frame_at);
+  return PlaceInHead(packet);
+}
+
+std::uint32_t OusterSensor::PlaceInHead(std::string_view head) const {
+  return NumberAt<std::uint16_t>(head, LayoutOf(metadata_.profile).frame_at);
 }
 
 bool OusterSensor::BeginsSweep(std::uint32_t before, std::uint32_t now) const {

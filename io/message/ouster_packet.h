@@ -16,6 +16,9 @@ class OusterSensor final : public PacketSensor {
   explicit OusterSensor(OusterMetadata metadata);
 
   std::size_t packet_bytes() const { return packet_bytes_; }
+  // PlaceOf, of a packet of which only the first bytes are there: kHeadBytes are enough.
+  static constexpr std::size_t kHeadBytes = 16;
+  std::uint32_t PlaceInHead(std::string_view head) const;
   // Frames are counted by the sensor.
   std::optional<std::uint32_t> PlaceOf(std::string_view packet) const override;
   bool BeginsSweep(std::uint32_t before, std::uint32_t now) const override;

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <limits>
+#include <utility>
 
 #include "core/base/error.h"
 #include "io/message/lidar_message.h"
@@ -12,57 +13,16 @@ namespace {
 
 constexpr StampNs kUnread = std::numeric_limits<StampNs>::min();
 
-std::string NameTopics(const MessageContainer& container, const TopicFilter& named) {
-  constexpr std::size_t kMost = 12;
-  std::string text;
-  std::size_t count = 0;
-  for (const MessageTopic& topic : container.topics()) {
-    if (!named(topic) || ++count > kMost) continue;
-    text += fmt::format("{}{} ({}, {} messages)", text.empty() ? "" : ", ", topic.name, topic.type,
-                        topic.messages);
-  }
-  if (count > kMost) text += fmt::format(" and {} more", count - kMost);
-  return text;
-}
-
-std::size_t ChooseTopic(const MessageContainer& container, const std::string& path,
-                        const std::string& wanted) {
-  const std::vector<MessageTopic>& topics = container.topics();
-  std::vector<std::size_t> lidar;
-  for (std::size_t t = 0; t < topics.size(); ++t) {
-    if (IsLidarTopic(topics[t]) && topics[t].name == wanted) return t;
-    if (IsLidarTopic(topics[t]) && !container.Messages(t).empty()) lidar.push_back(t);
-  }
-  const auto any = [](const MessageTopic&) { return true; };
-  const std::string all = NameTopics(container, any);
-  if (!wanted.empty()) {
-    throw InputError(
-        fmt::format("{}: '{}' is no topic of scans in it (--topic, scans.topic); it holds {}", path,
-                    wanted, all.empty() ? "no topic" : all));
-  }
-  if (lidar.size() == 1) return lidar.front();
-  if (lidar.empty()) {
-    throw InputError(fmt::format("{}: holds no scans ({}); it holds {}", path, LidarTypes(),
-                                 all.empty() ? "no message" : all));
-  }
-  throw InputError(
-      fmt::format("{}: holds {} topics of scans: {}; choose one by --topic NAME "
-                  "(scans.topic)",
-                  path, lidar.size(), NameTopics(container, IsLidarTopic)));
-}
-
 }  // namespace
 
-MessageScans::MessageScans(const std::string& path, const ScanSourceOptions& options)
+MessageScans::MessageScans(const std::string& path,
+                           std::shared_ptr<const MessageContainer> container, std::size_t topic,
+                           PointTimeUnit unit)
     : path_(path),
-      unit_(options.point_time_unit),
-      container_(OpenMessageContainer(path, IsLidarTopic)) {
-  const std::size_t topic = ChooseTopic(*container_, path, options.topic);
-  topic_ = container_->topics()[topic];
-  places_ = container_->Messages(topic);
-  if (places_.empty()) {
-    throw InputError(fmt::format("{}: topic {} has no message", path, topic_.name));
-  }
+      unit_(unit),
+      container_(std::move(container)),
+      topic_(container_->topics()[topic]),
+      places_(container_->Messages(topic)) {
   stamps_ = std::vector<std::atomic<StampNs>>(places_.size());
   for (std::atomic<StampNs>& stamp : stamps_) stamp = kUnread;
   header_stamps_ = HasHeaderStamps();

@@ -18,9 +18,9 @@ namespace lamina {
 // recorded.
 class MessageScans final : public ScanSource {
  public:
-  // Throws InputError if the container cannot be read or holds no scans, and, naming all topics
-  // that do, if it is not clear which one is meant.
-  MessageScans(const std::string& path, const ScanSourceOptions& options);
+  // The topic must have messages.
+  MessageScans(const std::string& path, std::shared_ptr<const MessageContainer> container,
+               std::size_t topic, PointTimeUnit unit);
 
   std::size_t size() const override { return places_.size(); }
   std::string Name(std::size_t i) const override;
@@ -34,9 +34,9 @@ class MessageScans final : public ScanSource {
 
   const std::string path_;
   const PointTimeUnit unit_;
-  std::unique_ptr<MessageContainer> container_;
-  MessageTopic topic_;
-  std::vector<MessagePlace> places_;
+  const std::shared_ptr<const MessageContainer> container_;
+  const MessageTopic topic_;
+  const std::vector<MessagePlace> places_;
   bool header_stamps_ = false;
   // Of those that were asked for; kUnread before.
   mutable std::vector<std::atomic<StampNs>> stamps_;

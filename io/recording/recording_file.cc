@@ -8,7 +8,7 @@
 #include "core/base/error.h"
 #include "io/container/message_container.h"
 #include "io/recording/capture_scans.h"
-#include "io/recording/message_scans.h"
+#include "io/recording/message_topics.h"
 #include "io/recording/scan_names.h"
 
 namespace lamina {
@@ -78,7 +78,7 @@ std::unique_ptr<ScanSource> OpenRecordingFile(const std::string& path,
                     path));
   }
   if (HoldsPackets(path)) return std::make_unique<CaptureScans>(path, options);
-  return std::make_unique<MessageScans>(IsMetadata(path) ? FolderOf(path) : path, options);
+  return OpenMessages(IsMetadata(path) ? FolderOf(path) : path, options);
 }
 
 std::string NameOfScan(const std::string& recording, std::size_t scan) {

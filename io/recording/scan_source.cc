@@ -18,7 +18,7 @@
 #include "io/file/text_input.h"
 #include "io/recording/capture_scans.h"
 #include "io/recording/ethz_csv.h"
-#include "io/recording/message_scans.h"
+#include "io/recording/message_topics.h"
 #include "io/recording/scan_layout.h"
 #include "io/recording/scan_names.h"
 #include "io/recording/vehicle_scans.h"
@@ -260,7 +260,7 @@ bool HoldsMessages(const std::string& path) {
 std::unique_ptr<ScanSource> OpenScans(const std::string& path, const ScanSourceOptions& options) {
   CheckOptions(options, "scans");
   if (!options.T_vehicle_lidar.empty()) return std::make_unique<VehicleScans>(path, options);
-  if (HoldsMessages(path)) return std::make_unique<MessageScans>(path, options);
+  if (HoldsMessages(path)) return OpenMessages(path, options);
   if (HoldsPackets(path)) return std::make_unique<CaptureScans>(path, options);
   if (!options.topic.empty()) {
     throw InputError(fmt::format(

@@ -12,6 +12,7 @@
 #include "core/base/printable_text.h"
 #include "io/container/message_container.h"
 #include "io/message/lidar_message.h"
+#include "io/recording/message_topics.h"
 #include "tools/cli/options.h"
 #include "tools/info/recording_info.h"
 
@@ -42,14 +43,13 @@ std::string DescribeMessages(const MessageContainer& container, std::size_t topi
 }
 
 int DescribeContainer(const InfoArguments& arguments, LaminaConfig config) {
-  const auto container = OpenMessageContainer(arguments.scans, IsLidarTopic);
+  const auto container = OpenMessageContainer(arguments.scans, IsWantedTopic);
   fmt::print("path    {}: {}\n{}", Printable(arguments.scans), container->kind(),
              DescribeTopics(*container));
   std::vector<std::size_t> lidar;
-  for (std::size_t t = 0; t < container->topics().size(); ++t) {
-    const MessageTopic& topic = container->topics()[t];
-    const bool asked = config.scans.topic.empty() || config.scans.topic == topic.name;
-    if (IsLidarTopic(topic) && asked && !container->Messages(t).empty()) lidar.push_back(t);
+  for (const std::size_t t : TopicsOfScans(*container)) {
+    const std::string& name = container->topics()[t].name;
+    if (config.scans.topic.empty() || config.scans.topic == name) lidar.push_back(t);
   }
   // Says what is missing.
   if (lidar.empty()) OpenScans(arguments.scans, config.scans);

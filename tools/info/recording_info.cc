@@ -7,7 +7,7 @@
 
 #include "core/base/median.h"
 #include "core/base/printable_text.h"
-#include "io/message/lidar_message.h"
+#include "io/recording/message_topics.h"
 #include "tools/results/posed_scans.h"
 #include "tools/run/opening_lines.h"
 
@@ -76,7 +76,9 @@ std::string DescribeTopics(const MessageContainer& container) {
     type_width = std::max(type_width, Printable(topic.type).size());
   }
   std::string text;
-  for (const MessageTopic& topic : container.topics()) {
+  const std::vector<std::size_t> scans = TopicsOfScans(container);
+  for (std::size_t t = 0; t < container.topics().size(); ++t) {
+    const MessageTopic& topic = container.topics()[t];
     std::string rate;
     const double span_s = SecondsBetween(topic.first_log_ns, topic.last_log_ns);
     if (topic.log_times_known && topic.messages > 1 && span_s > 0.0) {
@@ -84,7 +86,7 @@ std::string DescribeTopics(const MessageContainer& container) {
     }
     text += fmt::format("topic   {:<{}}  {:<{}}  {} messages{}{}\n", Printable(topic.name),
                         name_width, Printable(topic.type), type_width, topic.messages, rate,
-                        IsLidarTopic(topic) ? ", scans" : "");
+                        std::count(scans.begin(), scans.end(), t) > 0 ? ", scans" : "");
   }
   return text.empty() ? "topic   none\n" : text;
 }

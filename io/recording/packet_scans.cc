@@ -1,0 +1,162 @@
+#include "io/recording/packet_scans.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <optional>
+#include <utility>
+
+#include "core/base/error.h"
+#include "io/recording/sensor_files.h"
+
+namespace lamina {
+namespace {
+
+// Of a topic: what stands before its last name.
+std::string_view SpaceOf(std::string_view topic) { return topic.substr(0, topic.rfind('/') + 1); }
+
+// Drivers have written a byte more than the packet has.
+constexpr std::size_t kMostBehind = 1;
+
+// Length of the packet in a message; nothing if it cannot be read.
+std::optional<std::size_t> PacketBytes(const MessageContainer& container, const MessageTopic& topic,
+                                       const MessagePlace& place) {
+  try {
+    const std::string head = container.Read(place, kPacketHeadBytes);
+    return PacketInMessage(topic, head, "").bytes;
+  } catch (const InputError&) {
+    return std::nullopt;
+  }
+}
+
+}  // namespace
+
+bool HoldsPointPackets(const MessageContainer& container, std::size_t topic) {
+  if (!IsPacketTopic(container.topics()[topic])) return false;
+  constexpr std::size_t kTries = 5, kFewestBytes = 256;  // those of the IMU have 48
+  const std::vector<MessagePlace>& places = container.Messages(topic);
+  for (std::size_t i = 0; i < std::min(kTries, places.size()); ++i) {
+    const auto bytes = PacketBytes(container, container.topics()[topic], places[i]);
+    if (bytes) return *bytes >= kFewestBytes;
+  }
+  return false;
+}
+
+PacketScans::PacketScans(const std::string& path, std::shared_ptr<const MessageContainer> container,
+                         std::size_t topic)
+    : path_(path),
+      container_(std::move(container)),
+      topic_(container_->topics()[topic]),
+      sensor_(FindSensor(topic)),
+      places_(container_->Messages(topic)) {
+  FindSweeps();
+  std::string sensor;
+  try {
+    Decode(0, &sensor);
+  } catch (const InputError&) {
+    // Reading the scans tells.
+  }
+  described_.scans =
+      fmt::format("{} sweeps of {} packets{}{} on {} of {}", sweeps_.size(), places_.size(),
+                  sensor.empty() ? "" : " of ", sensor, topic_.name, container_->kind());
+  described_.stamps = "the times of recording";
+  described_.doubts = container_->doubts();
+  if (passed_over_ > 0) {
+    described_.doubts.push_back(
+        fmt::format("{} messages on {} hold no packet of the sensor that "
+                    "its metadata describes: passed over",
+                    passed_over_, topic_.name));
+  }
+}
+
+std::unique_ptr<OusterSensor> PacketScans::FindSensor(std::size_t topic) const {
+  // That of the same name space, else of any.
+  std::optional<std::size_t> best;
+  for (std::size_t t = 0; t < container_->topics().size(); ++t) {
+    const MessageTopic& other = container_->topics()[t];
+    if (!IsSensorMetadataTopic(other) || container_->Messages(t).empty()) continue;
+    if (!best || SpaceOf(other.name) == SpaceOf(container_->topics()[topic].name)) best = t;
+  }
+  if (best) {
+    const MessageTopic& told = container_->topics()[*best];
+    const std::string name = fmt::format("{}: {}", path_, told.name);
+    const std::string bytes = container_->Read(container_->Messages(*best).front());
+    return std::make_unique<OusterSensor>(
+        ParseOusterMetadata(TextInMessage(told, bytes, name), name));
+  }
+  const std::string json = FindOusterMetadata(path_);
+  if (json.empty()) {
+    throw InputError(
+        fmt::format("{}: packets on {} need the sensor's metadata: a topic called metadata, or a "
+                    "metadata.json beside the recording",
+                    path_, topic_.name));
+  }
+  return std::make_unique<OusterSensor>(ParseOusterMetadata(ReadSmallFile(json), json));
+}
+
+void PacketScans::FindSweeps() {
+  // More than any sensor sends in a turn: of one that stands still, sweeps end here.
+  constexpr std::size_t kMostPackets = 10'000;
+  std::uint32_t before = 0;
+  std::size_t kept = 0;
+  for (const MessagePlace& message : places_) {
+    std::optional<std::uint32_t> place;
+    try {
+      const std::string bytes = container_->Read(message, kPacketHeadBytes);
+      const MessagePacket packet = PacketInMessage(topic_, bytes, "");
+      const bool fits = packet.bytes >= sensor_->packet_bytes() &&
+                        packet.bytes <= sensor_->packet_bytes() + kMostBehind;
+      if (fits && packet.data.size() >= OusterSensor::kHeadBytes) {
+        place = sensor_->PlaceInHead(packet.data);
+      }
+    } catch (const InputError&) {
+      // Counted.
+    }
+    if (!place) {
+      ++passed_over_;
+      continue;
+    }
+    if (sweeps_.empty() || sensor_->BeginsSweep(before, *place) ||
+        sweeps_.back().packets >= kMostPackets) {
+      sweeps_.push_back({kept, 0, message.log_ns});
+    }
+    ++sweeps_.back().packets;
+    places_[kept++] = message;
+    before = *place;
+  }
+  places_.resize(kept);
+  if (sweeps_.empty()) {
+    throw InputError(
+        fmt::format("{}: topic {} holds no packets of the sensor that its metadata "
+                    "describes",
+                    path_, topic_.name));
+  }
+}
+
+std::string PacketScans::Name(std::size_t i) const {
+  if (i >= size()) throw std::out_of_range(fmt::format("scan {} of {}", i, size()));
+  return fmt::format("{}#{}", path_, i);
+}
+
+Scan PacketScans::Decode(std::size_t i, std::string* described) const {
+  const Sweep& sweep = sweeps_.at(i);
+  const std::unique_ptr<SweepDecoder> decoder = sensor_->NewSweep();
+  Scan scan;
+  for (std::size_t k = sweep.first; k < sweep.first + sweep.packets; ++k) {
+    const std::string bytes = container_->Read(places_[k]);
+    const MessagePacket packet = PacketInMessage(topic_, bytes, Name(i));
+    decoder->Add(packet.data.substr(0, sensor_->packet_bytes()), places_[k].log_ns, Name(i), &scan);
+  }
+  *described = decoder->Describe();
+  if (scan.points.empty()) throw InputError(fmt::format("{}: holds no returns", Name(i)));
+  return scan;
+}
+
+Scan PacketScans::Read(std::size_t i) const {
+  std::string ignored;
+  Scan scan = Decode(i, &ignored);
+  scan.stamp_ns = Stamp(i);
+  return scan;
+}
+
+}  // namespace lamina
