@@ -78,8 +78,8 @@ MappedScan Mapping::Add(const Scan& scan, const std::string& recording) {
   if (stamps.size() == kPeriodStamps) stamps.erase(stamps.begin());
   stamps.push_back(scan.stamp_ns);
   ClusterScan(scan, "scan " + std::to_string(counts_.scans), options_.preparation,
-              options_.pipeline.min_points, options_.mapper.map.LeafSize(), PeriodByStamps(stamps),
-              SE3(), &decoded);
+              options_.pipeline.min_points, options_.mapper.map.LeafSize(), stamps, SE3(),
+              &decoded);
   return Add(std::move(decoded));
 }
 

@@ -36,22 +36,30 @@ std::optional<double> TimeBetween(const std::vector<StampNs>& stamps) {
   return UpperMedian(&gaps_s);
 }
 
+double PeriodByStamps(const std::vector<StampNs>& stamps) {
+  constexpr double kFallbackS = 0.1;
+  return SweepPeriod(stamps, kFallbackS);
+}
+
 void Skip(SkipReason reason, const std::string& why, MappedScan* report) {
   report->skipped = true;
   report->reason = reason;
   report->detail = Printable(why);
 }
 
-// From the earliest of the points to the latest, but for the hundredth at either end: single times
-// may be damaged.
-double SpanOf(std::vector<float> times_s) {
+// The earliest of the points and the latest, but for the hundredth at either end: single times may
+// be damaged. Both 0 if there is none.
+struct TimeRange {
+  double low_s = 0.0, high_s = 0.0;
+};
+TimeRange RangeOf(std::vector<float> times_s) {
   times_s.erase(
       std::remove_if(times_s.begin(), times_s.end(), [](float t) { return !std::isfinite(t); }),
       times_s.end());
-  if (times_s.empty()) return 0.0;
+  if (times_s.empty()) return {};
   constexpr double kOutliers = 0.01;
   const auto low_s = static_cast<double>(Quantile(&times_s, kOutliers));
-  return static_cast<double>(Quantile(&times_s, 1.0 - kOutliers)) - low_s;
+  return {low_s, static_cast<double>(Quantile(&times_s, 1.0 - kOutliers))};
 }
 
 // Why the times of a scan's points are none of a sweep, by which it would be torn apart; empty if
@@ -60,36 +68,47 @@ double SpanOf(std::vector<float> times_s) {
 std::string TimesMisfit(const Scan& scan, const ScanPreparationOptions& preparation,
                         const std::vector<StampNs>& stamps) {
   using Deskew = ScanPreparationOptions::Deskew;
-  constexpr double kMostPeriods = 3.0;
+  // In sweeps; and of a first scan, whose stamp tells nothing of how long these are.
+  constexpr double kMostPeriods = 3.0, kMostS = 10.0;
+  // From the stamp. Readers of files put it near to the points (io/message/point_times.h).
+  constexpr double kMostOffS = 60.0;
   const bool used = preparation.deskew == Deskew::kTime || preparation.deskew == Deskew::kAuto;
+  if (!used || scan.time_s.empty() || scan.stamp_made_up) return "";
   const std::optional<double> apart_s = TimeBetween(stamps);
-  if (!used || scan.time_s.empty() || scan.stamp_made_up || !apart_s) return "";
-  const auto [low, high] = std::minmax_element(scan.time_s.begin(), scan.time_s.end());
-  if (*high - *low <= kMostPeriods * *apart_s) return "";
-  const double span_s = SpanOf(scan.time_s);
-  if (span_s <= kMostPeriods * *apart_s) return "";
-  char text[320];
-  std::snprintf(text, sizeof(text),
-                "the times of its points span %.3g s, but scans are %.3g s apart: their unit is "
-                "another (scans.point_time_unit), or they are no times of a sweep "
-                "(preparation.deskew=off leaves them unused)",
-                span_s, *apart_s);
+  const double most_s = apart_s ? kMostPeriods * *apart_s : kMostS;
+  const auto [first, last] = std::minmax_element(scan.time_s.begin(), scan.time_s.end());
+  if (*last - *first <= most_s && std::abs(*first) <= kMostOffS) return "";
+  const TimeRange range = RangeOf(scan.time_s);
+  const double span_s = range.high_s - range.low_s;
+  char text[320] = "";
+  if (span_s > most_s) {
+    char but[64] = "no sweep lasts so long";
+    if (apart_s) std::snprintf(but, sizeof(but), "scans are %.3g s apart", *apart_s);
+    std::snprintf(text, sizeof(text),
+                  "the times of its points span %.3g s, but %s: their unit is another "
+                  "(scans.point_time_unit), or they are no times of a sweep "
+                  "(preparation.deskew=off leaves them unused)",
+                  span_s, but);
+  } else if (std::max(-range.low_s, range.high_s) > kMostOffS) {
+    std::snprintf(
+        text, sizeof(text),
+        "the times of its points are %.6g to %.6g s from its stamp, from which they count",
+        range.low_s, range.high_s);
+  }
   return text;
 }
 
 }  // namespace
 
-double PeriodByStamps(const std::vector<StampNs>& stamps) {
-  constexpr double kFallbackS = 0.1;
-  return SweepPeriod(stamps, kFallbackS);
-}
-
 void ClusterScan(const Scan& scan, const std::string& name,
                  const ScanPreparationOptions& preparation, int min_points, double leaf_size_m,
-                 double sweep_period_s, const SE3& T_vehicle_lidar, DecodedScan* decoded) {
+                 const std::vector<StampNs>& stamps, const SE3& T_vehicle_lidar,
+                 DecodedScan* decoded) {
   MappedScan& report = decoded->report;
+  const std::string misfit = TimesMisfit(scan, preparation, stamps);
+  if (!misfit.empty()) return Skip(SkipReason::kUnreadable, name + ": " + misfit, &report);
   Stopwatch watch;
-  PreparedScan prepared = PrepareScan(scan, preparation, sweep_period_s, T_vehicle_lidar);
+  PreparedScan prepared = PrepareScan(scan, preparation, PeriodByStamps(stamps), T_vehicle_lidar);
   report.points = prepared.points.size();
   report.prepare_ms = watch.LapMilliseconds();
   if (report.points < static_cast<std::size_t>(min_points)) {
@@ -120,11 +139,8 @@ DecodedScan DecodeScan(const ScanSource& source, const ScanPreparationOptions& p
     report.stamp_ns = scan.stamp_ns;
     report.stamp_made_up = scan.stamp_made_up;
     report.read_ms = watch.LapMilliseconds();
-    const std::vector<StampNs> stamps = StampsAt(source, begin, i);
-    const std::string misfit = TimesMisfit(scan, preparation, stamps);
-    if (!misfit.empty()) throw InputError(source.Name(i) + ": " + misfit);
-    ClusterScan(scan, source.Name(i), preparation, min_points, leaf_size_m, PeriodByStamps(stamps),
-                source.T_vehicle_lidar(i), &decoded);
+    ClusterScan(scan, source.Name(i), preparation, min_points, leaf_size_m,
+                StampsAt(source, begin, i), source.T_vehicle_lidar(i), &decoded);
   } catch (const InputError& error) {
     Skip(SkipReason::kUnreadable, error.what(), &report);
   }

@@ -20,16 +20,17 @@ struct DecodedScan {
   std::vector<TimedPoint> points;      // usable ones, as prepared
 };
 
-// The period of a sweep by the stamps of the scans up to this one: SweepPeriod of the last of them,
-// 0.1 s where they do not tell.
+// How many stamps, of the last scans up to this one, tell the period of a sweep (SweepPeriod; 0.1 s
+// where they do not).
 inline constexpr std::size_t kPeriodStamps = 11;
-double PeriodByStamps(const std::vector<StampNs>& stamps);
 
-// Filters and clusters the points of a scan; a scan that cannot be used is a report, not an
-// exception. `name` is for messages. Thread-safe.
+// Filters and clusters the points of a scan; one that cannot be used, also because the times of its
+// points are no times of a sweep, is a report, not an exception. `name` is for messages.
+// Thread-safe.
 void ClusterScan(const Scan& scan, const std::string& name,
                  const ScanPreparationOptions& preparation, int min_points, double leaf_size_m,
-                 double sweep_period_s, const SE3& T_vehicle_lidar, DecodedScan* decoded);
+                 const std::vector<StampNs>& stamps, const SE3& T_vehicle_lidar,
+                 DecodedScan* decoded);
 
 // Reads and clusters scan i of a range that begins at `begin` (the period of a sweep is taken from
 // stamps in it, of the same recording). Thread-safe.

@@ -135,6 +135,37 @@ TEST(Mapping, SkipsWhatItCannotUseAndGoesOn) {
   EXPECT_LT((outcome.poses.rbegin()->second.t - TruePose(kScans - 1).t).norm(), 0.01);
 }
 
+TEST(Mapping, SkipsScansWhoseTimesAreNoneOfASweep) {
+  std::vector<Scan> scans = WalkScans(3);
+  for (Scan& scan : scans) {
+    for (std::size_t k = 0; k < scan.time_s.size(); ++k) {
+      scan.time_s[k] = 0.05F * static_cast<float>(k) / static_cast<float>(scan.time_s.size());
+    }
+  }
+  const auto with_times = [](Scan scan, float factor, float shift) {
+    for (float& t : scan.time_s) t = factor * t + shift;
+    return scan;
+  };
+  const auto expect_refused = [](const MappedScan& mapped, const char* why) {
+    EXPECT_TRUE(mapped.skipped);
+    EXPECT_EQ(mapped.reason, SkipReason::kUnreadable);
+    EXPECT_THAT(mapped.detail, testing::HasSubstr(why));
+  };
+  Mapping mapping(Options());
+  // In ms, and readings of a clock: of the first scan, and of others.
+  expect_refused(mapping.Add(with_times(scans[0], 1000.0F, 0.0F)), "no sweep lasts so long");
+  expect_refused(mapping.Add(with_times(scans[1], 1.0F, 5000.0F)), "from its stamp");
+  EXPECT_FALSE(mapping.Add(scans[2]).skipped);
+  expect_refused(mapping.Add(with_times(scans[3], 1000.0F, 0.0F)), "scans are 0.1 s apart");
+  expect_refused(mapping.Add(with_times(scans[4], 1.0F, -70.0F)), "from its stamp");
+  // Single times may be damaged; a sweep may end at its stamp.
+  Scan some = with_times(scans[5], 1.0F, -0.05F);
+  some.time_s[7] = 1e9F;
+  some.time_s[9] = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_FALSE(mapping.Add(some).skipped);
+  EXPECT_EQ(mapping.counts().skipped.at(SkipReason::kUnreadable), 4U);
+}
+
 TEST(Mapping, RecordingsThatAlternateArePiecesOfTheirOwn) {
   const std::vector<Scan> a = WalkScans(4), b = WalkScans(5);
   std::map<std::string, std::vector<SE3>> alone, mixed;
