@@ -3,6 +3,7 @@
 #include "tools/benchmark/command.h"
 #include "tools/commands.h"
 #include "tools/compare/command.h"
+#include "tools/localise/command.h"
 #include "tools/promises/command.h"
 #include "tools/simulate/command.h"
 #include "tools/synth/command.h"
@@ -14,6 +15,7 @@ void AddLabCommands(CLI::App* app, std::function<int()>* run) {
   AddSimulateCommand(app, run);
   AddCompareCommand(app, run);
   AddAdverseCommand(app, run);
+  AddLocaliseCommand(app, run);
   AddBenchCommand(app, run);
 }
 

@@ -14,13 +14,24 @@
 namespace lamina {
 namespace {
 
-// What a submap must show beyond the gates of loops.
+// What a submap must show beyond the gates of loops: planes that agree as rarely as in a wood are
+// made up for by all else.
 constexpr double kOverlap = 0.85, kStructure = 0.75, kFactor = 1.5;
+constexpr double kMet = 0.9, kMostGone = 0.1;
+constexpr double kRoughOverlap = 0.3, kRoughMet = 0.97, kRoughMostGone = 0.03;
 // Poses that are one and the same; before registration, and after.
 constexpr double kNearM = 4.0, kNearDeg = 15.0, kSameM = 0.7, kSameDeg = 3.0;
 constexpr double kSettledM = 0.1, kSettledDeg = 0.5;
-// Of a pose that is looked at again.
-constexpr double kLeastOverlap = 0.5;
+// Of a pose that is looked at again, the one or the other.
+constexpr double kLeastOverlap = 0.5, kLeastMet = 0.8;
+// Other levels that are tried: how far up and down, at least so far, at most so many, where so much
+// less is met than at the best pose, before registration.
+constexpr double kLevelsM = 15.0, kNextLevelM = 1.5, kLevelMet = 0.3;
+constexpr std::size_t kMostLevels = 6;
+// Keyframes that settle where the sensor is now, and planes that they must have in common with the
+// map, of those that a loop must.
+constexpr std::size_t kSettledBy = 5;
+constexpr double kSettledPlanesShare = 0.5;
 // Hypotheses of one pose that are registered: places overlap.
 constexpr int kEachPose = 2;
 // Registrations, times those of a loop.
@@ -40,22 +51,20 @@ bool Same(const SE3& a, const SE3& b, double most_m, double most_deg) {
   return (a.t - b.t).norm() <= most_m && RotationAngle(a, b) <= most_deg * M_PI / 180.0;
 }
 
-// What the map should show at a pose and does not, as shares.
-double Contradiction(const SubmapMatch& match) {
-  return (1.0 - match.overlap) + (1.0 - match.structure);
-}
+// What one of query and map has standing and the other has not, as shares.
+double Contradiction(const Sighting& sighting) { return 1.0 - sighting.met + sighting.gone; }
 
 bool IsRival(const Sighting& other, const Sighting& best) {
-  if (!other.reason.empty()) return false;
+  if (!other.match.converged) return false;
   const auto same = [&](double most_m, double most_deg) {
     return other.piece == best.piece &&
            Same(other.T_piece_submap, best.T_piece_submap, most_m, most_deg);
   };
   if (same(kSameM, kSameDeg)) return false;
   const bool beside = same(kBesideM, kBesideDeg);
-  const double least = Contradiction(best.match);
-  return Contradiction(other.match) <= std::max((beside ? kBesideFactor : kRivalFactor) * least,
-                                                least + (beside ? kBesideMore : kRivalMore));
+  const double least = Contradiction(best);
+  return Contradiction(other) <= std::max((beside ? kBesideFactor : kRivalFactor) * least,
+                                          least + (beside ? kBesideMore : kRivalMore));
 }
 
 // What lies within a radius of the middle of its way.
@@ -72,13 +81,27 @@ Submap Around(const Submap& submap, double radius_m) {
   return around;
 }
 
-std::string StrictRefusal(const SubmapMatch& match, const VerificationOptions& least) {
+// Every n-th leaf.
+Submap Thinned(const Submap& place) {
+  constexpr std::size_t kMost = 8000;
+  Submap some = place;
+  some.leaves.clear();
+  const std::size_t stride = std::max<std::size_t>(1, place.leaves.size() / kMost);
+  for (std::size_t i = 0; i < place.leaves.size(); i += stride)
+    some.leaves.push_back(place.leaves[i]);
+  return some;
+}
+
+std::string StrictRefusal(const Sighting& sighting, const VerificationOptions& least) {
+  const bool rough = sighting.met >= kRoughMet && sighting.gone <= kRoughMostGone;
   VerificationOptions strict = least;
   strict.min_planes = static_cast<int>(kFactor * least.min_planes);
   strict.min_facing *= kFactor;
-  strict.min_overlap = std::max(least.min_overlap, kOverlap);
+  strict.min_overlap = rough ? kRoughOverlap : std::max(least.min_overlap, kOverlap);
   strict.min_structure = std::max(least.min_structure, kStructure);
-  return Refusal(match, strict);
+  if (sighting.met < kMet) return "the map has not what stands here";
+  if (sighting.gone > kMostGone) return "what the map has does not stand here";
+  return Refusal(sighting.match, strict);
 }
 
 }  // namespace
@@ -136,33 +159,92 @@ std::vector<Sighting> PlaceIndex::Register(const SubmapQuery& query,
   std::vector<Sighting> sightings(hypotheses.size());
   ParallelChunks(targets.size(), 1, [&](std::size_t t, std::size_t) {
     const SubmapTarget target(targets[t].first, map.options());
+    const OccupiedLeaves leaves(targets[t].first);
     for (const std::size_t i : *targets[t].second) {
       const Hypothesis& hypothesis = hypotheses[i];
       Sighting& sighting = sightings[i];
+      sighting.place = hypothesis.place;
       sighting.piece = places_[hypothesis.place].piece;
       sighting.score = hypothesis.score;
       sighting.match = registration_.Register(query, target, hypothesis.T_place_submap, coarse);
       sighting.T_piece_submap = T_piece_place_[hypothesis.place] * sighting.match.T_other_query;
-      sighting.reason = Refusal(sighting.match, options_.verification);
+      sighting.met = leaves.Met(query.upright, sighting.match.T_other_query);
     }
   });
   return sightings;
+}
+
+void PlaceIndex::Judge(const SubmapQuery& query, const SightLines& sight, const SE3& T_own_query,
+                       const VoxelMap& map, std::vector<Sighting>* sightings) const {
+  std::map<std::size_t, std::vector<Sighting*>> by_place;
+  for (Sighting& sighting : *sightings) by_place[sighting.place].push_back(&sighting);
+  std::vector<std::pair<std::size_t, const std::vector<Sighting*>*>> groups;
+  for (const auto& [place, members] : by_place) groups.emplace_back(place, &members);
+  ParallelChunks(groups.size(), 1, [&](std::size_t g, std::size_t) {
+    const Submap some = Thinned(At(groups[g].first, map));
+    const std::vector<LeafPlane> planes = LeafPlanes(some);
+    for (Sighting* const sighting : *groups[g].second) {
+      const SE3& T_place_query = sighting->match.T_other_query;
+      const auto upright = UprightLeaves(some, planes, T_place_query.q * query.up);
+      sighting->gone = sight.Look(upright, T_own_query * T_place_query.Inverse()).GoneShare();
+      sighting->reason = StrictRefusal(*sighting, options_.verification);
+    }
+  });
+  std::stable_sort(sightings->begin(), sightings->end(), [](const Sighting& a, const Sighting& b) {
+    if (a.match.converged != b.match.converged) return a.match.converged;
+    return Contradiction(a) < Contradiction(b);
+  });
+}
+
+std::vector<PlaceIndex::Hypothesis> PlaceIndex::OnOtherLevels(const SubmapQuery& query,
+                                                              const Sighting& best,
+                                                              const VoxelMap& map) const {
+  const Submap place = At(best.place, map);
+  const OccupiedLeaves leaves(place);
+  const SE3& T_place_query = best.match.T_other_query;
+  const Eigen::Vector3d up = T_place_query.q * query.up;
+  const double step_m = 0.5 * place.leaf_size_m;
+  const int steps = static_cast<int>(kLevelsM / step_m);
+  const auto shifted = [&](int k) {
+    return SE3(T_place_query.q, T_place_query.t + k * step_m * up);
+  };
+  std::vector<double> met;
+  for (int k = -steps; k <= steps; ++k) met.push_back(leaves.Met(query.upright, shifted(k)));
+  std::vector<std::pair<double, int>> peaks;
+  for (int k = 1 - steps; k < steps; ++k) {
+    const double here = met[static_cast<std::size_t>(k + steps)];
+    if (std::abs(k) * step_m < kNextLevelM || here < best.met - kLevelMet) continue;
+    if (here >= met[static_cast<std::size_t>(k + steps - 1)] &&
+        here > met[static_cast<std::size_t>(k + steps + 1)])
+      peaks.emplace_back(-here, k);
+  }
+  std::sort(peaks.begin(), peaks.end());
+  if (peaks.size() > kMostLevels) peaks.resize(kMostLevels);
+  std::vector<Hypothesis> levels;
+  for (const auto& [value, k] : peaks) levels.push_back({best.place, shifted(k), best.score});
+  return levels;
+}
+
+std::size_t PlaceIndex::Nearest(std::int64_t piece, const Eigen::Vector3d& at) const {
+  std::size_t nearest = places_.size();
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < places_.size(); ++i) {
+    const double distance = (places_[i].at - at).norm();
+    if (places_[i].piece != piece || distance >= least) continue;
+    least = distance;
+    nearest = i;
+  }
+  return nearest;
 }
 
 std::vector<PlaceIndex::Hypothesis> PlaceIndex::OfNearest(const std::vector<Sighting>& sightings,
                                                           const Eigen::Vector3d& middle) const {
   std::vector<Hypothesis> nearest;
   for (const Sighting& sighting : sightings) {
-    if (!sighting.match.converged || sighting.match.overlap < kLeastOverlap) continue;
-    const Eigen::Vector3d at = sighting.T_piece_submap * middle;
-    Hypothesis next{places_.size(), SE3(), sighting.score};
-    double least = std::numeric_limits<double>::infinity();
-    for (std::size_t i = 0; i < places_.size(); ++i) {
-      const double distance = (places_[i].at - at).norm();
-      if (places_[i].piece != sighting.piece || distance >= least) continue;
-      least = distance;
-      next.place = i;
-    }
+    if (!sighting.match.converged) continue;
+    if (sighting.match.overlap < kLeastOverlap && sighting.met < kLeastMet) continue;
+    Hypothesis next{Nearest(sighting.piece, sighting.T_piece_submap * middle), SE3(),
+                    sighting.score};
     next.T_place_submap = T_piece_place_[next.place].Inverse() * sighting.T_piece_submap;
     const bool known = std::any_of(nearest.begin(), nearest.end(), [&](const Hypothesis& other) {
       return other.place == next.place &&
@@ -173,7 +255,8 @@ std::vector<PlaceIndex::Hypothesis> PlaceIndex::OfNearest(const std::vector<Sigh
   return nearest;
 }
 
-Sighting PlaceIndex::Find(const Submap& whole, const VoxelMap& map) const {
+std::vector<Sighting> PlaceIndex::Find(const Submap& whole, const std::vector<FinalKeyframe>& last,
+                                       const VoxelMap& map) const {
   // What the nearest place holds as well, wherever between two of them the sensor is.
   const Submap submap = Around(whole, RadiusM(options_) - SpacingM(options_));
   std::vector<LeafPlane> planes = LeafPlanes(submap);
@@ -181,20 +264,46 @@ Sighting PlaceIndex::Find(const Submap& whole, const VoxelMap& map) const {
   const SubmapQuery query = QueryOfSubmap(submap, std::move(planes), image);
   std::vector<Sighting> sightings = Register(query, Hypotheses(image), true, map);
   sightings = Register(query, OfNearest(sightings, image.T_level_submap.Inverse().t), false, map);
-  std::stable_sort(sightings.begin(), sightings.end(), [](const Sighting& a, const Sighting& b) {
-    if (a.reason.empty() != b.reason.empty()) return a.reason.empty();
-    return Contradiction(a.match) < Contradiction(b.match);
-  });
-  Sighting best;
-  best.reason = "nothing in the map is like it";
-  if (sightings.empty()) return best;
-  best = sightings.front();
-  if (!best.reason.empty()) return best;
-  best.reason = StrictRefusal(best.match, options_.verification);
+  const SightLines sight(last, submap.leaf_size_m);
+  Judge(query, sight, submap.T_world_submap, map, &sightings);
+  if (!sightings.empty()) {
+    // Storeys are seldom apart in images from above.
+    std::vector<Sighting> levels =
+        Register(query, OnOtherLevels(query, sightings.front(), map), true, map);
+    sightings.insert(sightings.end(), levels.begin(), levels.end());
+    Judge(query, sight, submap.T_world_submap, map, &sightings);
+  } else {
+    sightings.emplace_back();
+    sightings.front().reason = "nothing in the map is like it";
+  }
+  Sighting& best = sightings.front();
+  if (!best.reason.empty()) return sightings;
   if (std::any_of(sightings.begin() + 1, sightings.end(),
                   [&](const Sighting& other) { return IsRival(other, best); }))
     best.reason = "others fit as well";
-  return best;
+  return sightings;
+}
+
+std::optional<SE3> PlaceIndex::Settle(const FoundPlace& found,
+                                      const std::vector<FinalKeyframe>& last,
+                                      const VoxelMap& map) const {
+  if (last.empty()) return found.T_piece_own;
+  SubmapBuilder builder(options_.submap, map.options().LeafSize());
+  const std::size_t first = last.size() - std::min(last.size(), kSettledBy);
+  for (std::size_t i = first; i < last.size(); ++i) builder.Add(last[i]);
+  const Submap submap = builder.Current();
+  const SE3 T_piece_submap = found.T_piece_own * submap.T_world_submap;
+  const SubmapQuery query = MakeQuery(submap, LeafPlanes(submap),
+                                      T_piece_submap.q.conjugate() * Eigen::Vector3d::UnitZ());
+  const std::size_t place = Nearest(found.piece, T_piece_submap.t);
+  const SubmapMatch match =
+      registration_.Register(query, SubmapTarget(At(place, map), map.options()),
+                             T_piece_place_[place].Inverse() * T_piece_submap);
+  const SE3 settled = T_piece_place_[place] * match.T_other_query;
+  if (!match.converged || match.planes < kSettledPlanesShare * options_.verification.min_planes ||
+      !Same(settled, T_piece_submap, kNearM, kNearDeg))
+    return std::nullopt;
+  return settled * submap.T_world_submap.Inverse();
 }
 
 }  // namespace lamina

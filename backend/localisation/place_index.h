@@ -6,16 +6,22 @@
 //     looked up   the place looks alike (place_lookup.h): hypotheses, a few for each pose
 //     registered  the submap's planes agree with the map's (submap_registration.h) by gates that
 //                 are stricter than those of loops, which know where to expect the sensor
-//     no rival    no pose elsewhere passes those of loops and contradicts the map about as little
+//     compared    what stands in one stands in the other, as far as it would show
+//                 (place_evidence.h)
+//     no rival    no pose elsewhere, also not on another level of the same place, contradicts the
+//                 map about as little
 //
 // What is believed once may still be an alias: PlaceSearch asks again after more of the way.
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "backend/localisation/map_places.h"
+#include "backend/localisation/place_evidence.h"
+#include "backend/localisation/place_report.h"
 #include "backend/loops/loop_options.h"
 #include "backend/submaps/place_image.h"
 #include "backend/submaps/submap_registration.h"
@@ -26,11 +32,13 @@ namespace lamina {
 
 // Where a submap seems to lie in the map.
 struct Sighting {
+  std::size_t place = 0;  // that it was registered against
   std::int64_t piece = 0;
   SE3 T_piece_submap;
-  SubmapMatch match;   // T_other_query is of the place
-  double score = 0.0;  // of the images
-  std::string reason;  // why it is not to be believed; empty if it is
+  SubmapMatch match;             // T_other_query is of the place
+  double score = 0.0;            // of the images
+  double met = 0.0, gone = 0.0;  // place_evidence.h
+  std::string reason;            // why it is not to be believed; empty if it is
 };
 
 // Immutable; thread-safe.
@@ -43,10 +51,17 @@ class PlaceIndex {
   // So near to one another that each place of a way is seen well from one of them.
   static double SpacingM(const LoopOptions& options);
 
-  // The most likely pose of a submap whose anchor is upright within options.place.max_tilt_deg,
-  // with what speaks against it. `map`: as it was described, whatever other pieces it has got
-  // since. Deterministic at any number of threads.
-  Sighting Find(const Submap& submap, const VoxelMap& map) const;
+  // Poses of a submap whose anchor is upright within options.place.max_tilt_deg, the most likely
+  // first, each with what speaks against it, and that one also with its rivals. `last`: keyframes
+  // in the frame of the submap's anchor that see what is around now. Never empty. `map`: as it was
+  // described, whatever other pieces it has got since. Deterministic at any number of threads.
+  std::vector<Sighting> Find(const Submap& submap, const std::vector<FinalKeyframe>& last,
+                             const VoxelMap& map) const;
+
+  // A place that was found, by the newest of the `last` keyframes: what the sensor's own piece is
+  // bent by does not matter to those. Nothing if they do not lie there.
+  std::optional<SE3> Settle(const FoundPlace& found, const std::vector<FinalKeyframe>& last,
+                            const VoxelMap& map) const;
 
   const std::vector<MapPlace>& places() const { return places_; }
 
@@ -56,10 +71,18 @@ class PlaceIndex {
     SE3 T_place_submap;
     double score = 0.0;
   };
+  std::size_t Nearest(std::int64_t piece, const Eigen::Vector3d& at) const;
   SE3 InPiece(const Hypothesis& hypothesis) const;
   // The same poses, each of the place that is nearest to it, and once.
   std::vector<Hypothesis> OfNearest(const std::vector<Sighting>& sightings,
                                     const Eigen::Vector3d& middle) const;
+  // The same pose on other levels of the place that the best one was registered against, where
+  // much of the query is met.
+  std::vector<Hypothesis> OnOtherLevels(const SubmapQuery& query, const Sighting& best,
+                                        const VoxelMap& map) const;
+  // What the map has and the sensor does not see, the reason of each, and their order.
+  void Judge(const SubmapQuery& query, const SightLines& sight, const SE3& T_own_query,
+             const VoxelMap& map, std::vector<Sighting>* sightings) const;
   std::vector<Sighting> Register(const SubmapQuery& query,
                                  const std::vector<Hypothesis>& hypotheses, bool coarse,
                                  const VoxelMap& map) const;

@@ -6,7 +6,9 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <vector>
 
+#include "backend/submaps/submap_registration.h"
 #include "core/geometry/se3.h"
 
 namespace lamina {
@@ -16,11 +18,21 @@ struct FoundPlace {
   SE3 T_piece_own;         // from the frame of the sensor's own piece to that of the map's
 };
 
+// Where the piece might be as well.
+struct PlaceCandidate {
+  FoundPlace place;
+  SubmapMatch match;
+  double met = 0.0, gone = 0.0;  // place_evidence.h
+  std::string reason;            // why it is not to be believed; empty if it is
+};
+
 struct PlaceReport {
   std::size_t scan = 0;    // the newest
   std::int64_t piece = 0;  // of its own
   std::string reason;      // why nothing was believed; empty if it was
   std::optional<FoundPlace> found;
+  // All poses that were registered in full, the likeliest first.
+  std::vector<PlaceCandidate> candidates;
 };
 
 using OnPlaceReport = std::function<void(const PlaceReport&)>;

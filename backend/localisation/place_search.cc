@@ -12,8 +12,8 @@ constexpr int kKeyframesFirst = 10, kKeyframesThen = 40;
 constexpr std::int64_t kFirstLooks = 15;
 // What the sensor must have moved on between two looks that agree, as a share of a submap's way.
 constexpr double kMovedShare = 0.1;
-// How far two looks may be apart.
-constexpr double kAgreeM = 0.5, kAgreeDeg = 1.5;
+// How far two looks may be apart: a narrow view bends the sensor's own piece between them.
+constexpr double kAgreeM = 0.75, kAgreeDeg = 5.0;
 // A submap that is longer than this share of the largest is looked for by itself.
 constexpr double kLongEnough = 0.5;
 // Way that a query may have, times that of a submap: what a place shows is wider.
@@ -54,12 +54,26 @@ std::optional<FoundPlace> PlaceSearch::Look(const std::vector<FinalKeyframe>& wi
   keyframes_since_look_ = 0;
   ++looks_;
   const Submap submap = Gathered(window);
+  candidates_.clear();
   if (submap.keyframes.empty()) return std::nullopt;
-  const Sighting sighting = places.Find(submap, map);
-  reason_ = sighting.reason;
+  const SE3 T_submap_own = submap.T_world_submap.Inverse();
+  for (const Sighting& sighting : places.Find(submap, window, map)) {
+    candidates_.push_back({{sighting.piece, sighting.T_piece_submap * T_submap_own},
+                           sighting.match,
+                           sighting.met,
+                           sighting.gone,
+                           sighting.reason});
+  }
+  reason_ = candidates_.front().reason;
   if (!reason_.empty()) return std::nullopt;
   const Eigen::Vector3d sensor = submap.T_world_submap * submap.keyframes.back().T_submap_lidar.t;
-  const FoundPlace found{sighting.piece, sighting.T_piece_submap * submap.T_world_submap.Inverse()};
+  FoundPlace found = candidates_.front().place;
+  const std::optional<SE3> settled = places.Settle(found, window, map);
+  if (!settled) {
+    reason_ = "the last scans do not lie there";
+    return std::nullopt;
+  }
+  found.T_piece_own = *settled;
   const bool agrees =
       seen_ && found.piece == last_.piece &&
       (found.T_piece_own * sensor - last_.T_piece_own * sensor).norm() <= kAgreeM &&

@@ -32,6 +32,8 @@ class PlaceSearch {
                                  const VoxelMap& map);
   // What came of the last look, for a log line; empty before the first, and when it was believed.
   const std::string& reason() const { return reason_; }
+  // What was compared for that look; not part of the state that is archived.
+  const std::vector<PlaceCandidate>& candidates() const { return candidates_; }
 
   void Archive(StateArchive& a);
 
@@ -45,6 +47,7 @@ class PlaceSearch {
   int keyframes_since_look_ = 0;
   std::int64_t looks_ = 0;
   std::string reason_;
+  std::vector<PlaceCandidate> candidates_;
   // Of the last look that was believed.
   bool seen_ = false;
   FoundPlace last_;

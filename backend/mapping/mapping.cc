@@ -192,7 +192,9 @@ void Mapping::FindPlace(Recording* recording, const MappedScan& report) {
   if (search == nullptr || !report.keyframe || !search->Due()) return;
   const Mapper& own = recording->mapper->mapper();
   const std::optional<FoundPlace> found = searches_->Look(search, own.WindowKeyframes(), map_);
-  if (callbacks_.on_look) callbacks_.on_look({report.index, report.piece, search->reason(), found});
+  if (callbacks_.on_look) {
+    callbacks_.on_look({report.index, report.piece, search->reason(), found, search->candidates()});
+  }
   if (!found) return;
   Trajectory last = own.OpenFrames();
   if (last.size() > kLast) last.erase(last.begin(), last.end() - kLast);

@@ -91,6 +91,33 @@ TEST_F(PlaceIndexTest, AmongEqualHousesNoneIsBelieved) {
   EXPECT_FALSE(Visit(terrace, Drive({{-42, 0}, {42, 0}}), 5).has_value());
 }
 
+TEST_F(PlaceIndexTest, AmongEqualStoreysNoneIsBelieved) {
+  // What the first storey has, the second has 4 m above; no sensor sees both.
+  const Town town(3);
+  const std::vector<SE3> drive = Drive({{-60, -60}, {60, -60}});
+  constexpr double kStoreyM = 4.0;
+  map_ = std::make_unique<VoxelMap>(VoxelMapOptions());
+  std::vector<MapPlace> places;
+  for (int storey = 0; storey < 2; ++storey) {
+    Draws draws(static_cast<unsigned>(storey) + 1);
+    SubmapBuilder builder({1e4, 1000}, map_->options().LeafSize());
+    std::vector<Eigen::Vector3d> way;
+    for (std::size_t i = 0; i < drive.size(); ++i) {
+      SE3 T = drive[0].Inverse() * drive[i];
+      T.t.z() += kStoreyM * storey;
+      builder.Add(KeyframeOf(town, static_cast<std::int64_t>(i), drive[i], T,
+                             map_->options().LeafSize(), &draws));
+      way.push_back(T.t);
+    }
+    const Submap all = builder.Current();
+    AddToMap(all, all.T_world_submap, map_.get());
+    AddPlaces(0, way, PlaceIndex::SpacingM(options_), &places);
+  }
+  index_ = std::make_unique<PlaceIndex>(options_, ScanMatcherOptions(), places, *map_);
+  EXPECT_FALSE(Visit(town, Drive({{-30, -60}, {30, -60}}), 7).has_value());
+  EXPECT_NE(reasons_.find("others fit as well"), std::string::npos) << reasons_;
+}
+
 TEST_F(PlaceIndexTest, PlacesAreTheSameInMemoryAndInTheStore) {
   const Town town(2);
   MapTown(town, Drive({{-60, -60}, {60, -60}}));
