@@ -77,7 +77,13 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
   scans_.push_back({frame.stamp_ns, clusters, frame.T_world_lidar, Vector6d::Zero()});
   if (scans_.size() == 1) return;
   all_tracked_ = all_tracked_ && frame.status == OdometryFrame::Status::kTracked;
-  unsure_ = all_tracked_ && (unsure_ || frame.open_m > open_sigma_m_);
+  if (frame.open_m > std::max(open_m_, open_sigma_m_)) {
+    open_m_ = frame.open_m;
+    open_along_ = frame.match.weakest_direction.tail<3>();
+  }
+  // A turn that is open is none of a steady way.
+  constexpr double kMostlyWay = 0.7;
+  unsure_ = all_tracked_ && open_along_.norm() > kMostlyWay;
   if (scans_.size() == 2) {
     Begin(frame);
   } else {
@@ -245,21 +251,22 @@ bool StartTrack::Match(Hypothesis* hypothesis) const {
   return true;
 }
 
-std::vector<SteadyScan> StartTrack::WithoutWay(WayAlong* own) const {
+std::vector<SteadyScan> StartTrack::WithoutWay(const Eigen::Vector3d& u, WayAlong* own) const {
   std::vector<SE3> poses;
   for (const Scan& scan : scans_) poses.push_back(scan.T_world_lidar);
   std::vector<SteadyScan> scans;
   for (std::size_t k = 0; k < scans_.size(); ++k) {
     const SE3& T = poses[k];
     Vector6d twist = Twist(poses, std::max<std::size_t>(k, 1));
-    const Eigen::Vector3d u_lidar = T.q.conjugate() * u_;
+    const Eigen::Vector3d u_lidar = T.q.conjugate() * u;
     own->speeds_m_s.push_back(u_lidar.dot(twist.tail<3>()));
-    own->positions_m.push_back(u_.dot(T.t - poses[0].t));
+    own->positions_m.push_back(u.dot(T.t - poses[0].t));
     twist.tail<3>() -= own->speeds_m_s.back() * u_lidar;
     SteadyScan scan;
     scan.time_s = SecondsBetween(scans_[0].stamp_ns, scans_[k].stamp_ns);
+    scan.centre = T.t - own->positions_m.back() * u;
     for (const PointCluster& cluster : DeskewClusters(scans_[k].clusters, twist))
-      scan.clusters.push_back(cluster.Moved(SE3(T.q, T.t - own->positions_m.back() * u_)));
+      scan.clusters.push_back(cluster.Moved(SE3(T.q, scan.centre)));
     if (AnyTimed(scans_[k].clusters)) {
       for (const TimedCluster& cluster : scans_[k].clusters)
         scan.cluster_times_s.push_back(cluster.mean_time_s);
@@ -273,33 +280,44 @@ bool StartTrack::TakeSteady() {
   // A speed that is known worse, or at the end of what is looked for, may be any.
   constexpr double kMostOpenMS = 4.0, kMostOfReach = 0.8;
   constexpr double kRefutedSigmas = 3.0, kStandingSigmas = 5.0;
+  // Where odometry agrees with a speed that is known so well, nothing is open any more.
+  constexpr double kKnownMS = 1.0, kAgreesM = 0.15;
+  const Eigen::Vector3d u = open_along_.normalized();
   WayAlong own;
-  const SteadyMotionSearch search(steady_, u_, WithoutWay(&own));
+  const SteadyMotionSearch search(steady_, u, WithoutWay(u, &own));
   const FoundMotion found = search.Find();
   if (found.open_speed_m_s > kMostOpenMS ||
       std::abs(found.motion.speed_m_s) > kMostOfReach * steady_.most_speed_m_s)
     return false;
   const WayAlong way = search.WayUnder(found.motion);
+  std::vector<SE3> steady;
+  double apart_m = 0.0;
+  for (std::size_t k = 0; k < scans_.size(); ++k) {
+    const double off_m = way.positions_m[k] - own.positions_m[k];
+    steady.push_back(scans_[k].T_world_lidar);
+    steady.back().t += off_m * u;
+    apart_m = std::max(apart_m, std::abs(off_m));
+  }
   // Scans from nearly one place have their points in the same few spots of each wall, and look
   // sharp for that alone.
   const bool standing = std::abs(way.positions_m.back()) < steady_.voxel_size_m;
-  if (search.Sharper(way, own) < (standing ? kStandingSigmas : kRefutedSigmas)) return false;
-  std::vector<SE3> steady;
-  for (std::size_t k = 0; k < scans_.size(); ++k) {
-    steady.push_back(scans_[k].T_world_lidar);
-    steady.back().t += (way.positions_m[k] - own.positions_m[k]) * u_;
-  }
+  const bool refuted = search.Sharper(way, own) > (standing ? kStandingSigmas : kRefutedSigmas);
+  if (!refuted && (found.open_speed_m_s > kKnownMS || apart_m > kAgreesM)) return false;
   std::vector<SE3> poses = steady;
+  if (!refuted) {
+    for (std::size_t k = 0; k < scans_.size(); ++k) poses[k] = scans_[k].T_world_lidar;
+  }
   MatchResult match;
   for (std::size_t k = 0; k < poses.size(); ++k) {
-    if (!SettleBeside(k, &poses, &match)) return false;
+    if (!SettleBeside(k, u, &poses, &match)) return false;
   }
   // Twists of a steady motion are steadier than those from pose to pose.
   Overrule(poses, steady, match);
   return true;
 }
 
-bool StartTrack::SettleBeside(std::size_t scan, std::vector<SE3>* poses, MatchResult* match) const {
+bool StartTrack::SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,
+                              MatchResult* match) const {
   // What a steady motion leaves open of a pose.
   constexpr double kOpenM = 0.05;
   const VoxelMap map = MapOf(*poses, poses->size(), scan);
@@ -307,7 +325,7 @@ bool StartTrack::SettleBeside(std::size_t scan, std::vector<SE3>* poses, MatchRe
       DeskewClusters(scans_[scan].clusters, Twist(*poses, std::max<std::size_t>(scan, 1)));
   SE3& T = (*poses)[scan];
   Vector6d along = Vector6d::Zero();
-  along.tail<3>() = u_;
+  along.tail<3>() = u;
   const DirectionProfile profile(clusters, map, T, along, steady_.noise_m);
   const DirectionProfile::Posterior posterior = profile.With(0.0, kOpenM);
   PosePrediction prediction;
@@ -364,7 +382,8 @@ Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
 }
 
 void StartTrack::Archive(StateArchive& a) {
-  a(&open_, &overruled_, &unsure_, &all_tracked_, &scans_, &hypotheses_, &followed_, &u_);
+  a(&open_, &overruled_, &unsure_, &all_tracked_, &open_m_, &open_along_, &scans_, &hypotheses_,
+    &followed_, &u_);
 }
 
 }  // namespace lamina

@@ -103,14 +103,15 @@ class StartTrack {
   // Brings its newest pose to the minimum near by.
   bool Match(Hypothesis* hypothesis) const;
   void Decide();
-  // Puts the scans where the steady motion along u_ has them under which they make the sharpest
-  // map. False if it is no sharper than as odometry has them, or says too little.
+  // Puts the scans where the steady motion along the open direction has them under which they make
+  // the sharpest map. False if it is no sharper than as odometry has them, or says too little.
   bool TakeSteady();
   // Brings the pose of a scan to the map that all others make, along u only as far as few surfaces
   // may (direction_profile.h). False if it meets too little of it.
-  bool SettleBeside(std::size_t scan, std::vector<SE3>* poses, MatchResult* match) const;
+  bool SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,
+                    MatchResult* match) const;
   // The scans as if the sensor had not moved along u, and how it has as odometry has it.
-  std::vector<SteadyScan> WithoutWay(WayAlong* own) const;
+  std::vector<SteadyScan> WithoutWay(const Eigen::Vector3d& u, WayAlong* own) const;
   // Closes with these poses, and with the twists of those where it is `moving`.
   void Overrule(const std::vector<SE3>& poses, const std::vector<SE3>& moving,
                 const MatchResult& match);
@@ -125,6 +126,9 @@ class StartTrack {
   bool followed_ = false;  // whether the first of them is that of odometry
   // Whether a match left the way open, and whether all scans so far were tracked.
   bool unsure_ = false, all_tracked_ = true;
+  // By how much at most, and along which direction.
+  double open_m_ = 0.0;
+  Eigen::Vector3d open_along_ = Eigen::Vector3d::Zero();
   MatchResult match_;
   Eigen::Vector3d u_ = Eigen::Vector3d::UnitX();
 };

@@ -9,6 +9,7 @@
 #include <numeric>
 #include <utility>
 
+#include "core/base/median.h"
 #include "core/base/parallel.h"
 #include "core/map/voxel_key.h"
 
@@ -20,7 +21,6 @@ constexpr double kBlockM = 4.0;
 constexpr double kHalfPoints = 20.0;
 // Fewer points are no voxel.
 constexpr double kLeastPoints = 5.0;
-constexpr double kStepMS = 0.5;
 
 // Of four grids, in voxels: no two of them share a face.
 constexpr double kShifts[][3] = {
@@ -62,7 +62,18 @@ SteadyMotionSearch::SteadyMotionSearch(const SteadyMotionOptions& options, const
       block_points_[static_cast<std::size_t>(block)] += cluster.count;
     }
   }
+  const double duration_s = scans_.back().time_s - scans_.front().time_s;
   middle_s_ = 0.5 * (scans_.front().time_s + scans_.back().time_s);
+  // L has its maximum over speeds by which the last scan is a voxel off.
+  constexpr double kStepVoxels = 0.44;
+  step_m_s_ = kStepVoxels * options_.voxel_size_m / std::max(duration_s, 1e-3);
+  // Scans that are farther apart than they see have nothing in common.
+  std::vector<double> ranges_m;
+  for (const PointCluster& cluster : scans_.front().clusters)
+    ranges_m.push_back((cluster.mean - scans_.front().centre).norm());
+  if (!ranges_m.empty())
+    most_speed_m_s_ = std::min(options_.most_speed_m_s,
+                               2.0 * UpperMedian(&ranges_m) / std::max(duration_s, 1e-3));
 }
 
 WayAlong SteadyMotionSearch::WayUnder(const SteadyMotion& motion) const {
@@ -79,10 +90,12 @@ WayAlong SteadyMotionSearch::WayUnder(const SteadyMotion& motion) const {
 }
 
 void SteadyMotionSearch::AddGrid(const WayAlong& way, const Eigen::Vector3d& shift_m,
-                                 std::vector<double>* sums) const {
+                                 Evidence* sums) const {
   const double noise2 = options_.noise_m * options_.noise_m;
   VoxelIndex index(block_of_.size() / 4);
   std::vector<PointCluster> voxels;
+  std::vector<std::size_t> first_scan;
+  std::vector<bool> shared;
   std::vector<std::int32_t> voxel_of(block_of_.size());
   std::size_t place = 0;
   for (std::size_t k = 0; k < scans_.size(); ++k) {
@@ -96,32 +109,40 @@ void SteadyMotionSearch::AddGrid(const WayAlong& way, const Eigen::Vector3d& shi
           index.FindOrInsert(VoxelKeyOf(cluster.mean + shift_m, 1.0 / options_.voxel_size_m),
                              static_cast<std::int32_t>(voxels.size()));
       const auto voxel = static_cast<std::size_t>(voxel_of[place]);
-      if (voxel == voxels.size()) voxels.emplace_back();
+      if (voxel == voxels.size()) {
+        voxels.emplace_back();
+        first_scan.push_back(k);
+        shared.push_back(false);
+      }
       voxels[voxel] += cluster;
+      if (first_scan[voxel] != k) shared[voxel] = true;
     }
   }
   std::vector<double> sharpness(voxels.size(), 0.0);
   for (std::size_t v = 0; v < voxels.size(); ++v) {
+    if (shared[v]) sums->shared += voxels[v].count;
     if (voxels[v].count >= kLeastPoints)
       sharpness[v] = -0.5 * std::log(LeastVariance(voxels[v]) + noise2);
   }
   place = 0;
   for (const SteadyScan& scan : scans_) {
     for (const PointCluster& cluster : scan.clusters) {
-      (*sums)[static_cast<std::size_t>(block_of_[place])] +=
+      sums->blocks[static_cast<std::size_t>(block_of_[place])] +=
           cluster.count * sharpness[static_cast<std::size_t>(voxel_of[place])];
       ++place;
     }
   }
 }
 
-std::vector<double> SteadyMotionSearch::BlockEvidence(const WayAlong& way,
-                                                      std::size_t grids) const {
-  std::vector<double> sums(block_points_.size(), 0.0);
+SteadyMotionSearch::Evidence SteadyMotionSearch::EvidenceOf(const WayAlong& way,
+                                                            std::size_t grids) const {
+  Evidence sums;
+  sums.blocks.resize(block_points_.size(), 0.0);
   for (std::size_t grid = 0; grid < grids; ++grid)
     AddGrid(way, options_.voxel_size_m * Eigen::Vector3d(kShifts[grid]), &sums);
-  for (std::size_t b = 0; b < sums.size(); ++b)
-    sums[b] /= static_cast<double>(grids) * (block_points_[b] + kHalfPoints);
+  for (std::size_t b = 0; b < sums.blocks.size(); ++b)
+    sums.blocks[b] /= static_cast<double>(grids) * (block_points_[b] + kHalfPoints);
+  sums.shared /= static_cast<double>(grids);
   return sums;
 }
 
@@ -135,11 +156,11 @@ double SteadyMotionSearch::Total(const SteadyMotion& motion,
 SteadyMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
   constexpr double kLeastStepMS = 0.05, kAccelerationStepPerS = 8.0;
   const auto evidence_of = [&](const SteadyMotion& motion) {
-    return Total(motion, BlockEvidence(WayUnder(motion), kGrids));
+    return Total(motion, EvidenceOf(WayUnder(motion), kGrids).blocks);
   };
   SteadyMotion best = start;
   double most = evidence_of(best);
-  for (double step = kStepMS; step >= kLeastStepMS;) {
+  for (double step = step_m_s_; step >= kLeastStepMS;) {
     const SteadyMotion from = best;
     const double faster = kAccelerationStepPerS * step;
     const std::array<SteadyMotion, 4> beside = {{
@@ -167,41 +188,50 @@ FoundMotion SteadyMotionSearch::Find() const {
   // Speeds nearer than so many steps are told apart in all grids.
   constexpr int kNearSteps = 4;
   constexpr double kRefutedSigmas = 2.0;
-  const auto most_steps = static_cast<int>(options_.most_speed_m_s / kStepMS);
+  // Scans see mostly the same: a speed at which they have much less in common than at others is
+  // none, though nothing that they see contradicts it.
+  constexpr double kLeastShared = 0.5;
+  const auto most_steps = static_cast<int>(most_speed_m_s_ / step_m_s_);
   const auto coarse_speed = [&](std::size_t i) {
-    return kStepMS * (static_cast<int>(i) - most_steps);
+    return step_m_s_ * (static_cast<int>(i) - most_steps);
   };
-  std::vector<std::vector<double>> coarse(static_cast<std::size_t>(2 * most_steps + 1));
+  std::vector<Evidence> coarse(static_cast<std::size_t>(2 * most_steps + 1));
   ParallelChunks(coarse.size(), 1, [&](std::size_t i, std::size_t) {
-    coarse[i] = BlockEvidence(WayUnder({coarse_speed(i), 0.0}), kCoarseGrids);
+    coarse[i] = EvidenceOf(WayUnder({coarse_speed(i), 0.0}), kCoarseGrids);
   });
-  std::size_t best = 0;
+  double most_shared = 0.0;
+  for (const Evidence& evidence : coarse) most_shared = std::max(most_shared, evidence.shared);
+  const auto possible = [&](const Evidence& e) { return e.shared >= kLeastShared * most_shared; };
+  std::size_t best = static_cast<std::size_t>(most_steps);
   double most = -std::numeric_limits<double>::infinity();
   for (std::size_t i = 0; i < coarse.size(); ++i) {
-    const double total = Total({coarse_speed(i), 0.0}, coarse[i]);
-    if (total > most) best = i;
-    most = std::max(most, total);
+    const double total = Total({coarse_speed(i), 0.0}, coarse[i].blocks);
+    if (total <= most || !possible(coarse[i])) continue;
+    best = i;
+    most = total;
   }
   FoundMotion found;
   found.motion = Climb({coarse_speed(best), 0.0});
-  const std::vector<double> ours = BlockEvidence(WayUnder(found.motion), kGrids);
-  const std::vector<double> ours_coarse = BlockEvidence(WayUnder(found.motion), kCoarseGrids);
+  const WayAlong way = WayUnder(found.motion);
+  const std::vector<double> ours = EvidenceOf(way, kGrids).blocks;
+  const std::vector<double> ours_coarse = EvidenceOf(way, kCoarseGrids).blocks;
   for (std::size_t i = 0; i < coarse.size(); ++i) {
     const double apart = std::abs(coarse_speed(i) - found.motion.speed_m_s);
-    if (apart > kNearSteps * kStepMS && Votes(ours_coarse, coarse[i]) < kRefutedSigmas)
+    if (apart <= kNearSteps * step_m_s_ || !possible(coarse[i])) continue;
+    if (Votes(ours_coarse, coarse[i].blocks) < kRefutedSigmas)
       found.open_speed_m_s = std::max(found.open_speed_m_s, apart);
   }
   for (int step = -kNearSteps; step <= kNearSteps; ++step) {
-    const double apart = kStepMS * step;
+    const double apart = step_m_s_ * step;
     const SteadyMotion other = {found.motion.speed_m_s + apart, found.motion.acceleration_m_s2};
-    if (step != 0 && Votes(ours, BlockEvidence(WayUnder(other), kGrids)) < kRefutedSigmas)
+    if (step != 0 && Votes(ours, EvidenceOf(WayUnder(other), kGrids).blocks) < kRefutedSigmas)
       found.open_speed_m_s = std::max(found.open_speed_m_s, std::abs(apart));
   }
   return found;
 }
 
 double SteadyMotionSearch::Sharper(const WayAlong& one, const WayAlong& other) const {
-  return Votes(BlockEvidence(one, kGrids), BlockEvidence(other, kGrids));
+  return Votes(EvidenceOf(one, kGrids).blocks, EvidenceOf(other, kGrids).blocks);
 }
 
 }  // namespace lamina

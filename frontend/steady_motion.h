@@ -38,6 +38,7 @@ namespace lamina {
 // One of the scans.
 struct SteadyScan {
   double time_s = 0.0;
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // where the sensor was, at x = 0
   // In the world but for the way along u: as if the sensor had been at x = 0 in all scans, and had
   // stood still along u during each of them.
   std::vector<PointCluster> clusters;
@@ -83,10 +84,13 @@ class SteadyMotionSearch {
   double Sharper(const WayAlong& one, const WayAlong& other) const;
 
  private:
-  // L_b of each block, in so many grids.
-  std::vector<double> BlockEvidence(const WayAlong& way, std::size_t grids) const;
-  void AddGrid(const WayAlong& way, const Eigen::Vector3d& shift_m,
-               std::vector<double>* sums) const;
+  struct Evidence {
+    std::vector<double> blocks;  // L_b of each
+    double shared = 0.0;         // points in voxels that several scans see
+  };
+  // In so many grids.
+  Evidence EvidenceOf(const WayAlong& way, std::size_t grids) const;
+  void AddGrid(const WayAlong& way, const Eigen::Vector3d& shift_m, Evidence* sums) const;
   // L from that of its blocks.
   double Total(const SteadyMotion& motion, const std::vector<double>& blocks) const;
   // From a motion to the maximum near by.
@@ -97,7 +101,7 @@ class SteadyMotionSearch {
   std::vector<SteadyScan> scans_;
   std::vector<std::int32_t> block_of_;  // of each cluster of each scan
   std::vector<double> block_points_;
-  double middle_s_ = 0.0;
+  double middle_s_ = 0.0, step_m_s_ = 0.0, most_speed_m_s_ = 0.0;
 };
 
 }  // namespace lamina

@@ -148,6 +148,7 @@ class SparseStartTest : public StartTrackTest {
     frame.T_world_lidar.t.x() += off_m;
     frame.match.T_world_lidar = frame.T_world_lidar;
     frame.open_m = scan == 0 ? 0.0 : 0.3;
+    frame.match.weakest_direction = Vector6d::Unit(3);
     return frame;
   }
   static SE3 FromStartFast(int scan) {
@@ -176,11 +177,25 @@ TEST_F(SparseStartTest, ManyScansTellTheWayThatTwoDoNot) {
   }
 }
 
-TEST_F(SparseStartTest, WhatOdometryHasRightStays) {
+TEST_F(SparseStartTest, WhereOdometryIsRightNothingIsOpenAnyMore) {
   StartTrack start(options_, map_);
-  for (int scan = 0; start.open() && scan < 10; ++scan)
-    start.Add(Unsure(scan, 0.0), false, Sparse(scan));
-  EXPECT_FALSE(start.open());
+  int scan = 0;
+  for (; start.open() && scan < 10; ++scan) start.Add(Unsure(scan, 0.0), false, Sparse(scan));
+  ASSERT_TRUE(start.overruled());
+  for (int k = 0; k < scan; ++k) {
+    const SE3& T = start.scans()[static_cast<std::size_t>(k)].T_world_lidar;
+    EXPECT_LT((T.t - FromStartFast(k).t).norm(), 0.1) << k;
+  }
+  EXPECT_LT(start.match().covariance(3, 3), 0.05 * 0.05);
+}
+
+TEST_F(SparseStartTest, AnOpenTurnIsNoneOfASteadyWay) {
+  StartTrack start(options_, map_);
+  for (int scan = 0; scan < 3; ++scan) {
+    OdometryFrame frame = Unsure(scan, 0.0);
+    frame.match.weakest_direction = Vector6d::Unit(1);
+    start.Add(frame, false, Sparse(scan));
+  }
   EXPECT_FALSE(start.overruled());
 }
 

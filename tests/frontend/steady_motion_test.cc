@@ -115,6 +115,19 @@ TEST(SteadyMotionTest, SaysWhereSpeedCannotBeTold) {
   EXPECT_GT(found.open_speed_m_s, 10.0);
 }
 
+TEST(SteadyMotionTest, ASensorInARoomHasNotLeftIt) {
+  // At any speed by which the scans have nothing in common, nothing contradicts it either.
+  const World room = World::Room();
+  Draws draws(6);
+  std::vector<SteadyScan> scans;
+  for (int k = 0; k < kScans; ++k)
+    scans.push_back(
+        SteadyScanOf(ScanFrom(SE3(), room.Sample(400, 0.005, &draws), kSteadyVoxelM), SE3(), k));
+  const FoundMotion found = Find(std::move(scans));
+  EXPECT_NEAR(found.motion.speed_m_s, 0.0, 0.5);
+  EXPECT_LE(found.open_speed_m_s, 1.0);
+}
+
 TEST(SteadyMotionTest, PointsOfASweepLieWhereTheyWereSeen) {
   // Clusters measured up to 0.1 s after the stamp, as a sweep at 15 m/s sees them.
   const BayStreet street(4);
