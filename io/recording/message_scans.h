@@ -36,7 +36,7 @@ class MessageScans final : public ScanSource {
   const PointTimeUnit unit_;
   const std::shared_ptr<const MessageContainer> container_;
   const MessageTopic topic_;
-  const std::vector<MessagePlace> places_;
+  const std::vector<MessagePlace>& places_;  // the container's
   bool header_stamps_ = false;
   // Of those that were asked for; kUnread before.
   mutable std::vector<std::atomic<StampNs>> stamps_;

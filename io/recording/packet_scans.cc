@@ -48,7 +48,7 @@ PacketScans::PacketScans(const std::string& path, std::shared_ptr<const MessageC
       container_(std::move(container)),
       topic_(container_->topics()[topic]),
       sensor_(FindSensor(topic)),
-      places_(container_->Messages(topic)) {
+      messages_(container_->Messages(topic)) {
   FindSweeps();
   std::string sensor;
   try {
@@ -57,15 +57,15 @@ PacketScans::PacketScans(const std::string& path, std::shared_ptr<const MessageC
     // Reading the scans tells.
   }
   described_.scans =
-      fmt::format("{} sweeps of {} packets{}{} on {} of {}", sweeps_.size(), places_.size(),
+      fmt::format("{} sweeps of {} packets{}{} on {} of {}", sweeps_.size(), packets_,
                   sensor.empty() ? "" : " of ", sensor, topic_.name, container_->kind());
   described_.stamps = "the times of recording";
   described_.doubts = container_->doubts();
-  if (passed_over_ > 0) {
+  if (packets_ < messages_.size()) {
     described_.doubts.push_back(
         fmt::format("{} messages on {} hold no packet of the sensor that "
                     "its metadata describes: passed over",
-                    passed_over_, topic_.name));
+                    messages_.size() - packets_, topic_.name));
   }
 }
 
@@ -94,37 +94,39 @@ std::unique_ptr<OusterSensor> PacketScans::FindSensor(std::size_t topic) const {
   return std::make_unique<OusterSensor>(ParseOusterMetadata(ReadSmallFile(json), json));
 }
 
+std::string_view PacketScans::PacketOf(std::string_view message) const {
+  try {
+    const MessagePacket packet = PacketInMessage(topic_, message, "");
+    const bool fits = packet.bytes >= sensor_->packet_bytes() &&
+                      packet.bytes <= sensor_->packet_bytes() + kMostBehind;
+    return fits ? packet.data.substr(0, sensor_->packet_bytes()) : std::string_view();
+  } catch (const InputError&) {
+    return {};
+  }
+}
+
 void PacketScans::FindSweeps() {
   // More than any sensor sends in a turn: of one that stands still, sweeps end here.
   constexpr std::size_t kMostPackets = 10'000;
   std::uint32_t before = 0;
-  std::size_t kept = 0;
-  for (const MessagePlace& message : places_) {
-    std::optional<std::uint32_t> place;
+  for (std::size_t i = 0; i < messages_.size(); ++i) {
+    std::string head;
     try {
-      const std::string bytes = container_->Read(message, kPacketHeadBytes);
-      const MessagePacket packet = PacketInMessage(topic_, bytes, "");
-      const bool fits = packet.bytes >= sensor_->packet_bytes() &&
-                        packet.bytes <= sensor_->packet_bytes() + kMostBehind;
-      if (fits && packet.data.size() >= OusterSensor::kHeadBytes) {
-        place = sensor_->PlaceInHead(packet.data);
-      }
+      head = container_->Read(messages_[i], kPacketHeadBytes);
     } catch (const InputError&) {
-      // Counted.
+      continue;  // counted below
     }
-    if (!place) {
-      ++passed_over_;
-      continue;
+    const std::string_view packet = PacketOf(head);
+    if (packet.size() < OusterSensor::kHeadBytes) continue;
+    const std::uint32_t place = sensor_->PlaceInHead(packet);
+    if (sweeps_.empty() || sensor_->BeginsSweep(before, place) ||
+        i - sweeps_.back().begin >= kMostPackets) {
+      sweeps_.push_back({i, i, messages_[i].log_ns});
     }
-    if (sweeps_.empty() || sensor_->BeginsSweep(before, *place) ||
-        sweeps_.back().packets >= kMostPackets) {
-      sweeps_.push_back({kept, 0, message.log_ns});
-    }
-    ++sweeps_.back().packets;
-    places_[kept++] = message;
-    before = *place;
+    sweeps_.back().end = i + 1;
+    ++packets_;
+    before = place;
   }
-  places_.resize(kept);
   if (sweeps_.empty()) {
     throw InputError(
         fmt::format("{}: topic {} holds no packets of the sensor that its metadata "
@@ -142,10 +144,10 @@ Scan PacketScans::Decode(std::size_t i, std::string* described) const {
   const Sweep& sweep = sweeps_.at(i);
   const std::unique_ptr<SweepDecoder> decoder = sensor_->NewSweep();
   Scan scan;
-  for (std::size_t k = sweep.first; k < sweep.first + sweep.packets; ++k) {
-    const std::string bytes = container_->Read(places_[k]);
-    const MessagePacket packet = PacketInMessage(topic_, bytes, Name(i));
-    decoder->Add(packet.data.substr(0, sensor_->packet_bytes()), places_[k].log_ns, Name(i), &scan);
+  for (std::size_t k = sweep.begin; k < sweep.end; ++k) {
+    const std::string bytes = container_->Read(messages_[k]);
+    const std::string_view packet = PacketOf(bytes);
+    if (!packet.empty()) decoder->Add(packet, messages_[k].log_ns, Name(i), &scan);
   }
   *described = decoder->Describe();
   if (scan.points.empty()) throw InputError(fmt::format("{}: holds no returns", Name(i)));

@@ -37,10 +37,12 @@ class PacketScans final : public ScanSource {
 
  private:
   struct Sweep {
-    std::size_t first = 0, packets = 0;  // among places_
+    std::size_t begin = 0, end = 0;  // messages, of which some may hold something else
     StampNs stamp_ns = 0;
   };
   std::unique_ptr<OusterSensor> FindSensor(std::size_t topic) const;
+  // The packet of a message, or as much of it as was read; empty if it is none of the sensor's.
+  std::string_view PacketOf(std::string_view message) const;
   void FindSweeps();
   Scan Decode(std::size_t i, std::string* described) const;
 
@@ -48,9 +50,9 @@ class PacketScans final : public ScanSource {
   const std::shared_ptr<const MessageContainer> container_;
   const MessageTopic topic_;
   const std::unique_ptr<OusterSensor> sensor_;
-  std::vector<MessagePlace> places_;  // of packets of the sensor's
+  const std::vector<MessagePlace>& messages_;  // the container's
   std::vector<Sweep> sweeps_;
-  std::size_t passed_over_ = 0;  // messages with something else
+  std::size_t packets_ = 0;
   RecordingDescription described_;
 };
 
