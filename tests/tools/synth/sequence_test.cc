@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -148,7 +149,7 @@ TEST(SynthSequence, NoiseHasTheGivenSize) {
 }
 
 TEST(SynthSequence, SweptPointsNeedTheirOwnTime) {
-  for (const SensorKind sensor : {SensorKind::kHdl64, SensorKind::kAvia}) {
+  for (const SensorKind sensor : {SensorKind::kHdl64, SensorKind::kAvia, SensorKind::kMid360}) {
     const bool street = sensor == SensorKind::kHdl64;
     SynthOptions options = Options(street ? SceneKind::kStreet : SceneKind::kRoom, sensor);
     options.noise_m = 0.0;
@@ -199,6 +200,30 @@ TEST(SynthSequence, SameBytesAtAnyNumberOfThreadsAndInAnyOrder) {
   EXPECT_EQ(one, two);
   options.seed = 2;
   EXPECT_NE(Bytes(SynthSequence(options).Generate(0)), one[0]);
+}
+
+TEST(SynthSequence, MirrorSeesAllAroundAndFillsItsGaps) {
+  const synth::SensorModel sensor(SensorKind::kMid360);
+  const auto cells = [&](int scans) {
+    std::set<std::pair<int, int>> seen;  // of 3 x 3 deg
+    std::vector<Eigen::Vector3d> directions;
+    for (int frame = 0; frame < scans; ++frame) {
+      for (std::size_t group = 0; group < sensor.groups(); ++group) {
+        sensor.Directions(frame, group, &directions);
+        for (const Eigen::Vector3d& d : directions) {
+          const double up = std::asin(d.z()) * 180.0 / M_PI;
+          EXPECT_TRUE(up > -7.01 && up < 52.01) << up;
+          const double around = std::atan2(d.y(), d.x()) * 180.0 / M_PI;
+          seen.emplace(static_cast<int>(std::floor(around / 3)), static_cast<int>(up + 9) / 3);
+        }
+      }
+    }
+    return seen.size();
+  };
+  const std::size_t one = cells(1), ten = cells(10);
+  EXPECT_LT(one, 120U * 20U * 9U / 10U);
+  EXPECT_GT(ten, 120U * 20U * 98U / 100U);
+  EXPECT_EQ(sensor.TimeOf(0, 0), 0.0);
 }
 
 TEST(SynthSequence, RosetteDoesNotRepeat) {

@@ -37,6 +37,23 @@ Eigen::Vector3d RosetteDirection(double t_s, std::size_t beam) {
   return {std::cos(up) * std::cos(across), std::cos(up) * std::sin(across), std::sin(up)};
 }
 
+// Direction of one of the four beams of the mirror: a turn each 0.1 s, and about 39 swings in it,
+// so that the lines of one scan are some 9 deg apart and those of the next lie between them.
+Eigen::Vector3d MirrorDirection(double t_s, std::size_t beam) {
+  constexpr double kTurns = 10.0, kSwings = 388.6173;  // a second; without a common multiple
+  constexpr double kLowest = -7.0 * kDegree, kHighest = 52.0 * kDegree;
+  constexpr double kBeamSpacing = 1.0 * kDegree;
+  const double azimuth = -2.0 * M_PI * std::fmod(kTurns * t_s, 1.0);
+  // Up and down at an even pace.
+  const double swing = std::abs(2.0 * std::fmod(kSwings * t_s, 1.0) - 1.0);
+  const double up = kLowest + (kHighest - kLowest - 3.0 * kBeamSpacing) * swing +
+                    kBeamSpacing * static_cast<double>(beam);
+  return {std::cos(up) * std::cos(azimuth), std::cos(up) * std::sin(azimuth), std::sin(up)};
+}
+
+// Those whose phase runs on from scan to scan.
+bool RunsOn(SensorKind kind) { return kind == SensorKind::kAvia || kind == SensorKind::kMid360; }
+
 }  // namespace
 
 bool IsReturned(Material material, double range_m, double cosine, double max_range_m,
@@ -56,8 +73,8 @@ float IntensityOf(Material material, double cosine) {
 }
 
 const std::vector<std::string>& SensorNames() {
-  static const std::vector<std::string> names = {"hdl64", "avia",     "os1",
-                                                 "vlp16", "spinning", "scattered"};
+  static const std::vector<std::string> names = {"hdl64",    "avia",      "os1",    "vlp16",
+                                                 "spinning", "scattered", "mid360", "os1_128"};
   return names;
 }
 
@@ -77,10 +94,11 @@ SensorModel::SensorModel(SensorKind kind, int rays, int beams) : kind_(kind) {
       break;
     }
     case SensorKind::kOs1:
+    case SensorKind::kOs1Of128:
       groups_ = 1024;
       min_range_m_ = 0.3;
       max_range_m_ = 100.0;
-      SetElevations(EvenlySpaced(22.5, -22.5, 64));
+      SetElevations(EvenlySpaced(22.5, -22.5, kind == SensorKind::kOs1 ? 64 : 128));
       break;
     case SensorKind::kVlp16:
       groups_ = 1800;
@@ -93,6 +111,13 @@ SensorModel::SensorModel(SensorKind kind, int rays, int beams) : kind_(kind) {
       rays_per_group_ = 6;
       min_range_m_ = 0.3;
       max_range_m_ = 190.0;
+      stamp_fraction_ = 0.0;
+      break;
+    case SensorKind::kMid360:
+      groups_ = 5000;
+      rays_per_group_ = 4;
+      min_range_m_ = 0.1;
+      max_range_m_ = 70.0;
       stamp_fraction_ = 0.0;
       break;
     case SensorKind::kSpinning:
@@ -116,7 +141,7 @@ void SensorModel::SetElevations(std::vector<double> degrees) {
 
 double SensorModel::FractionOf(std::int64_t frame, std::size_t group) const {
   // Spinning sensors fire in the middle of their azimuth step, if not anywhere in it.
-  double within = kind_ == SensorKind::kAvia ? 0.0 : 0.5;
+  double within = RunsOn(kind_) ? 0.0 : 0.5;
   if (kind_ == SensorKind::kSpinning) within = UniformFrom(HashOf({0x591, frame}));
   return (static_cast<double>(group) + within) / static_cast<double>(groups_);
 }
@@ -128,10 +153,11 @@ double SensorModel::TimeOf(std::int64_t frame, std::size_t group) const {
 void SensorModel::Directions(std::int64_t frame, std::size_t group,
                              std::vector<Eigen::Vector3d>* directions) const {
   directions->clear();
-  if (kind_ == SensorKind::kAvia) {
+  if (RunsOn(kind_)) {
     const double t = static_cast<double>(frame) * period_s() + TimeOf(frame, group);
+    const auto direction = kind_ == SensorKind::kAvia ? RosetteDirection : MirrorDirection;
     for (std::size_t beam = 0; beam < rays_per_group_; ++beam) {
-      directions->push_back(RosetteDirection(t, beam));
+      directions->push_back(direction(t, beam));
     }
     return;
   }

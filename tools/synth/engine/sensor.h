@@ -5,10 +5,14 @@
 //   hdl64   64 beams at +2 .. -24.8 deg (upper 32 every 1/3 deg, lower 32 every 1/2 deg),
 //           1900 azimuth steps, 120 m
 //   os1     64 beams at +-22.5 deg, 1024 steps, 100 m
+//   os1_128 the same with 128 beams
 //   vlp16   16 beams at +-15 deg, 1800 steps, 100 m
 //   avia    two prisms turn against one another and draw a rosette of 70.4 x 77.2 deg with six
 //           beams at once; its phase runs on from scan to scan, so no scan repeats another.
 //           24000 rays, 190 m
+//   mid360  a mirror turns about the vertical axis 10 times a second while four beams, a degree
+//           apart, swing up and down between -7 and 52 deg; its phase runs on as avia's does.
+//           20000 rays, 70 m
 //   spinning  64 beams, evenly from +15 to -25 deg, 1024 steps, 120 m; where in its first step a
 //           scan begins is drawn anew for each
 //
@@ -19,8 +23,8 @@
 //
 // The spinning sensors turn clockwise as seen from above and are cut at the rear. With f the
 // fraction of the sweep, azimuth = pi (1 - 2 f); the stamp is the instant when they face forward,
-// f = 0.5: the convention of KITTI's raw recordings. avia is stamped at its first ray, f = 0.
-// LiDAR frame: x forward, y left, z up. Immutable: thread-safe.
+// f = 0.5: the convention of KITTI's raw recordings. avia and mid360 are stamped at their first
+// ray, f = 0. LiDAR frame: x forward, y left, z up. Immutable: thread-safe.
 #pragma once
 
 #include <Eigen/Core>
@@ -40,7 +44,7 @@ bool IsReturned(Material material, double range_m, double cosine, double max_ran
 // As KITTI has it: in steps of 0.01.
 float IntensityOf(Material material, double cosine);
 
-enum class SensorKind { kHdl64, kAvia, kOs1, kVlp16, kSpinning, kScattered };
+enum class SensorKind { kHdl64, kAvia, kOs1, kVlp16, kSpinning, kScattered, kMid360, kOs1Of128 };
 // In the order of SensorKind.
 const std::vector<std::string>& SensorNames();
 
