@@ -166,9 +166,10 @@ void AddExportCommand(CLI::App* app, std::function<int()>* run) {
           "directory. LAS 1.4, LAZ and COPC keep 0.1 mm anywhere, and the stamps of points")
       ->type_name("FILE");
   command
-      ->add_option("--trajectory", arguments->trajectory,
-                   "Write the poses to this file as well, or alone: .csv, or .geojson in the map's "
-                   "own frame")
+      ->add_option(
+          "--trajectory", arguments->trajectory,
+          "Write the poses to this file as well, or alone: .csv, with the diagonal of each "
+          "one's covariance by its match (rad^2, m^2), or .geojson in the map's own frame")
       ->type_name("FILE");
   command
       ->add_option("--budget-mb", arguments->options.budget_mb,

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <vector>
 
 #include "core/base/error.h"
 #include "io/recording/trajectory_io.h"
@@ -22,16 +23,21 @@ std::string StampText(StampNs stamp_ns) {
   return text;
 }
 
-std::string CsvText(const Pieces& pieces) {
-  std::string text = "stamp_s,x,y,z,qx,qy,qz,qw,piece\n";
-  for (const auto& [piece, poses] : pieces) {
-    for (const StampedPose& pose : poses) {
-      const SE3& T = pose.T_world_lidar;
-      text += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{}\n",
-                          StampText(pose.stamp_ns), T.t.x(), T.t.y(), T.t.z(), T.q.x(), T.q.y(),
-                          T.q.z(), T.q.w(), piece);
-    }
+// Piece by piece. `rows`: one for each pose, or none.
+std::string CsvText(const Trajectory& poses, const std::vector<FrameRow>& rows) {
+  const bool known = !rows.empty() && !rows.front().covariance.empty();
+  std::string text = "stamp_s,x,y,z,qx,qy,qz,qw,piece";
+  text += known ? ",cov_rx,cov_ry,cov_rz,cov_x,cov_y,cov_z\n" : "\n";
+  std::map<std::int64_t, std::string> pieces;
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const std::int64_t piece = rows.empty() ? 0 : rows[i].piece;
+    const SE3& T = poses[i].T_world_lidar;
+    pieces[piece] +=
+        fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{}{}{}\n",
+                    StampText(poses[i].stamp_ns), T.t.x(), T.t.y(), T.t.z(), T.q.x(), T.q.y(),
+                    T.q.z(), T.q.w(), piece, known ? "," : "", known ? rows[i].covariance : "");
   }
+  for (const auto& [piece, lines] : pieces) text += lines;
   return text;
 }
 
@@ -69,8 +75,8 @@ std::size_t ExportTrajectory(const std::string& run, const std::string& path) {
     throw OptionError(fmt::format("--trajectory {}: the name must end in .csv or .geojson", path));
   }
   const Trajectory poses = ReadTrajectory(file);
-  const Pieces pieces = SplitIntoPieces(file, poses);
-  WriteTextFile(path, ending == ".csv" ? CsvText(pieces) : GeoJsonText(pieces));
+  WriteTextFile(path, ending == ".csv" ? CsvText(poses, ReadPosedRows(run, poses))
+                                       : GeoJsonText(SplitIntoPieces(file, poses)));
   return poses.size();
 }
 

@@ -36,6 +36,8 @@ std::vector<FrameRow> ReadFrameRows(const std::string& folder) {
   const std::size_t status = column("status"), stamp = column("stamp_s"), points = column("points");
   const std::size_t own = column("piece");
   const std::size_t piece = column("frame") < names.size() ? column("frame") : own;
+  const std::size_t covariance = column("cov_rx");
+  const bool has_covariance = column("cov_z") < names.size() && column("cov_z") == covariance + 5;
   if (std::max(status, own) == names.size()) return {};
   std::vector<FrameRow> rows;
   while (lines.Next()) {
@@ -57,6 +59,9 @@ std::vector<FrameRow> ReadFrameRows(const std::string& folder) {
     StampNs stamp_ns = 0;
     if (stamp < names.size() && ParseSecondsNs(cells[stamp], &stamp_ns)) row.stamp_ns = stamp_ns;
     if (points < names.size()) row.points = static_cast<std::size_t>(number(points));
+    for (std::size_t i = 0; has_covariance && i < 6; ++i) {
+      row.covariance += (i > 0 ? "," : "") + std::string(cells[covariance + i]);
+    }
   }
   return rows;
 }

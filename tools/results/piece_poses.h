@@ -27,6 +27,9 @@ struct FrameRow {
   // Nothing if there is no such column.
   std::optional<StampNs> stamp_ns;
   std::optional<std::size_t> points;  // usable ones
+  // Diagonal of the covariance of the pose by its match, rotation first, as it stands there: six
+  // numbers with commas between; empty if there are no such columns.
+  std::string covariance;
 };
 
 // Those of all scans, as trajectory_kitti.txt has them; empty if frames.csv is missing or knows no

@@ -114,6 +114,21 @@ TEST_F(ExportCommandTest, TrajectoriesAreTablesAndLinesOfMaps) {
   std::getline(csv, line);
   std::getline(csv, second);
   EXPECT_EQ(second, "1.500000000,0,0.25,0,0,0,0,1,0");
+  // With the covariances that the run knows.
+  std::ofstream frames(Path("run/frames.csv"));
+  frames << "scan,stamp_s,status,cov_rx,cov_ry,cov_rz,cov_x,cov_y,cov_z,piece\n";
+  for (int i = 0; i < 5; ++i) {
+    frames << i << "," << i << ".500000000," << (i == 2 ? "too few points" : "tracked")
+           << ",1e-6,2e-6,3e-6,4e-4,5e-4,6e-4,0\n";
+  }
+  frames.close();
+  ASSERT_EQ(Run({"--trajectory", Path("known.csv")}, false), 0);
+  std::ifstream known(Path("known.csv"));
+  std::getline(known, line);
+  EXPECT_EQ(line, "stamp_s,x,y,z,qx,qy,qz,qw,piece,cov_rx,cov_ry,cov_rz,cov_x,cov_y,cov_z");
+  std::getline(known, line);
+  std::getline(known, second);
+  EXPECT_EQ(second, "1.500000000,0,0.25,0,0,0,0,1,0,1e-6,2e-6,3e-6,4e-4,5e-4,6e-4");
   ASSERT_EQ(Run({"--trajectory", Path("way.geojson")}, false), 0);
   const auto json = nlohmann::json::parse(std::ifstream(Path("way.geojson")));
   EXPECT_EQ(json["type"], "FeatureCollection");
