@@ -11,6 +11,20 @@
 #include "core/base/error.h"
 
 namespace lamina {
+namespace {
+
+thread_local const std::atomic<bool>* given_up = nullptr;
+
+}  // namespace
+
+GiveUpReads::GiveUpReads(const std::atomic<bool>* flag) { given_up = flag; }
+GiveUpReads::~GiveUpReads() { given_up = nullptr; }
+
+void ThrowIfGivenUp(const std::string& path) {
+  if (given_up != nullptr && *given_up) {
+    throw InputError(fmt::format("{}: is not read to its end: it is not wanted any more", path));
+  }
+}
 
 RandomFile::RandomFile(const std::string& path) : path_(path) {
   const auto fail = [&](const char* reason) {
@@ -28,6 +42,7 @@ RandomFile::RandomFile(const std::string& path) : path_(path) {
 RandomFile::~RandomFile() { close(descriptor_); }
 
 std::size_t RandomFile::ReadAt(std::uint64_t offset, char* to, std::size_t bytes) const {
+  ThrowIfGivenUp(path_);
   std::size_t done = 0;
   if (offset >= size_) return 0;
   bytes = static_cast<std::size_t>(std::min<std::uint64_t>(bytes, size_ - offset));

@@ -4,6 +4,7 @@
 // trusted: memory is taken only for bytes that have arrived.
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -14,6 +15,18 @@
 namespace lamina {
 
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "numbers are read as they lie in files");
+
+// While it lives, reading files on this thread ends with an InputError once the flag is true. For
+// work of which the result is not wanted any more.
+class GiveUpReads {
+ public:
+  explicit GiveUpReads(const std::atomic<bool>* flag);
+  ~GiveUpReads();
+  GiveUpReads(const GiveUpReads&) = delete;
+  GiveUpReads& operator=(const GiveUpReads&) = delete;
+};
+// Throws that error, naming the path, if it is.
+void ThrowIfGivenUp(const std::string& path);
 
 // A regular file that is read at any place. Thread-safe.
 class RandomFile {

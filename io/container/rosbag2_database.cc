@@ -10,6 +10,7 @@
 #include <tuple>
 
 #include "core/base/error.h"
+#include "io/container/byte_stream.h"
 #include "io/container/message_table.h"
 #include "io/container/packed_stream.h"
 #include "io/container/whole_pages.h"
@@ -121,6 +122,7 @@ class Rosbag2Database final : public MessageTable {
     SQLite::Statement rows(*database_, "SELECT id, topic_id, timestamp FROM messages NOT INDEXED");
     std::size_t kept = 0, left_out = 0;
     while (rows.executeStep()) {
+      ThrowIfGivenUp(path_);
       const auto found = by_id_.find(rows.getColumn(1).getInt64());
       if (found == by_id_.end()) continue;
       const StampNs log_ns = rows.getColumn(2).getInt64();

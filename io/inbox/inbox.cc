@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <atomic>
 #include <filesystem>
 #include <utility>
 
@@ -53,7 +54,7 @@ class Inbox::Impl final : public InboxWatcher::Events {
                    [this](const std::string& name, const std::string& reason, bool is_late) {
                      Dropped(name, reason, is_late);
                    }),
-        recordings_(root_, scans, options) {
+        recordings_(root_, scans, options, [this] { watcher_.Interrupt(); }) {
     Look();
   }
 
@@ -68,7 +69,13 @@ class Inbox::Impl final : public InboxWatcher::Events {
   Woken Wait(std::chrono::nanoseconds timeout);
   void Drain();
 
-  InboxWatcher& watcher() { return watcher_; }
+  void Interrupt() noexcept {
+    interrupted_ = true;
+    watcher_.Interrupt();
+  }
+  bool opening() const { return recordings_.opening(); }
+
+  const InboxWatcher& watcher() const { return watcher_; }
   std::vector<InboxNotice> late, refused, ended;
   const NameSet& seen() const { return seen_; }
   std::size_t waiting() const { return sequences_.waiting() + recordings_.waiting(); }
@@ -106,6 +113,8 @@ class Inbox::Impl final : public InboxWatcher::Events {
   ArrivingFiles arriving_;
   NameSet seen_;  // known, handed out, set aside or refused
   bool drained_ = false;
+  // By the caller: the watcher is interrupted as well when a recording has been opened.
+  std::atomic<bool> interrupted_{false};
   std::uint32_t scan_ = 0;
   InboxTime next_look_ = kNever;
   InboxSequences sequences_;
@@ -315,12 +324,14 @@ Inbox::Woken Inbox::Impl::Wait(std::chrono::nanoseconds timeout) {
     if (ready()) return Woken::kReady;
     const InboxTime now = now_();
     const auto left = timeout - (now - start);
-    if (drained_ || left.count() <= 0) return Woken::kTimeout;
+    if ((drained_ && !opening()) || left.count() <= 0) return Woken::kTimeout;
     const InboxTime due = NextDue();
     const bool ends = due == kNever || due - now >= left;
     const InboxWatcher::Woken woken =
         watcher_.Wait(ends ? left : std::chrono::nanoseconds(due - now));
-    if (woken == InboxWatcher::Woken::kInterrupted) return Woken::kInterrupted;
+    if (woken == InboxWatcher::Woken::kInterrupted && interrupted_.exchange(false)) {
+      return Woken::kInterrupted;
+    }
     if (woken == InboxWatcher::Woken::kTimeout && ends) {
       return ready() ? Woken::kReady : Woken::kTimeout;
     }
@@ -354,7 +365,8 @@ std::vector<InboxNotice> Inbox::TakeRefused() { return std::exchange(impl_->refu
 std::vector<InboxNotice> Inbox::TakeEnded() { return std::exchange(impl_->ended, {}); }
 void Inbox::Drain() { impl_->Drain(); }
 Inbox::Woken Inbox::Wait(std::chrono::nanoseconds timeout) { return impl_->Wait(timeout); }
-void Inbox::Interrupt() noexcept { impl_->watcher().Interrupt(); }
+void Inbox::Interrupt() noexcept { impl_->Interrupt(); }
+bool Inbox::opening() const { return impl_->opening(); }
 std::size_t Inbox::waiting() const { return impl_->waiting(); }
 const std::string& Inbox::polls() const { return impl_->watcher().polls(); }
 std::size_t Inbox::seen_bytes() const { return impl_->seen().bytes(); }

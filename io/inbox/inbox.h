@@ -133,8 +133,12 @@ class Inbox {
   std::vector<InboxNotice> TakeRefused();
 
   // From now on nothing more arrives: what is there is complete, and no file waits for another.
-  // Next() then gives nothing only when all is handed out.
+  // Next() then gives nothing only when all is handed out, or while a recording is being opened.
   void Drain();
+
+  // Whether a recording is being opened: beside, since one without an index is read through once,
+  // which may take minutes. Next() gives none of its scans before.
+  bool opening() const;
 
   enum class Woken { kReady, kInterrupted, kTimeout };
   // Waits, without using the processor, until Next() has a file or there are new late or refused

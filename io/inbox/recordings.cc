@@ -16,8 +16,11 @@ namespace lamina {
 namespace fs = std::filesystem;
 
 InboxRecordings::InboxRecordings(std::string root, const ScanSourceOptions& scans,
-                                 const InboxOptions& options)
-    : root_(std::move(root)), scans_(scans), settle_s_(options.settle_s) {}
+                                 const InboxOptions& options, std::function<void()> on_opened)
+    : root_(std::move(root)),
+      scans_(scans),
+      settle_s_(options.settle_s),
+      opener_(std::move(on_opened)) {}
 
 void InboxRecordings::Add(const std::string& name, std::uint32_t scan) {
   waiting_.emplace(name, Waiting{kNever, scan});
@@ -60,6 +63,7 @@ void InboxRecordings::Continue(const SequenceProgress& progress) {
 }
 
 InboxTime InboxRecordings::NextDue(bool drain) const {
+  if (opening()) return opener_.done() ? InboxTime::min() : kNever;
   if (open_ != nullptr || (drain && !waiting_.empty())) return InboxTime::min();
   InboxTime due = kNever;
   for (const auto& [name, file] : waiting_) {
@@ -94,46 +98,70 @@ std::string InboxRecordings::MisfitReason(const std::string& name) const {
   return "";
 }
 
-// Opens it; says why not.
-std::string InboxRecordings::Open(const std::string& name) {
+// Why it is none that could be opened; empty if it may be.
+std::string InboxRecordings::WhyNotOpened(const std::string& name) const {
   const FileLook look = LookAtFile(root_, name);
   if (look.what == FileLook::What::kRefused) return look.reason;
   if (look.what == FileLook::What::kDangling) return "is a symbolic link to nothing";
-  const std::string path = root_ + "/" + name;
-  try {
-    open_ = OpenRecordingFile(path, scans_);
-    std::string misfit = MisfitReason(name);
-    if (!misfit.empty()) open_ = nullptr;
-    if (!misfit.empty()) return misfit;
-  } catch (const InputError& error) {
-    open_ = nullptr;
-    return error.what();
+  return "";
+}
+
+// Begins to open the next one that is complete. True if `step` says that it is none to be opened.
+bool InboxRecordings::BeginNext(InboxTime now, bool drain, Step* step) {
+  for (;;) {
+    const auto ready = FirstReady(now, drain);
+    if (ready == waiting_.end()) return false;
+    step->name = ready->first;
+    waiting_.erase(ready);
+    Count();
+    const std::string path = root_ + "/" + step->name;
+    std::error_code ignored;
+    if (!fs::exists(fs::symlink_status(path, ignored))) continue;  // it has gone unseen
+    const bool passed_over = IsPartOfRecording(path) || !NamesRecording(path);
+    if (!passed_over) step->reason = WhyNotOpened(step->name);
+    if (passed_over || !step->reason.empty()) {
+      step->kind = passed_over ? Step::Kind::kPassedOver : Step::Kind::kRefused;
+      return true;
+    }
+    name_ = step->name;
+    opener_.Begin(path, scans_);
+    Count();
+    return false;
   }
-  name_ = name;
-  const auto known = progress_.find(name);
+}
+
+// What was opened; says why not.
+std::string InboxRecordings::TakeOpened() {
+  RecordingOpener::Opened opened = opener_.Take();
+  open_ = std::move(opened.scans);
+  if (open_ == nullptr) return opened.error;
+  std::string misfit = MisfitReason(name_);
+  if (!misfit.empty()) {
+    open_ = nullptr;
+    return misfit;
+  }
+  const auto known = progress_.find(name_);
   next_ = known == progress_.end() ? 0 : known->second.files;
-  taken_.insert(name);
+  taken_.insert(name_);
   return "";
 }
 
 InboxRecordings::Step InboxRecordings::Next(InboxTime now, bool drain) {
   Step step;
-  while (open_ == nullptr) {
-    const auto ready = FirstReady(now, drain);
-    if (ready == waiting_.end()) return step;
-    step.name = ready->first;
-    waiting_.erase(ready);
+  if (open_ == nullptr && !opening() && BeginNext(now, drain, &step)) return step;
+  if (opening()) {
+    if (!opener_.done()) return Step();
+    const std::string reason = TakeOpened();
     Count();
-    const std::string path = root_ + "/" + step.name;
-    std::error_code ignored;
-    if (!fs::exists(fs::symlink_status(path, ignored))) continue;  // it has gone unseen
-    const bool passed_over = IsPartOfRecording(path) || !NamesRecording(path);
-    if (!passed_over) step.reason = Open(step.name);
-    Count();
-    if (open_ != nullptr) break;
-    step.kind = passed_over ? Step::Kind::kPassedOver : Step::Kind::kRefused;
-    return step;
+    if (open_ == nullptr) {
+      step = Step();
+      step.kind = Step::Kind::kRefused;
+      step.name = name_;
+      step.reason = reason;
+      return step;
+    }
   }
+  if (open_ == nullptr) return Step();
   if (next_ >= open_->size()) {
     step.kind = Step::Kind::kEnded;
     step.name = name_;

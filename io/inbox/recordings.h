@@ -6,6 +6,7 @@
 
 #include <atomic>
 #include <cstddef>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -14,6 +15,7 @@
 
 #include "io/inbox/inbox.h"
 #include "io/inbox/time.h"
+#include "io/recording/recording_opener.h"
 #include "io/recording/scan_names.h"
 #include "io/recording/scan_source.h"
 
@@ -22,8 +24,10 @@ namespace lamina {
 // One thread at a time; waiting() from any. Names are relative to the inbox.
 class InboxRecordings {
  public:
-  // `root` must be canonical.
-  InboxRecordings(std::string root, const ScanSourceOptions& scans, const InboxOptions& options);
+  // `root` must be canonical. `on_opened` is called on a thread of its own when a recording that
+  // Next() has begun to open is open, or cannot be.
+  InboxRecordings(std::string root, const ScanSourceOptions& scans, const InboxOptions& options,
+                  std::function<void()> on_opened);
 
   // A file that is still incomplete; no effect on one that waits already.
   void Add(const std::string& name, std::uint32_t scan);
@@ -47,8 +51,10 @@ class InboxRecordings {
     std::string name;    // but of kScan: the file
     std::string reason;  // of kRefused; what is told of kEnded
   };
-  // The next scan of the recording that is being read, or of the next one that is complete.
+  // The next scan of the recording that is being read, or of the next one that is complete: that is
+  // opened beside, and there is nothing until it is.
   Step Next(InboxTime now, bool drain);
+  bool opening() const { return opener_.busy(); }
 
   // Recordings that wait, or are being read.
   std::size_t waiting() const { return count_; }
@@ -63,9 +69,11 @@ class InboxRecordings {
   };
   using WaitingFiles = std::map<std::string, Waiting, NameBefore>;
 
-  void Count() { count_ = waiting_.size() + (open_ == nullptr ? 0 : 1); }
+  void Count() { count_ = waiting_.size() + (open_ != nullptr || opening() ? 1 : 0); }
   WaitingFiles::const_iterator FirstReady(InboxTime now, bool drain) const;
-  std::string Open(const std::string& name);
+  bool BeginNext(InboxTime now, bool drain, Step* step);
+  std::string WhyNotOpened(const std::string& name) const;
+  std::string TakeOpened();
   std::string MisfitReason(const std::string& name) const;
 
   const std::string root_;
@@ -74,10 +82,11 @@ class InboxRecordings {
   WaitingFiles waiting_;
   std::map<std::string, SequenceProgress> progress_;
   std::set<std::string> taken_;  // in this life or an earlier one
-  std::string name_;             // of the one that is being read
+  std::string name_;             // of the one that is being opened or read
   std::shared_ptr<const ScanSource> open_;
   std::size_t next_ = 0;
   std::atomic<std::size_t> count_{0};
+  RecordingOpener opener_;
 };
 
 }  // namespace lamina

@@ -55,8 +55,15 @@ class InboxScene : public FilesTest {
   // All that can be had now.
   std::vector<InboxFile> TakeFiles() {
     std::vector<InboxFile> files;
-    while (auto file = inbox_->Next()) files.push_back(*file);
-    return files;
+    for (;;) {
+      if (auto file = inbox_->Next()) {
+        files.push_back(*file);
+      } else if (inbox_->opening()) {
+        inbox_->Wait(std::chrono::milliseconds(10));
+      } else {
+        return files;
+      }
+    }
   }
   std::vector<std::string> Take() {
     std::vector<std::string> names;

@@ -49,20 +49,30 @@ std::unique_ptr<StreamedScans> ContinueScans(const SessionDatabase& database, st
   return scans;
 }
 
+bool RepeatedFiles::Ready(const SessionScan& row) {
+  if (!ScanNumber(row.sequence, row.file)) return true;
+  if (opener_.busy() && opener_.done()) Take();
+  if (opened_name_ == row.sequence && opened_ != nullptr) return true;
+  if (opener_.busy()) return false;
+  opened_name_ = row.sequence;
+  opened_ = nullptr;
+  opener_.Begin(files_.Find(row.sequence), options_);
+  return false;
+}
+
+void RepeatedFiles::Take() {
+  RecordingOpener::Opened opened = opener_.Take();
+  opened_ = std::move(opened.scans);
+  if (opened_ == nullptr) opened_ = std::make_shared<MissingRecording>(opened.error);
+}
+
 InboxFile RepeatedFiles::FileOf(const SessionScan& row) {
   const std::optional<std::size_t> number = ScanNumber(row.sequence, row.file);
   InboxFile file{row.file,           files_.Find(number ? row.sequence : row.file),
                  row.sequence,       row.stamp_ns,
                  row.recorded_stamp, row.next_stamp_ns};
   if (!number) return file;
-  if (opened_ == nullptr || opened_name_ != row.sequence) {
-    opened_name_ = row.sequence;
-    try {
-      opened_ = OpenRecordingFile(file.path, options_);
-    } catch (const InputError& error) {
-      opened_ = std::make_shared<MissingRecording>(error.what());
-    }
-  }
+  if (!Ready(row)) Take();
   file.recording = opened_;
   file.scan_in_recording = *number;
   return file;

@@ -8,6 +8,7 @@
 
 #include "io/inbox/inbox.h"
 #include "io/inbox/streamed_scans.h"
+#include "io/recording/recording_opener.h"
 #include "io/store/session_database.h"
 #include "tools/watch/files.h"
 
@@ -28,15 +29,20 @@ class RepeatedFiles {
   RepeatedFiles(const WatchFiles& files, const ScanSourceOptions& options)
       : files_(files), options_(options) {}
 
+  // Whether FileOf will not have to wait; if its recording is not open, it is opened beside.
+  bool Ready(const SessionScan& row);
   // A scan whose recording cannot be opened any more is there, and says why when it is read.
   InboxFile FileOf(const SessionScan& row);
 
  private:
+  void Take();
+
   const WatchFiles& files_;
   const ScanSourceOptions& options_;
   // The recording in one file that was opened last.
   std::string opened_name_;
   std::shared_ptr<const ScanSource> opened_;
+  RecordingOpener opener_;
 };
 
 }  // namespace lamina

@@ -162,7 +162,7 @@ void WatchDaemon::Run(const std::atomic<bool>& stop) {
     }
     TakeNotices();
     if (MapWaiting(stop)) continue;
-    if (setup_.once) break;
+    if (setup_.once && !inbox_->opening()) break;
     Rest(LiveState::kIdle);
   }
   // What the last look at the inbox refused.
@@ -182,10 +182,18 @@ void WatchDaemon::Repeat(const std::atomic<bool>& stop) {
       Rest(LiveState::kStarting);
       continue;
     }
+    const std::size_t begin = i;
     for (const std::size_t end = std::min(rows.size(), i + kBatch); i < end; ++i) {
+      if (!files.Ready(rows[i])) break;
       scans_->Append(files.FileOf(rows[i]));
     }
-    session_->Process(scans_.get(), &stop);
+    if (i > begin) {
+      session_->Process(scans_.get(), &stop);
+      continue;
+    }
+    ShowStatus(LiveState::kStarting);
+    NotifyWatchdog();
+    SleepFor(std::chrono::milliseconds(5));
   }
 }
 
