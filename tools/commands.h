@@ -26,7 +26,8 @@ inline constexpr std::array<LabCommand, 6> kLabCommands = {{
     {"simulate", "Compare formulations of bundle adjustment on virtual scenes with exact truth"},
     {"compare", "Pairwise, global and bundle adjustment methods side by side, against the truth"},
     {"adverse", "Map adverse generated scenes over many seeds, each against what is promised"},
-    {"localise", "Find sensors of unknown place in generated maps, and count how often and how soon"},
+    {"localise",
+     "Find sensors of unknown place in generated maps, and count how often and how soon"},
     {"bench", "Measure what mapping takes: time by stage, memory, counts, how it grows"},
 }};
 const char* PurposeOfLabCommand(const std::string& name);
