@@ -307,8 +307,9 @@ bool StartTrack::TakeSteady() {
   if (!refuted) {
     for (std::size_t k = 0; k < scans_.size(); ++k) poses[k] = scans_[k].T_world_lidar;
   }
+  // The first one stays: the map begins there.
   MatchResult match;
-  for (std::size_t k = 0; k < poses.size(); ++k) {
+  for (std::size_t k = 1; k < poses.size(); ++k) {
     if (!SettleBeside(k, u, &poses, &match)) return false;
   }
   // Twists of a steady motion are steadier than those from pose to pose.

@@ -52,6 +52,7 @@ double Votes(const std::vector<double>& one, const std::vector<double>& other) {
 SteadyMotionSearch::SteadyMotionSearch(const SteadyMotionOptions& options, const Eigen::Vector3d& u,
                                        std::vector<SteadyScan> scans)
     : options_(options), u_(u), scans_(std::move(scans)) {
+  ThinOut();
   VoxelIndex blocks(256);
   for (const SteadyScan& scan : scans_) {
     for (const PointCluster& cluster : scan.clusters) {
@@ -74,6 +75,22 @@ SteadyMotionSearch::SteadyMotionSearch(const SteadyMotionOptions& options, const
   if (!ranges_m.empty())
     most_speed_m_s_ = std::min(options_.most_speed_m_s,
                                2.0 * UpperMedian(&ranges_m) / std::max(duration_s, 1e-3));
+}
+
+void SteadyMotionSearch::ThinOut() {
+  // So many tell a speed in any scene, and hundreds of speeds are tried.
+  constexpr std::size_t kMostClusters = 3000;
+  for (SteadyScan& scan : scans_) {
+    const std::size_t stride = (scan.clusters.size() + kMostClusters - 1) / kMostClusters;
+    if (stride <= 1) continue;
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < scan.clusters.size(); i += stride, ++kept) {
+      scan.clusters[kept] = scan.clusters[i];
+      if (!scan.cluster_times_s.empty()) scan.cluster_times_s[kept] = scan.cluster_times_s[i];
+    }
+    scan.clusters.resize(kept);
+    if (!scan.cluster_times_s.empty()) scan.cluster_times_s.resize(kept);
+  }
 }
 
 WayAlong SteadyMotionSearch::WayUnder(const SteadyMotion& motion) const {

@@ -84,6 +84,8 @@ class SteadyMotionSearch {
   double Sharper(const WayAlong& one, const WayAlong& other) const;
 
  private:
+  // Keeps some of the clusters of scans that have very many.
+  void ThinOut();
   struct Evidence {
     std::vector<double> blocks;  // L_b of each
     double shared = 0.0;         // points in voxels that several scans see

@@ -125,7 +125,7 @@ TEST_F(MapTest, CloudWithoutCommitLeavesNothing) {
 
 TEST_F(MapTest, OutputsThatCannotBeAreNamed) {
   EXPECT_THAT(MessageOf<OptionError>([&] { CloudWriter writer(Path("c.xyz")); }),
-              AllOf(HasSubstr("c.xyz"), HasSubstr(".ply, .pcd, .las or .laz")));
+              AllOf(HasSubstr("c.xyz"), HasSubstr(".ply, .pcd, .las, .laz or .copc.laz")));
   EXPECT_THROW(CloudWriter(Path("none/c.ply")), OutputError);
   EXPECT_THROW(WriteSurfels(Path("none/m.ply"), {}), OutputError);
   EXPECT_THROW(WriteSurfels(Path("none/m.pcd"), {}), OutputError);
