@@ -184,7 +184,8 @@ void Odometry::DoubtUnbridged(const PosePrediction& prediction,
                               OdometryFrame* frame) const {
   const MatchResult& match = frame->match;
   if (frame->status != OdometryFrame::Status::kTracked || lost_ ||
-      match.worst_sigma_m < kWellKnownM || !Unbridged(prediction, match))
+      motion_.Gap(frame->stamp_ns) <= options_.vouched_gap_s || match.worst_sigma_m < kWellKnownM ||
+      !Unbridged(prediction, match))
     return;
   const DirectionProfile profile(deskewed, map, match.T_world_lidar, match.weakest_direction,
                                  options_.matcher.noise_floor_m);
