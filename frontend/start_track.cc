@@ -8,6 +8,7 @@
 
 #include "core/geometry/robust_kernel.h"
 #include "core/map/voxel_key.h"
+#include "frontend/block_votes.h"
 #include "frontend/direction_profile.h"
 #include "frontend/odometry.h"
 #include "frontend/plane_score.h"
@@ -182,13 +183,9 @@ double StartTrack::Better(const Hypothesis& a, const Hypothesis& b) const {
       ++i;
     }
   }
-  double sum = 0.0, squares = 0.0;
-  for (const auto& [block, difference] : differences) {
-    const double vote = difference / std::hypot(1.0, difference);
-    sum += vote;
-    squares += vote * vote;
-  }
-  return squares > 0.0 ? sum / std::sqrt(squares) : 0.0;
+  BlockVotes votes;
+  for (const auto& [block, difference] : differences) votes.Add(difference);
+  return votes.Sigmas();
 }
 
 void StartTrack::Begin(const OdometryFrame& frame) {
@@ -290,12 +287,12 @@ bool StartTrack::TakeSteady() {
       std::abs(found.motion.speed_m_s) > kMostOfReach * steady_.most_speed_m_s)
     return false;
   const WayAlong way = search.WayUnder(found.motion);
-  std::vector<SE3> steady;
+  std::vector<SE3> matched, steady;
   double apart_m = 0.0;
   for (std::size_t k = 0; k < scans_.size(); ++k) {
     const double off_m = way.positions_m[k] - own.positions_m[k];
-    steady.push_back(scans_[k].T_world_lidar);
-    steady.back().t += off_m * u;
+    matched.push_back(scans_[k].T_world_lidar);
+    steady.emplace_back(matched.back().q, matched.back().t + off_m * u);
     apart_m = std::max(apart_m, std::abs(off_m));
   }
   // Scans from nearly one place have their points in the same few spots of each wall, and look
@@ -303,10 +300,7 @@ bool StartTrack::TakeSteady() {
   const bool standing = std::abs(way.positions_m.back()) < steady_.voxel_size_m;
   const bool refuted = search.Sharper(way, own) > (standing ? kStandingSigmas : kRefutedSigmas);
   if (!refuted && (found.open_speed_m_s > kKnownMS || apart_m > kAgreesM)) return false;
-  std::vector<SE3> poses = steady;
-  if (!refuted) {
-    for (std::size_t k = 0; k < scans_.size(); ++k) poses[k] = scans_[k].T_world_lidar;
-  }
+  std::vector<SE3> poses = refuted ? steady : matched;
   // The first one stays: the map begins there.
   MatchResult match;
   for (std::size_t k = 1; k < poses.size(); ++k) {

@@ -12,6 +12,7 @@
 #include "core/base/median.h"
 #include "core/base/parallel.h"
 #include "core/map/voxel_key.h"
+#include "frontend/block_votes.h"
 
 namespace lamina {
 namespace {
@@ -37,14 +38,9 @@ double LeastVariance(const PointCluster& cluster) {
 }
 
 double Votes(const std::vector<double>& one, const std::vector<double>& other) {
-  double sum = 0.0, squares = 0.0;
-  for (std::size_t b = 0; b < one.size(); ++b) {
-    const double difference = one[b] - other[b];
-    const double vote = difference / std::hypot(1.0, difference);
-    sum += vote;
-    squares += vote * vote;
-  }
-  return squares > 0.0 ? sum / std::sqrt(squares) : 0.0;
+  BlockVotes votes;
+  for (std::size_t b = 0; b < one.size(); ++b) votes.Add(one[b] - other[b]);
+  return votes.Sigmas();
 }
 
 }  // namespace
