@@ -12,7 +12,7 @@ namespace lamina {
 namespace {
 
 constexpr double kKappa = 2.0;
-constexpr double kBlockM = 4.0;
+constexpr double kProfileBlockM = 4.0;
 // Information, 1/m^2, with which a block counts half: that of a residual of 5 cm.
 constexpr double kHalfInformation = 400.0;
 constexpr double kKernelSigma = 2.0;
@@ -58,7 +58,7 @@ DirectionProfile::Loss DirectionProfile::LossAt(const std::vector<PointCluster>&
     const double distance = normal.dot(p - surface->mean);
     const double e2 = distance * distance / (kKernelSigma * kKernelSigma * variance);
     const auto slot = static_cast<std::size_t>(index.FindOrInsert(
-        VoxelKeyOf(cluster.mean, 1.0 / kBlockM), static_cast<std::int32_t>(blocks.size())));
+        VoxelKeyOf(cluster.mean, 1.0 / kProfileBlockM), static_cast<std::int32_t>(blocks.size())));
     if (slot == blocks.size()) blocks.emplace_back();
     const double weight = counting * std::min(cluster.count, kMostPoints) / variance;
     blocks[slot].weight += weight;

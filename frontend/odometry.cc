@@ -49,11 +49,6 @@ double WorstSigma(const Matrix6d& covariance) {
   return std::sqrt(std::max(0.0, solver.eigenvalues()(5)));
 }
 
-ScanMatcherOptions Narrow(ScanMatcherOptions options) {
-  options.kernel_start_sigma = options.kernel_end_sigma;
-  return options;
-}
-
 }  // namespace
 
 void OdometryOptions::Visit(OptionVisitor& v) {
@@ -72,7 +67,7 @@ void OdometryOptions::Visit(OptionVisitor& v) {
 Odometry::Odometry(const OdometryOptions& options)
     : options_(options),
       matcher_(options.matcher),
-      narrow_matcher_(Narrow(options.matcher)),
+      narrow_matcher_(WithNarrowKernel(options.matcher)),
       search_(options.search, &matcher_),
       motion_(options.motion) {
   CheckOptions(options, "frontend");

@@ -220,6 +220,11 @@ class Descent {
 
 }  // namespace
 
+ScanMatcherOptions WithNarrowKernel(ScanMatcherOptions options) {
+  options.kernel_start_sigma = options.kernel_end_sigma;
+  return options;
+}
+
 void ScanMatcherOptions::Visit(OptionVisitor& v) {
   v.Integer("max_iterations", &max_iterations, 1, 1000);
   v.Number("min_rotation_step_deg", &min_rotation_step_deg, 1e-9, 10.0);

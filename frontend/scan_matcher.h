@@ -77,6 +77,8 @@ struct ScanMatcherOptions {
 
   void Visit(OptionVisitor& v);
 };
+// The kernel as narrow from the first step on as it is at the last one.
+ScanMatcherOptions WithNarrowKernel(ScanMatcherOptions options);
 
 // Where a scan is expected, and how well that is known: covariance in the tangent of
 // core/geometry/se3.h.

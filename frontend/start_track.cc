@@ -23,12 +23,6 @@ constexpr double kSameM = 0.1;
 constexpr double kMostGapS = 0.25;
 constexpr std::size_t kMostHypotheses = 6, kMostScans = 8;
 
-// Hypotheses are minima already: a wide kernel would lead all of them into one.
-ScanMatcherOptions Narrow(ScanMatcherOptions options) {
-  options.kernel_start_sigma = options.kernel_end_sigma;
-  return options;
-}
-
 // How much a cluster at p that meets this plane counts along u, as far as it fits.
 double FitAlong(const Surface& plane, const Eigen::Vector3d& p, const Eigen::Vector3d& u) {
   const Eigen::Vector3d normal = plane.normal.cast<double>();
@@ -53,7 +47,8 @@ Eigen::Vector3d LeastFaced(const std::vector<PointCluster>& clusters, const SE3&
 
 StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& map_options)
     : map_options_(map_options),
-      matcher_(Narrow(options.matcher)),
+      // Hypotheses are minima already: a wide kernel would lead all of them into one.
+      matcher_(WithNarrowKernel(options.matcher)),
       reach_m_s_(2.0 * options.motion.start_speed_sigma_m_s),
       open_sigma_m_(options.matcher.max_direction_sigma_m) {
   steady_.voxel_size_m = map_options.LeafSize();

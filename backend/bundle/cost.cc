@@ -5,7 +5,7 @@
 namespace lamina {
 namespace {
 
-constexpr std::size_t kChunk = 4;  // frames
+constexpr std::size_t kFramesAChunk = 4;
 
 // Zeros where the upper triangle of H has entries, in the order in which they are filled.
 void MakeStructure(const BlockPattern& pattern, std::size_t frames,
@@ -52,7 +52,7 @@ void ReducedSystem::Assemble(const BundleProblem& problem, const BundleIndex& in
   const auto size = static_cast<Eigen::Index>(6 * frames);
   H->resize(size, size);
   // Each frame fills its own block row, below the diagonal, in a strip that stays in the cache.
-  ParallelChunks(frames, kChunk, [&](std::size_t begin, std::size_t end) {
+  ParallelChunks(frames, kFramesAChunk, [&](std::size_t begin, std::size_t end) {
     std::vector<double> strip;
     for (std::size_t f = begin; f < end; ++f) {
       FillStrip(problem, index, f, &strip);
@@ -62,7 +62,7 @@ void ReducedSystem::Assemble(const BundleProblem& problem, const BundleIndex& in
       }
     }
   });
-  ParallelChunks(frames, kChunk, [&](std::size_t begin, std::size_t end) {
+  ParallelChunks(frames, kFramesAChunk, [&](std::size_t begin, std::size_t end) {
     for (auto c = static_cast<Eigen::Index>(6 * begin); c < static_cast<Eigen::Index>(6 * end);
          ++c) {
       H->col(c).head(c) = H->row(c).head(c).transpose();
@@ -74,7 +74,7 @@ void ReducedSystem::Assemble(const BundleProblem& problem, const BundleIndex& in
                              const BlockPattern& pattern, Eigen::SparseMatrix<double>* H) const {
   const std::size_t frames = diagonal.size();
   if (H->nonZeros() == 0) MakeStructure(pattern, frames, H);
-  ParallelChunks(frames, kChunk, [&](std::size_t begin, std::size_t end) {
+  ParallelChunks(frames, kFramesAChunk, [&](std::size_t begin, std::size_t end) {
     std::vector<double> strip;
     for (std::size_t f = begin; f < end; ++f) {
       FillStrip(problem, index, f, &strip);

@@ -7,6 +7,7 @@
 #include "backend/bundle/frame_pass.h"
 #include "backend/bundle/held_directions.h"
 #include "backend/bundle/index.h"
+#include "core/base/angle.h"
 
 namespace lamina {
 namespace {
@@ -85,7 +86,7 @@ PlaneColumns PlaneAnswer(const BundleProblem& problem, const Plane& plane,
 }
 
 int ElevationOf(const Eigen::Vector3d& p) {
-  const double degrees = std::atan2(p.z(), p.head<2>().norm()) * 180.0 / M_PI;
+  const double degrees = Degrees(std::atan2(p.z(), p.head<2>().norm()));
   return static_cast<int>(std::lround(degrees)) +
          static_cast<int>(GradientByElevation::ColsAtCompileTime) / 2;
 }

@@ -3,12 +3,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/angle.h"
+
 namespace lamina {
 namespace {
 
-constexpr double kRadPerDeg = M_PI / 180.0;
-const Intrinsics kLargestStep(0.3 * kRadPerDeg, 0.1);
-const Intrinsics kPriorInformation(std::pow(5.0 * kRadPerDeg, -2), 1.0);
+const Intrinsics kLargestStep(0.3 * kDegree, 0.1);
+const Intrinsics kPriorInformation(std::pow(5.0 * kDegree, -2), 1.0);
 
 }  // namespace
 

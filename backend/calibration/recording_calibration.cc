@@ -7,6 +7,7 @@
 
 #include "backend/mapping/map_thickness.h"
 #include "backend/mapping/pipeline.h"
+#include "core/base/angle.h"
 #include "core/base/error.h"
 #include "core/base/median.h"
 #include "core/base/parallel.h"
@@ -15,14 +16,12 @@
 namespace lamina {
 namespace {
 
-constexpr double kRadPerDeg = M_PI / 180.0;
-
 Intrinsics OffsetsOf(const ScanPreparationOptions& preparation) {
-  return {preparation.vertical_correction_deg * kRadPerDeg, preparation.range_offset_m};
+  return {preparation.vertical_correction_deg * kDegree, preparation.range_offset_m};
 }
 
 ScanPreparationOptions With(ScanPreparationOptions preparation, const Intrinsics& offsets) {
-  preparation.vertical_correction_deg = offsets(0) / kRadPerDeg;
+  preparation.vertical_correction_deg = offsets(0) / kDegree;
   preparation.range_offset_m = offsets(1);
   return preparation;
 }

@@ -7,12 +7,12 @@
 #include "backend/bundle/plane_geometry.h"
 #include "backend/bundle/uncertainty/observability.h"
 #include "backend/calibration/intrinsics_estimate.h"
+#include "core/base/angle.h"
 
 namespace lamina {
 namespace {
 
-constexpr double kRadPerDeg = M_PI / 180.0;
-const Intrinsics kSmallStep(2e-4 * kRadPerDeg, 5e-5);
+const Intrinsics kSmallStep(2e-4 * kDegree, 5e-5);
 
 // The bundle problem of a segment with its clusters moved by the offsets.
 BundleProblem Cast(const CalibrationSegment& segment, const Intrinsics& offsets,
@@ -176,8 +176,7 @@ CalibrationResult SensorCalibration::Run(
     const std::atomic<bool>* stop) const {
   using Status = CalibrationResult::Status;
   CalibrationResult result;
-  const Intrinsics limits(options_.max_elevation_sigma_deg * kRadPerDeg,
-                          options_.max_range_sigma_m);
+  const Intrinsics limits(options_.max_elevation_sigma_deg * kDegree, options_.max_range_sigma_m);
   result.status = Status::kRoundLimit;
   result.determined = {true, true};
   for (int r = 0; r < options_.max_rounds; ++r) {

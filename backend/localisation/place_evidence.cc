@@ -5,13 +5,15 @@
 #include <cstddef>
 #include <limits>
 
+#include "core/base/angle.h"
+
 namespace lamina {
 namespace {
 
 constexpr int kAzimuths = SightLines::kAzimuths, kElevations = SightLines::kElevations;
 constexpr double kBin = 2.0 * M_PI / kAzimuths;
 // Half the angle that a cluster nearby covers, at most.
-constexpr double kMostHalf = 12.0 * M_PI / 180.0;
+constexpr double kMostHalf = Radians(12.0);
 // Keyframes that are looked from; points that are asked for; how far away.
 constexpr std::size_t kMostKeyframes = 5, kMostPoints = 4000;
 constexpr double kLeastRangeM = 1.0, kMostRangeM = 40.0;

@@ -9,6 +9,7 @@
 
 #include "backend/submaps/place_lookup.h"
 #include "backend/submaps/submap_place.h"
+#include "core/base/angle.h"
 #include "core/base/parallel.h"
 
 namespace lamina {
@@ -48,7 +49,7 @@ double RadiusM(const LoopOptions& options) {
 }
 
 bool Same(const SE3& a, const SE3& b, double most_m, double most_deg) {
-  return (a.t - b.t).norm() <= most_m && RotationAngle(a, b) <= most_deg * M_PI / 180.0;
+  return (a.t - b.t).norm() <= most_m && RotationAngle(a, b) <= Radians(most_deg);
 }
 
 // What one of query and map has standing and the other has not, as shares.
@@ -263,7 +264,7 @@ std::vector<Sighting> PlaceIndex::Find(const Submap& whole, const std::vector<Fi
   const PlaceImage image = ImageOfSubmap(submap, planes, nullptr, nullptr, options_.place);
   const SubmapQuery query = QueryOfSubmap(submap, std::move(planes), image);
   std::vector<Sighting> sightings = Register(query, Hypotheses(image), true, map);
-  sightings = Register(query, OfNearest(sightings, image.T_level_submap.Inverse().t), false, map);
+  sightings = Register(query, OfNearest(sightings, image.middle()), false, map);
   const SightLines sight(last, submap.leaf_size_m);
   Judge(query, sight, submap.T_world_submap, map, &sightings);
   if (!sightings.empty()) {

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "core/base/angle.h"
+
 namespace lamina {
 namespace {
 
@@ -74,10 +76,9 @@ std::optional<FoundPlace> PlaceSearch::Look(const std::vector<FinalKeyframe>& wi
     return std::nullopt;
   }
   found.T_piece_own = *settled;
-  const bool agrees =
-      seen_ && found.piece == last_.piece &&
-      (found.T_piece_own * sensor - last_.T_piece_own * sensor).norm() <= kAgreeM &&
-      RotationAngle(found.T_piece_own, last_.T_piece_own) <= kAgreeDeg * M_PI / 180.0;
+  const bool agrees = seen_ && found.piece == last_.piece &&
+                      (found.T_piece_own * sensor - last_.T_piece_own * sensor).norm() <= kAgreeM &&
+                      RotationAngle(found.T_piece_own, last_.T_piece_own) <= Radians(kAgreeDeg);
   const bool moved = (sensor - sensor_).norm() >= kMovedShare * options_.length_m;
   if (agrees && moved) return found;
   // A look from where the last one was says nothing new.

@@ -8,7 +8,9 @@
 #include <queue>
 #include <utility>
 
+#include "backend/loops/loop_agreement.h"
 #include "backend/submaps/submap_place.h"
+#include "core/base/angle.h"
 #include "core/base/parallel.h"
 
 namespace lamina {
@@ -18,13 +20,9 @@ namespace {
 constexpr double kInnerSigmaM = 0.05, kInnerSigmaDeg = 0.1;
 // What the bounds on drift allow on top of their share of the way.
 constexpr double kSlackM = 1.5, kSlackDeg = 3.0;
-// Loops agree within this and the drift between them, which must be short enough to tell.
-constexpr double kAgreeM = 0.5, kAgreeDeg = 1.5, kMostAgreeM = 3.0;
 // Beside a corrected map the prediction is a hypothesis of its own.
 constexpr double kPredictedWithinM = 6.0;
 constexpr std::size_t kPredictions = 3;
-
-double Degrees(double degrees) { return degrees * M_PI / 180.0; }
 
 Matrix6d Isotropic(double rotation_sigma, double translation_sigma) {
   Vector6d variances;
@@ -120,14 +118,14 @@ double LoopClosure::DriftM(double way_m) const {
   return kSlackM + 0.01 * options_.max_drift_percent * way_m;
 }
 double LoopClosure::DriftRad(double way_m) const {
-  return Degrees(kSlackDeg + 0.01 * options_.max_drift_deg_per_100m * way_m);
+  return Radians(kSlackDeg + 0.01 * options_.max_drift_deg_per_100m * way_m);
 }
 
 AnchorEdge LoopClosure::OdometryEdge(std::size_t to) const {
   const Submap &a = submaps_[to - 1], &b = submaps_[to];
   AnchorEdge edge{to - 1, to, a.T_world_submap.Inverse() * b.T_world_submap, {}};
   const double rotation =
-      Degrees(std::hypot(kInnerSigmaDeg, 0.01 * options_.drift_sigma_deg_per_100m * a.way_m));
+      Radians(std::hypot(kInnerSigmaDeg, 0.01 * options_.drift_sigma_deg_per_100m * a.way_m));
   const double translation =
       std::hypot(kInnerSigmaM, 0.01 * options_.drift_sigma_percent * a.way_m);
   edge.information = Isotropic(rotation, translation).inverse();
@@ -140,7 +138,7 @@ AnchorEdge EdgeOf(const Loop& loop) {
   Matrix6d J = Matrix6d::Identity();
   J.bottomRightCorner<3, 3>() = edge.T_from_to.R().transpose();
   edge.information =
-      (J * loop.match.covariance * J.transpose() + Isotropic(Degrees(kInnerSigmaDeg), kInnerSigmaM))
+      (J * loop.match.covariance * J.transpose() + Isotropic(Radians(kInnerSigmaDeg), kInnerSigmaM))
           .inverse();
   edge.information = 0.5 * (edge.information + edge.information.transpose().eval());
   return edge;
@@ -208,7 +206,7 @@ std::vector<LoopClosure::Hypothesis> LoopClosure::Hypotheses(
     const std::vector<double>& ways) const {
   const std::size_t query = submaps_.size() - 1;
   const auto middle = [&](std::size_t id) {
-    return Eigen::Vector3d(anchors_[id] * places_[id].image.T_level_submap.Inverse().t);
+    return Eigen::Vector3d(anchors_[id] * places_[id].image.middle());
   };
   const Eigen::Vector3d here = middle(query);
   const double reach_m = PlaceImage::kRadius * options_.place.cell_size_m;
@@ -277,13 +275,10 @@ void LoopClosure::FindLoops(const SubmapQuery& query) {
 
 std::string LoopClosure::DriftRefusal(const Loop& loop) const {
   const SE3 predicted = anchors_[loop.from].Inverse() * anchors_[loop.to];
-  // Where the two middles meet, so that a rotation moves nothing.
-  const Eigen::Vector3d middle = places_[loop.to].image.T_level_submap.Inverse().t;
-  const double off_m = (predicted * middle - loop.match.T_other_query * middle).norm();
-  const double off_rad = RotationAngle(predicted, loop.match.T_other_query);
-  if (off_m > DriftM(loop.way_m) || off_rad > DriftRad(loop.way_m))
-    return "farther off than odometry drifts";
-  return "";
+  const PoseDifference off =
+      DifferenceAt(places_[loop.to].image.middle(), predicted, loop.match.T_other_query);
+  return off.Within(DriftM(loop.way_m), DriftRad(loop.way_m)) ? ""
+                                                              : "farther off than odometry drifts";
 }
 
 bool LoopClosure::Agree(const Loop& a, const Loop& b) const {
@@ -297,11 +292,9 @@ bool LoopClosure::Agree(const Loop& a, const Loop& b) const {
     return submaps_[i].T_world_submap.Inverse() * submaps_[j].T_world_submap;
   };
   const SE3 around = between(a.from, b.from) * b.match.T_other_query * between(b.to, a.to);
-  const double off_rad = RotationAngle(around, a.match.T_other_query);
-  const Eigen::Vector3d middle = places_[a.to].image.T_level_submap.Inverse().t;
-  const double off_m = (around * middle - a.match.T_other_query * middle).norm();
-  return off_m <= most_m &&
-         off_rad <= Degrees(kAgreeDeg + 0.01 * options_.max_drift_deg_per_100m * way);
+  const double most_deg = kAgreeDeg + 0.01 * options_.max_drift_deg_per_100m * way;
+  return DifferenceAt(places_[a.to].image.middle(), around, a.match.T_other_query)
+      .Within(most_m, Radians(most_deg));
 }
 
 bool LoopClosure::AcceptAgreeing() {

@@ -2,23 +2,22 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <set>
 #include <string>
 #include <utility>
 
+#include "backend/loops/loop_agreement.h"
 #include "backend/submaps/submap_pairs.h"
 #include "backend/submaps/submap_place.h"
+#include "core/base/disjoint_sets.h"
 
 namespace lamina {
 namespace {
 
 // Middles of submaps that are compared are at most so far apart, of the way of one; the nearest.
 constexpr double kBesideShare = 0.7;
-constexpr std::size_t kBesideEach = 6;
+constexpr std::size_t kMostOverlapping = 6;
 constexpr int kMostRounds = 6;
-// A loop that is where the anchors have it, but for what they were not known by.
-constexpr double kStaysM = 2.0, kStaysDeg = 3.0;
 // Pairs that are registered between two reports of progress.
 constexpr std::size_t kBatch = 64;
 
@@ -62,7 +61,7 @@ class GraphRefiner {
   std::vector<SubmapPair> Overlapping() const;
   void Compare(const std::vector<SubmapPair>& pairs);
   void Solve();
-  Eigen::Vector3d Middle(std::size_t i) const { return images_[i].T_level_submap.Inverse().t; }
+  Eigen::Vector3d Middle(std::size_t i) const { return images_[i].middle(); }
 
   const std::vector<const Submap*>& submaps_;
   const LoopOptions& options_;
@@ -77,23 +76,15 @@ class GraphRefiner {
 };
 
 void GraphRefiner::FindParts() {
-  part_.resize(submaps_.size());
-  std::iota(part_.begin(), part_.end(), std::size_t{0});
-  chain_ = part_;
+  DisjointSets joined(submaps_.size());
   way_.assign(submaps_.size(), 0.0);
-  const auto join = [](const std::vector<AnchorEdge>& edges, std::vector<std::size_t>* of) {
-    for (const AnchorEdge& edge : edges) {
-      const auto [first, second] = std::minmax((*of)[edge.from], (*of)[edge.to]);
-      if (first != second) std::replace(of->begin(), of->end(), second, first);
-    }
-  };
-  const AnchorGraph& graph = result_.graph;
-  join(graph.odometry, &chain_);
-  for (const AnchorEdge& edge : graph.odometry) {
+  for (const AnchorEdge& edge : result_.graph.odometry) {
+    joined.Join(edge.from, edge.to);
     if (edge.to == edge.from + 1) way_[edge.to] = way_[edge.from] + submaps_[edge.from]->way_m;
   }
-  part_ = chain_;
-  join(graph.loops, &part_);
+  chain_ = joined.All();
+  for (const AnchorEdge& edge : result_.graph.loops) joined.Join(edge.from, edge.to);
+  part_ = joined.All();
 }
 
 void GraphRefiner::Describe() {
@@ -121,8 +112,7 @@ std::vector<SubmapPair> GraphRefiner::Overlapping() const {
       const double distance = (middles[from] - middles[to]).norm();
       if (distance < kBesideShare * options_.submap.length_m) near.emplace_back(distance, from);
     }
-    std::sort(near.begin(), near.end());
-    if (near.size() > kBesideEach) near.resize(kBesideEach);
+    KeepNearest(kMostOverlapping, &near);
     for (const auto& [distance, from] : near) {
       if (compared_.count({from, to}) == 0)
         pairs.push_back({from, to, poses[from].Inverse() * poses[to], 0.0});
@@ -136,18 +126,11 @@ void GraphRefiner::Compare(const std::vector<SubmapPair>& pairs) {
       RegisterPairs(submaps_, images_, pairs, registration_, map_, {});
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     compared_.insert({pairs[i].from, pairs[i].to});
-    Loop loop;
-    loop.from = pairs[i].from;
-    loop.to = pairs[i].to;
-    loop.match = matches[i];
-    loop.reason = Refusal(loop.match, options_.verification);
-    const Eigen::Vector3d middle = Middle(loop.to);
-    const bool stays =
-        (pairs[i].T_from_to * middle - loop.match.T_other_query * middle).norm() < kStaysM &&
-        RotationAngle(pairs[i].T_from_to, loop.match.T_other_query) < kStaysDeg * M_PI / 180.0;
-    if (loop.reason.empty() && !stays) loop.reason = "not where the other loops have it";
+    Loop loop = LoopOf(pairs[i], matches[i], options_.verification);
+    if (loop.reason.empty() && !IsWhereExpected(loop, pairs[i], images_[loop.to]))
+      loop.reason = "not where the other loops have it";
+    loop.status = loop.reason.empty() ? Loop::Status::kAccepted : Loop::Status::kRefused;
     if (loop.reason.empty()) {
-      loop.status = Loop::Status::kAccepted;
       result_.graph.loops.push_back(EdgeOf(loop));
       result_.graph.kept_before.push_back(false);
       loop_of_edge_.push_back(result_.loops.size());

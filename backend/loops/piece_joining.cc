@@ -9,16 +9,18 @@
 #include <set>
 #include <utility>
 
+#include "backend/loops/loop_agreement.h"
 #include "backend/submaps/place_lookup.h"
 #include "backend/submaps/submap_pairs.h"
 #include "backend/submaps/submap_place.h"
+#include "core/base/angle.h"
 #include "core/base/parallel.h"
 
 namespace lamina {
 namespace {
 
-// Loops agree within this and the drift between them, which counts so far.
-constexpr double kAgreeM = 0.5, kMostAgreeM = 3.0, kAgreeDeg = 1.5, kMostAgreeDeg = 5.0;
+// Drift between loops counts so far.
+constexpr double kMostAgreeDeg = 5.0;
 // Way between submaps of different pieces of a part, as far as it matters for drift.
 constexpr double kOtherPieceWayM = 60.0;
 // A piece of fewer submaps looks for itself in later ones, too.
@@ -33,12 +35,8 @@ constexpr std::size_t kBesideEach = 2;
 // How far around its loops a join is looked at before it is solved again.
 constexpr double kReachM = 60.0;
 constexpr int kRounds = 20;
-// A loop that is where the join says, but for what it was not known by.
-constexpr double kStaysM = 2.0, kStaysDeg = 3.0;
 // Where submaps lie beside one another, contradicting ones as a share of those that agree.
 constexpr double kMostContradicting = 0.34;
-
-double Radians(double degrees) { return degrees * M_PI / 180.0; }
 
 // Candidates that say the same of two parts.
 struct Group {
@@ -83,12 +81,9 @@ class PieceJoiner {
   void Describe();
   std::vector<SubmapPair> LookUp(std::size_t query) const;
   void FindCandidates();
-  Loop Judged(const SubmapPair& pair, const SubmapMatch& match) const;
 
   std::size_t PartOf(std::size_t submap) const { return result_.part[piece_of_[submap]]; }
-  Eigen::Vector3d Middle(std::size_t submap) const {
-    return images_[submap].T_level_submap.Inverse().t;
-  }
+  Eigen::Vector3d Middle(std::size_t submap) const { return images_[submap].middle(); }
   double WayBetween(std::size_t i, std::size_t j) const {
     return piece_of_[i] == piece_of_[j] ? std::abs(way_[i] - way_[j]) : kOtherPieceWayM;
   }
@@ -189,17 +184,6 @@ std::vector<SubmapPair> PieceJoiner::LookUp(std::size_t query) const {
   return pairs;
 }
 
-Loop PieceJoiner::Judged(const SubmapPair& pair, const SubmapMatch& match) const {
-  Loop loop;
-  loop.from = pair.from;
-  loop.to = pair.to;
-  loop.score = pair.score;
-  loop.match = match;
-  loop.reason = Refusal(match, options_.verification);
-  loop.status = loop.reason.empty() ? Loop::Status::kWaiting : Loop::Status::kRefused;
-  return loop;
-}
-
 void PieceJoiner::FindCandidates() {
   std::vector<std::size_t> owner;
   for (std::size_t query = 0; query < submaps_.size(); ++query)
@@ -215,7 +199,7 @@ void PieceJoiner::FindCandidates() {
   const std::vector<SubmapMatch> matches =
       RegisterPairs(submaps_, images_, pairs, registration_, map_, sharing_);
   for (std::size_t i = 0; i < pairs.size(); ++i) {
-    const Loop loop = Judged(pairs[i], matches[i]);
+    const Loop loop = LoopOf(pairs[i], matches[i], options_.verification);
     // Two starts that end in one place are one.
     const bool known =
         std::any_of(result_.loops.begin(), result_.loops.end(), [&](const Loop& other) {
@@ -243,9 +227,8 @@ bool PieceJoiner::Agree(const Loop& x, const Loop& y, std::size_t a) const {
       std::min(kMostAgreeDeg, kAgreeDeg + 0.01 * options_.max_drift_deg_per_100m * way);
   const SE3 T_x = BetweenParts(x, a), T_y = BetweenParts(y, a);
   const std::size_t b_side = side(x, false);
-  const Eigen::Vector3d middle = result_.graph.poses[b_side] * Middle(b_side);
-  return (T_x * middle - T_y * middle).norm() <= most_m &&
-         RotationAngle(T_x, T_y) <= Radians(most_deg);
+  return DifferenceAt(result_.graph.poses[b_side] * Middle(b_side), T_x, T_y)
+      .Within(most_m, Radians(most_deg));
 }
 
 std::size_t PieceJoiner::SizeOf(const Group& group) const {
@@ -373,8 +356,7 @@ std::vector<SubmapPair> PieceJoiner::Beside(const std::vector<bool>& joins,
       const double distance = (poses[from] * Middle(from) - poses[to] * Middle(to)).norm();
       if (distance < kBesideM) near.emplace_back(distance, from);
     }
-    std::sort(near.begin(), near.end());
-    if (near.size() > kBesideEach) near.resize(kBesideEach);
+    KeepNearest(kBesideEach, &near);
     for (const auto& [distance, from] : near) {
       if (compared.count({from, to}) == 0)
         pairs.push_back({from, to, poses[from].Inverse() * poses[to], 0.0});
@@ -388,12 +370,9 @@ void PieceJoiner::Compare(const std::vector<SubmapPair>& pairs, Evidence* eviden
   const std::vector<SubmapMatch> matches =
       RegisterPairs(submaps_, images_, pairs, registration_, map_, sharing_);
   for (std::size_t i = 0; i < pairs.size(); ++i) {
-    Loop loop = Judged(pairs[i], matches[i]);
-    const Eigen::Vector3d middle = Middle(loop.to);
-    const bool stays =
-        (pairs[i].T_from_to * middle - loop.match.T_other_query * middle).norm() < kStaysM &&
-        RotationAngle(pairs[i].T_from_to, loop.match.T_other_query) < Radians(kStaysDeg);
-    if (loop.status == Loop::Status::kWaiting && stays) {
+    Loop loop = LoopOf(pairs[i], matches[i], options_.verification);
+    if (loop.status == Loop::Status::kWaiting &&
+        IsWhereExpected(loop, pairs[i], images_[loop.to])) {
       loop.status = Loop::Status::kAccepted;
       ++evidence->agreeing;
     } else if (loop.match.converged && loop.match.planes >= options_.verification.min_planes) {

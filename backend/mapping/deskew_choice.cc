@@ -20,8 +20,8 @@ struct Look {
   MapThickness map;
 };
 
-Look MapScans(const ScanSource& source, std::size_t begin, std::size_t end, MappingOptions options,
-              Deskew deskew, const std::atomic<bool>* stop) {
+Look MapAndLook(const ScanSource& source, std::size_t begin, std::size_t end,
+                MappingOptions options, Deskew deskew, const std::atomic<bool>* stop) {
   options.preparation.deskew = deskew;
   Look look;
   Trajectory poses;
@@ -88,8 +88,8 @@ DeskewChoice ChooseDeskew(const ScanSource& source, std::size_t begin, std::size
   }
   for (const std::size_t from : {begin, begin + (end - begin) / 2}) {
     const std::size_t to = std::min(end, from + kScans);
-    const Look deskewed = MapScans(source, from, to, options, Deskew::kTime, stop);
-    const Look as_they_are = MapScans(source, from, to, options, Deskew::kOff, stop);
+    const Look deskewed = MapAndLook(source, from, to, options, Deskew::kTime, stop);
+    const Look as_they_are = MapAndLook(source, from, to, options, Deskew::kOff, stop);
     if (stop != nullptr && stop->load()) return {};
     if (!Comparable(deskewed, as_they_are)) continue;
     choice.deskewed_m = deskewed.map.median_m;

@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "core/base/angle.h"
 #include "core/base/error.h"
 
 namespace lamina {
@@ -191,7 +192,7 @@ bool Mapper::IsKeyframe(const SE3& T) const {
   if (most > 0 && frames_since_keyframe_ >= most) return true;
   const SE3& last = keyframes_.back();
   return (T.t - last.t).norm() >= options_.backend.keyframe_translation_m ||
-         RotationAngle(last, T) >= options_.backend.keyframe_rotation_deg * M_PI / 180.0;
+         RotationAngle(last, T) >= Radians(options_.backend.keyframe_rotation_deg);
 }
 
 bool Mapper::RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar) {

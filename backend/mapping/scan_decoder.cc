@@ -41,7 +41,7 @@ double PeriodByStamps(const std::vector<StampNs>& stamps) {
   return SweepPeriod(stamps, kFallbackS);
 }
 
-void Skip(SkipReason reason, const std::string& why, MappedScan* report) {
+void SkipUndecoded(SkipReason reason, const std::string& why, MappedScan* report) {
   report->skipped = true;
   report->reason = reason;
   report->detail = Printable(why);
@@ -67,12 +67,12 @@ TimeRange RangeOf(std::vector<float> times_s) {
 // enough.
 std::string TimesMisfit(const Scan& scan, const ScanPreparationOptions& preparation,
                         const std::vector<StampNs>& stamps) {
-  using Deskew = ScanPreparationOptions::Deskew;
   // In sweeps; and of a first scan, whose stamp tells nothing of how long these are.
   constexpr double kMostPeriods = 3.0, kMostS = 10.0;
   // From the stamp. Readers of files put it near to the points (io/message/point_times.h).
   constexpr double kMostOffS = 60.0;
-  const bool used = preparation.deskew == Deskew::kTime || preparation.deskew == Deskew::kAuto;
+  const bool used = preparation.deskew == ScanPreparationOptions::Deskew::kTime ||
+                    preparation.deskew == ScanPreparationOptions::Deskew::kAuto;
   if (!used || scan.time_s.empty() || scan.stamp_made_up) return "";
   const std::optional<double> apart_s = TimeBetween(stamps);
   const double most_s = apart_s ? kMostPeriods * *apart_s : kMostS;
@@ -106,17 +106,18 @@ void ClusterScan(const Scan& scan, const std::string& name,
                  DecodedScan* decoded) {
   MappedScan& report = decoded->report;
   const std::string misfit = TimesMisfit(scan, preparation, stamps);
-  if (!misfit.empty()) return Skip(SkipReason::kUnreadable, name + ": " + misfit, &report);
+  if (!misfit.empty()) return SkipUndecoded(SkipReason::kUnreadable, name + ": " + misfit, &report);
   Stopwatch watch;
   PreparedScan prepared = PrepareScan(scan, preparation, PeriodByStamps(stamps), T_vehicle_lidar);
   report.points = prepared.points.size();
   report.prepare_ms = watch.LapMilliseconds();
   if (report.points < static_cast<std::size_t>(min_points)) {
-    Skip(SkipReason::kTooFewPoints,
-         name + ": " + std::to_string(report.points) + " usable points, at least " +
-             std::to_string(min_points) + " wanted (" + std::to_string(prepared.non_finite) +
-             " not finite, " + std::to_string(prepared.out_of_range) + " out of range)",
-         &report);
+    SkipUndecoded(SkipReason::kTooFewPoints,
+                  name + ": " + std::to_string(report.points) + " usable points, at least " +
+                      std::to_string(min_points) + " wanted (" +
+                      std::to_string(prepared.non_finite) + " not finite, " +
+                      std::to_string(prepared.out_of_range) + " out of range)",
+                  &report);
     return;
   }
   decoded->clusters = BuildScanClusters(prepared.points, leaf_size_m);
@@ -142,7 +143,7 @@ DecodedScan DecodeScan(const ScanSource& source, const ScanPreparationOptions& p
     ClusterScan(scan, source.Name(i), preparation, min_points, leaf_size_m,
                 StampsAt(source, begin, i), source.T_vehicle_lidar(i), &decoded);
   } catch (const InputError& error) {
-    Skip(SkipReason::kUnreadable, error.what(), &report);
+    SkipUndecoded(SkipReason::kUnreadable, error.what(), &report);
   }
   return decoded;
 }

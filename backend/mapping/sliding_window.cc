@@ -49,7 +49,7 @@ void DistrustThick(std::vector<Plane>* planes) {
 }
 
 // Leaves are fetched so many clusters ahead.
-constexpr std::size_t kAhead = 8;
+constexpr std::size_t kLeavesAhead = 8;
 // In the place of a path: the cluster is in no leaf.
 constexpr std::uint64_t kNoLeaf = ~std::uint64_t{0};
 
@@ -152,14 +152,14 @@ void SlidingWindow::Push(WindowFrame frame) {
   frame.leaves.assign(frame.in_map.size(), VoxelMap::kNoNode);
   frame.addresses.assign(frame.in_map.size(), {0, kNoLeaf});
   const std::size_t n = frame.in_map.size();
-  for (std::size_t i = 0; i < n + kAhead; ++i) {
+  for (std::size_t i = 0; i < n + kLeavesAhead; ++i) {
     if (i < n && map_->CanHold(frame.in_map[i].mean)) {
       frame.leaves[i] = map_->LeafAt(frame.in_map[i].mean, &frame.addresses[i]);
       map_->Prefetch(frame.leaves[i]);
     }
-    if (i < kAhead || frame.leaves[i - kAhead] == VoxelMap::kNoNode) continue;
-    map_->Hold(frame.leaves[i - kAhead]);
-    map_->AddWindow(frame.leaves[i - kAhead], frame.in_map[i - kAhead], frame.id);
+    if (i < kLeavesAhead || frame.leaves[i - kLeavesAhead] == VoxelMap::kNoNode) continue;
+    map_->Hold(frame.leaves[i - kLeavesAhead]);
+    map_->AddWindow(frame.leaves[i - kLeavesAhead], frame.in_map[i - kLeavesAhead], frame.id);
   }
   frames_.push_back(std::move(frame));
 }

@@ -7,6 +7,7 @@
 
 #include "backend/bundle/uncertainty/pose_covariance.h"
 #include "backend/registration/frame_links.h"
+#include "core/base/angle.h"
 #include "core/base/parallel.h"
 #include "core/base/stopwatch.h"
 #include "core/geometry/central_twist.h"
@@ -138,7 +139,7 @@ bool MovedLess(const std::vector<SE3>& a, const std::vector<SE3>& b, double rota
 bool Settled(const std::vector<SE3>& before, const std::vector<SE3>& after, const FrameLinks& links,
              const RegistrationOptions& options) {
   constexpr double kBetween = 0.1;
-  const double rad = options.min_rotation_change_deg * M_PI / 180.0;
+  const double rad = Radians(options.min_rotation_change_deg);
   const double m = options.min_translation_change_m;
   const FrameLinks::Motion between = links.Between(before, after);
   return MovedLess(before, after, rad, m) ||

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "backend/bundle/block_pattern.h"
+#include "core/base/disjoint_sets.h"
 
 namespace lamina {
 namespace {
@@ -31,14 +32,13 @@ std::vector<int> Groups(const BundleProblem& problem, const Plane& plane,
   };
   for (std::size_t i = 0; i < group.size(); ++i) affected += with_cuts.count(frame(i));
   if (affected < 2) return group;
-  for (std::size_t i = 0; i < group.size(); ++i) group[i] = static_cast<int>(i);
+  DisjointSets joined(group.size());
   for (std::size_t i = 0; i < group.size(); ++i) {
     for (std::size_t k = i + 1; k < group.size(); ++k) {
-      if (group[i] == group[k] || links.IsCut(frame(i), frame(k))) continue;
-      const int from = std::max(group[i], group[k]), to = std::min(group[i], group[k]);
-      std::replace(group.begin(), group.end(), from, to);
+      if (joined.Find(i) != joined.Find(k) && !links.IsCut(frame(i), frame(k))) joined.Join(i, k);
     }
   }
+  for (std::size_t i = 0; i < group.size(); ++i) group[i] = static_cast<int>(joined.Find(i));
   return group;
 }
 

@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "backend/bundle/relative_pose_residual.h"
+#include "core/base/angle.h"
 
 namespace lamina {
 namespace {
@@ -72,7 +73,7 @@ PoseGraphResult SolvePoseGraph(std::size_t poses, const std::vector<PoseGraphEdg
   const auto weight = [&](const PoseGraphEdge& e, double sigma) {
     return std::sqrt(e.weight / mean) / sigma;
   };
-  const double rotation_sigma = options.rotation_sigma_deg * M_PI / 180.0;
+  const double rotation_sigma = Radians(options.rotation_sigma_deg);
   ceres::Problem problem;
   for (SE3& pose : result.poses) {
     problem.AddParameterBlock(pose.q.coeffs().data(), 4, new ceres::EigenQuaternionManifold);

@@ -20,7 +20,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kKept = 2, kMostWaiting = 256;
+constexpr std::size_t kKept = 2, kMostTasksWaiting = 256;
 // Of the map, copied between two scans: a millisecond or two.
 constexpr std::size_t kPieceBytes = 2 << 20;
 
@@ -49,7 +49,7 @@ CheckpointWriting::CheckpointWriting(const SessionFolder& folder, std::string fi
       newest_(loaded),
       backed_up_(SessionBackup::Scans(folder.Path("session.db.backup"))),
       backup_(folder.Path("session.db"), folder.Path("session.db.backup")),
-      housekeeping_(LogFailure, kMostWaiting) {}
+      housekeeping_(LogFailure, kMostTasksWaiting) {}
 
 void CheckpointWriting::AfterScan(std::int64_t scans, int every_scans) {
   // What has gone to disk and come back is written out, and what no checkpoint that is kept needs

@@ -4,13 +4,15 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/angle.h"
+
 namespace lamina {
 namespace {
 
 constexpr double kToleranceDeg = 8.0;
 
 // Every n-th, so that at most `most` are left.
-std::vector<Eigen::Vector3f> Some(const std::vector<LeafPlane>& planes, std::size_t most) {
+std::vector<Eigen::Vector3f> SomeNormals(const std::vector<LeafPlane>& planes, std::size_t most) {
   const std::size_t stride = std::max<std::size_t>(1, (planes.size() + most - 1) / most);
   std::vector<Eigen::Vector3f> normals;
   for (std::size_t i = 0; i < planes.size(); i += stride) normals.push_back(planes[i].normal);
@@ -19,7 +21,7 @@ std::vector<Eigen::Vector3f> Some(const std::vector<LeafPlane>& planes, std::siz
 
 // The principal direction of the normals along `up`.
 Eigen::Vector3f MeanAlong(const std::vector<LeafPlane>& planes, const Eigen::Vector3f& up) {
-  const auto along = static_cast<float>(std::cos(kToleranceDeg * M_PI / 180.0));
+  const auto along = static_cast<float>(std::cos(Radians(kToleranceDeg)));
   Eigen::Matrix3f sum = Eigen::Matrix3f::Zero();
   for (const LeafPlane& plane : planes) {
     if (std::abs(plane.normal.dot(up)) > along) sum += plane.normal * plane.normal.transpose();
@@ -65,14 +67,14 @@ std::vector<Eigen::Vector3f> UprightLeaves(const Submap& submap,
 
 Eigen::Vector3d UpOfPlanes(const std::vector<LeafPlane>& planes, const Eigen::Vector3d& expected,
                            double within_deg) {
-  const auto along = static_cast<float>(std::cos(kToleranceDeg * M_PI / 180.0));
-  const auto across = static_cast<float>(std::sin(kToleranceDeg * M_PI / 180.0));
-  const auto near = static_cast<float>(std::cos(within_deg * M_PI / 180.0));
+  const auto along = static_cast<float>(std::cos(Radians(kToleranceDeg)));
+  const auto across = static_cast<float>(std::sin(Radians(kToleranceDeg)));
+  const auto near = static_cast<float>(std::cos(Radians(within_deg)));
   const Eigen::Vector3f prior = expected.cast<float>();
-  const std::vector<Eigen::Vector3f> normals = Some(planes, 1500);
+  const std::vector<Eigen::Vector3f> normals = SomeNormals(planes, 1500);
   Eigen::Vector3f best = prior;
   float best_score = -1.0F;
-  for (const Eigen::Vector3f& normal : Some(planes, 400)) {
+  for (const Eigen::Vector3f& normal : SomeNormals(planes, 400)) {
     const float cosine = normal.dot(prior);
     if (std::abs(cosine) < near) continue;
     float score = 0.0F;

@@ -13,6 +13,7 @@ namespace {
 
 constexpr int kCells = PlaceImage::kCells, kAngles = PlaceImage::kAngles,
               kRadii = PlaceImage::kRadii;
+
 SE3 LevelFrame(const Submap& submap, const Eigen::Vector3d& up) {
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
   for (const SubmapKeyframe& keyframe : submap.keyframes)

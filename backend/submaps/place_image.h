@@ -56,6 +56,9 @@ struct PlaceImage {
   // kAngles / 2 numbers each, all together of length 1.
   std::vector<std::complex<float>> polar;
 
+  // Of the sensor's way, in the submap's frame.
+  Eigen::Vector3d middle() const { return T_level_submap.Inverse().t; }
+
   void Archive(StateArchive& a);
 };
 template <>

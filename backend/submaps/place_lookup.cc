@@ -12,12 +12,10 @@
 namespace lamina {
 namespace {
 
-constexpr int kCells = PlaceImage::kCells, kAngles = PlaceImage::kAngles,
-              kRadii = PlaceImage::kRadii;
 constexpr int kPeaks = 3;
 
-// Angles (in steps of pi / kAngles) by which the query must be turned to look like the other, best
-// first, and how alike the two are then.
+// Angles (in steps of pi / PlaceImage::kAngles) by which the query must be turned to look like the
+// other, best first, and how alike the two are then.
 struct Likeness {
   std::size_t other = 0;
   float value = 0.0F;
@@ -26,23 +24,26 @@ struct Likeness {
 
 Likeness Compare(const PlaceImage& query, const PlaceImage& other) {
   thread_local Eigen::FFT<float> fft;
-  std::vector<std::complex<float>> product(kAngles), along;
-  constexpr int kHalf = kAngles / 2;
-  for (int r = 0; r < kRadii; ++r) {
+  std::vector<std::complex<float>> product(PlaceImage::kAngles), along;
+  constexpr int kHalf = PlaceImage::kAngles / 2;
+  for (int r = 0; r < PlaceImage::kRadii; ++r) {
     for (int k = 1; k < kHalf; ++k) {
       const auto i = static_cast<std::size_t>(r * kHalf + k);
       product[static_cast<std::size_t>(k)] += other.polar[i] * std::conj(query.polar[i]);
     }
   }
   for (int k = 1; k < kHalf; ++k)
-    product[static_cast<std::size_t>(kAngles - k)] =
+    product[static_cast<std::size_t>(PlaceImage::kAngles - k)] =
         std::conj(product[static_cast<std::size_t>(k)]);
   fft.inv(along, product);
-  std::vector<float> value(kAngles);
-  for (std::size_t a = 0; a < kAngles; ++a) value[a] = kAngles * along[a].real();
+  std::vector<float> value(PlaceImage::kAngles);
+  for (std::size_t a = 0; a < PlaceImage::kAngles; ++a)
+    value[a] = PlaceImage::kAngles * along[a].real();
   Likeness likeness;
-  for (int a = 0; a < kAngles; ++a) {
-    const auto at = [&](int i) { return value[static_cast<std::size_t>((i + kAngles) % kAngles)]; };
+  for (int a = 0; a < PlaceImage::kAngles; ++a) {
+    const auto at = [&](int i) {
+      return value[static_cast<std::size_t>((i + PlaceImage::kAngles) % PlaceImage::kAngles)];
+    };
     if (at(a) > at(a - 1) && at(a) >= at(a + 1)) likeness.angles.push_back(a);
   }
   std::stable_sort(likeness.angles.begin(), likeness.angles.end(), [&](int a, int b) {
@@ -72,23 +73,26 @@ Shift BestShift(const ImageSpectrum& turned, const ImageSpectrum& other) {
   for (std::size_t i = 0; i < product.size(); ++i) product[i] = other[i] * std::conj(turned[i]);
   Transform(&product, true);
   const auto at = [&](int row, int column) {
-    return product[static_cast<std::size_t>(((row + kCells) % kCells) * kCells +
-                                            (column + kCells) % kCells)]
+    return product[static_cast<std::size_t>(((row + PlaceImage::kCells) % PlaceImage::kCells) *
+                                                PlaceImage::kCells +
+                                            (column + PlaceImage::kCells) % PlaceImage::kCells)]
         .real();
   };
   int best = 0;
-  for (int i = 1; i < kCells * kCells; ++i) {
+  for (int i = 1; i < PlaceImage::kCells * PlaceImage::kCells; ++i) {
     if (product[static_cast<std::size_t>(i)].real() >
         product[static_cast<std::size_t>(best)].real())
       best = i;
   }
-  const int row = best / kCells, column = best % kCells;
+  const int row = best / PlaceImage::kCells, column = best % PlaceImage::kCells;
   // The vertex of the parabola through three neighbours.
   const auto between = [](float before, float middle, float after) {
     const float bend = before - 2 * middle + after;
     return bend < 0.0F ? 0.5 * static_cast<double>((before - after) / bend) : 0.0;
   };
-  const auto centred = [](int i) { return i >= kCells / 2 ? i - kCells : i; };
+  const auto centred = [](int i) {
+    return i >= PlaceImage::kCells / 2 ? i - PlaceImage::kCells : i;
+  };
   return {centred(column) + between(at(row, column - 1), at(row, column), at(row, column + 1)),
           centred(row) + between(at(row - 1, column), at(row, column), at(row + 1, column)),
           at(row, column)};
@@ -130,12 +134,12 @@ std::vector<PlaceHypothesis> LookUpPlace(const PlaceImage& query,
   // Turned queries serve several of the others.
   std::map<int, ImageSpectrum> turned;
   for (const Likeness& likeness : alike) {
-    for (const int a : likeness.angles) turned[a], turned[a + kAngles];
+    for (const int a : likeness.angles) turned[a], turned[a + PlaceImage::kAngles];
   }
   std::vector<std::pair<int, ImageSpectrum*>> turns;
   for (auto& [angle, spectrum] : turned) turns.emplace_back(angle, &spectrum);
   ParallelChunks(turns.size(), 1, [&](std::size_t i, std::size_t) {
-    *turns[i].second = TurnedSpectrum(query, M_PI * turns[i].first / kAngles);
+    *turns[i].second = TurnedSpectrum(query, M_PI * turns[i].first / PlaceImage::kAngles);
   });
 
   const float query_norm = Norm(query);
@@ -146,8 +150,8 @@ std::vector<PlaceHypothesis> LookUpPlace(const PlaceImage& query,
     const float norm = query_norm * Norm(other);
     if (!(norm > 0.0F)) return;
     for (const int a : alike[i].angles) {
-      for (const int angle : {a, a + kAngles}) {
-        const double yaw = M_PI * angle / kAngles;
+      for (const int angle : {a, a + PlaceImage::kAngles}) {
+        const double yaw = M_PI * angle / PlaceImage::kAngles;
         const Shift shift = BestShift(turned.at(angle), spectrum);
         SE3 T_level(Eigen::Quaterniond(Eigen::AngleAxisd(yaw, Eigen::Vector3d::UnitZ())),
                     {options.cell_size_m * shift.x, options.cell_size_m * shift.y,

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <utility>
 
+#include "core/base/angle.h"
+
 namespace lamina {
 namespace {
 
@@ -33,7 +35,7 @@ std::unique_ptr<VoxelMap> MapOf(const Submap& submap, VoxelMapOptions options) {
   return map;
 }
 
-std::vector<PointCluster> Some(const std::vector<PointCluster>& clusters, std::size_t most) {
+std::vector<PointCluster> EveryNth(const std::vector<PointCluster>& clusters, std::size_t most) {
   const std::size_t stride = std::max<std::size_t>(1, (clusters.size() + most - 1) / most);
   std::vector<PointCluster> some;
   for (std::size_t i = 0; i < clusters.size(); i += stride) some.push_back(clusters[i]);
@@ -54,7 +56,7 @@ double StructureInCommon(const SubmapQuery& query, const VoxelMap& map, const SE
 PosePrediction Open(const SE3& T) {
   PosePrediction prediction;
   prediction.T_world_lidar = T;
-  const double rotation = kOpenRotationDeg * M_PI / 180.0;
+  const double rotation = Radians(kOpenRotationDeg);
   prediction.covariance.diagonal() << Eigen::Vector3d::Constant(rotation * rotation),
       Eigen::Vector3d::Constant(kOpenTranslationM * kOpenTranslationM);
   return prediction;
@@ -108,13 +110,13 @@ SubmapMatch SubmapRegistration::Register(const SubmapQuery& query, const SubmapT
   SubmapMatch match;
   match.T_other_query = T_target_query;
   if (coarse) {
-    const MatchResult first = coarse_.MatchPose(Some(query.clusters, kCoarseClusters),
+    const MatchResult first = coarse_.MatchPose(EveryNth(query.clusters, kCoarseClusters),
                                                 Open(T_target_query), target.coarse());
     if (first.status == MatchResult::Status::kTooFewMatches) return match;
     match.T_other_query = first.T_world_lidar;
   }
-  const MatchResult second =
-      fine_.Match(Some(query.clusters, kFineClusters), Open(match.T_other_query), target.fine());
+  const MatchResult second = fine_.Match(EveryNth(query.clusters, kFineClusters),
+                                         Open(match.T_other_query), target.fine());
   if (second.status == MatchResult::Status::kTooFewMatches) return match;
   match.converged = true;
   match.T_other_query = second.T_world_lidar;

@@ -23,7 +23,7 @@ VoxelKey ParentOf(VoxelKey key) {
 }
 
 // Which child of its parent a cube is.
-int SlotOf(VoxelKey key) {
+int ChildSlotOf(VoxelKey key) {
   int slot = 0;
   for (const int shift : kShift) {
     slot = slot << kBits | static_cast<int>((key >> shift) & kLast);
@@ -54,7 +54,7 @@ void TileIndex::Touch(const Eigen::Vector3i& tile, std::int64_t change) {
     if (cube.change >= change && (cube.children & child) == child) return;
     cube.children |= child;
     cube.change = std::max(cube.change, change);
-    child_slot = SlotOf(key);
+    child_slot = ChildSlotOf(key);
     key = ParentOf(key);
   }
 }

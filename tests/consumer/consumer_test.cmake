@@ -30,7 +30,7 @@ endif()
 run(${configure} -B ${SCRATCH}/inside -DLAMINA_SOURCE=${LAMINA_SOURCE}
   -DCMAKE_EXPORT_COMPILE_COMMANDS=ON)
 file(READ ${SCRATCH}/inside/compile_commands.json commands)
-foreach(word Werror yaml-cpp SQLite pcl cmake_pch)
+foreach(word Werror yaml-cpp SQLite pcl cmake_pch Unity)
   if(commands MATCHES "${word}")
     message(FATAL_ERROR "as a part of another project: ${word} in\n${commands}")
   endif()

@@ -55,7 +55,7 @@ struct CaseRuns {
 
 void Say(const std::string& what) { fmt::print(stderr, "{}\n", what); }
 
-std::string InFolder(const BenchArguments& arguments, const std::string& name) {
+std::string OutPath(const BenchArguments& arguments, const std::string& name) {
   return (fs::path(arguments.out) / name).string();
 }
 
@@ -78,7 +78,7 @@ std::vector<BenchCase> ChosenCases(const BenchArguments& arguments) {
 
 CaseRuns OpenCase(const BenchArguments& arguments, BenchCase bench_case) {
   CaseRuns runs;
-  PrepareCase(InFolder(arguments, "scans/" + bench_case.name), &bench_case);
+  PrepareCase(OutPath(arguments, "scans/" + bench_case.name), &bench_case);
   const LaminaConfig config = LoadConfig(bench_case.config, bench_case.set);
   runs.source = OpenScans(bench_case.scans, config.scans);
   runs.leaf_size_m = config.map.LeafSize();
@@ -118,7 +118,7 @@ void Count(const BenchArguments& arguments, EventCounter counter, CaseRuns* runs
   const auto count = [&](std::size_t frames) {
     return CountEvents(
         counter,
-        RunArguments(arguments.program, runs->bench_case, 1, frames, InFolder(arguments, "run")),
+        RunArguments(arguments.program, runs->bench_case, 1, frames, OutPath(arguments, "run")),
         arguments.out);
   };
   const EventCounts first = count(half), both = count(all);
@@ -160,7 +160,7 @@ std::string VersionOf(const std::string& lamina, const std::string& log) {
 
 BenchReport Measure(const BenchArguments& arguments) {
   BenchReport report;
-  report.program = VersionOf(arguments.program, InFolder(arguments, "version.txt"));
+  report.program = VersionOf(arguments.program, OutPath(arguments, "version.txt"));
   report.machine = DescribeMachine();
   std::vector<CaseRuns> cases;
   for (BenchCase& bench_case : ChosenCases(arguments)) {
@@ -170,7 +170,7 @@ BenchReport Measure(const BenchArguments& arguments) {
   report.machine["load_before"] = MachineLoad();
   for (int i = 0; i < arguments.repetitions; ++i) {
     Say(fmt::format("run {} of {}", i + 1, arguments.repetitions));
-    for (CaseRuns& runs : cases) Repeat(arguments.program, InFolder(arguments, "run"), &runs);
+    for (CaseRuns& runs : cases) Repeat(arguments.program, OutPath(arguments, "run"), &runs);
     // There and back, so that no case always follows the same one.
     std::reverse(cases.begin(), cases.end());
   }
@@ -205,12 +205,12 @@ int RunScaling(BenchArguments arguments) {
   machine["load_after"] = MachineLoad();
   const std::string page = MachineText(machine) + "\n\n" + ScalingTable(studies);
   const nlohmann::json json = {{"machine", machine}, {"scaling", ToJson(studies)}};
-  WriteTextFile(InFolder(arguments, "scaling.md"), page);
-  WriteTextFile(InFolder(arguments, "scaling.json"), json.dump(1) + "\n");
+  WriteTextFile(OutPath(arguments, "scaling.md"), page);
+  WriteTextFile(OutPath(arguments, "scaling.json"), json.dump(1) + "\n");
   DrawPicture([&](const std::string& path) { return ScalingScript(studies, path); },
-              InFolder(arguments, "scaling.svg"));
-  fmt::print("{}\ntable   {}\nfigures {}\npicture {}\n", page, InFolder(arguments, "scaling.md"),
-             InFolder(arguments, "scaling.json"), InFolder(arguments, "scaling.svg"));
+              OutPath(arguments, "scaling.svg"));
+  fmt::print("{}\ntable   {}\nfigures {}\npicture {}\n", page, OutPath(arguments, "scaling.md"),
+             OutPath(arguments, "scaling.json"), OutPath(arguments, "scaling.svg"));
   return 0;
 }
 
@@ -239,10 +239,10 @@ int RunBench(BenchArguments arguments) {
   if (!arguments.against.empty())
     page += fmt::format("\nAgainst {}; {}\n\n{}", before.program, MachineText(before.machine),
                         AgainstTable(before, report));
-  WriteTextFile(InFolder(arguments, "bench.json"), ToJson(report).dump(1) + "\n");
-  WriteTextFile(InFolder(arguments, "bench.md"), page);
-  fmt::print("{}\ntable   {}\nfigures {}\n", page, InFolder(arguments, "bench.md"),
-             InFolder(arguments, "bench.json"));
+  WriteTextFile(OutPath(arguments, "bench.json"), ToJson(report).dump(1) + "\n");
+  WriteTextFile(OutPath(arguments, "bench.md"), page);
+  fmt::print("{}\ntable   {}\nfigures {}\n", page, OutPath(arguments, "bench.md"),
+             OutPath(arguments, "bench.json"));
   return 0;
 }
 

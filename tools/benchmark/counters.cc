@@ -10,11 +10,10 @@
 #include "tools/benchmark/child.h"
 #include "tools/cli/program_path.h"
 #include "tools/results/piece_poses.h"
+#include "tools/run/command.h"
 
 namespace lamina {
 namespace {
-
-constexpr int kProbablyWrong = 3;  // exit code of a run; its work is counted nevertheless
 
 std::string InFolder(const std::string& folder, const char* name) {
   return (std::filesystem::path(folder) / name).string();
@@ -66,6 +65,7 @@ EventCounts CountEvents(EventCounter counter, const std::vector<std::string>& ar
                         const std::string& scratch) {
   const std::string counts = InFolder(scratch, "counts.txt");
   std::filesystem::remove(counts);
+  // The work of a run that is probably wrong is counted nevertheless.
   RunChildWell(Under(counter, argv, counts), InFolder(scratch, "counts_log.txt"), kProbablyWrong);
   const auto found = Parse(counter, ReadFile(counts));
   if (!found) throw InputError(counts + ": has no counts");

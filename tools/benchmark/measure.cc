@@ -11,13 +11,13 @@
 #include "io/file/file_writer.h"
 #include "io/file/text_input.h"
 #include "tools/results/piece_poses.h"
+#include "tools/run/command.h"
 
 namespace lamina {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kProbablyWrong = 3;  // exit code of a run; its speed is a speed nevertheless
 constexpr double kMegabyte = 1048576.0;
 
 double Number(const nlohmann::json& summary, const char* key) {

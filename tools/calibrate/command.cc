@@ -9,6 +9,7 @@
 #include <string>
 
 #include "config/config.h"
+#include "core/base/angle.h"
 #include "core/base/error.h"
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"
@@ -32,10 +33,9 @@ struct Unknown {
 
 std::array<Unknown, 2> Unknowns(const RecordingCalibration& calibration,
                                 const CalibrationOptions& options) {
-  constexpr double kDeg = 180.0 / M_PI;
   const CalibrationResult& result = calibration.result;
-  return {{{"elevation offset", "vertical_correction_deg", "deg", kDeg * calibration.offsets(0),
-            kDeg * result.sigma(0), options.max_elevation_sigma_deg, result.determined[0]},
+  return {{{"elevation offset", "vertical_correction_deg", "deg", Degrees(calibration.offsets(0)),
+            Degrees(result.sigma(0)), options.max_elevation_sigma_deg, result.determined[0]},
            {"range offset", "range_offset_m", "m", calibration.offsets(1), result.sigma(1),
             options.max_range_sigma_m, result.determined[1]}}};
 }
@@ -52,7 +52,7 @@ std::string DescribePass(const CalibrationPass& pass) {
   return fmt::format(
       "pass {}: {} frames mapped with {:.4f} deg, {:.4f} m ({} lost), planes {:.1f} mm thick "
       "(median of {})\n",
-      pass.pass + 1, pass.frames, pass.offsets(0) * 180.0 / M_PI, pass.offsets(1), pass.lost,
+      pass.pass + 1, pass.frames, Degrees(pass.offsets(0)), pass.offsets(1), pass.lost,
       1e3 * pass.map.median_m, pass.map.planes);
 }
 

@@ -14,7 +14,7 @@
 namespace lamina {
 namespace {
 
-int Campaign(const CampaignArguments& arguments) {
+int RunOnRanks(const CampaignArguments& arguments) {
   const Ranks ranks;
   try {
     return RunCampaign(arguments, ranks);
@@ -50,7 +50,7 @@ void AddCampaignCommand(CLI::App* app, std::function<int()>* run) {
       "`mpirun -n 4 lamina campaign ...` shares the work out over 4 processes, on one machine or\n"
       "many; the results are the same at any number. A campaign that was ended is started again\n"
       "by the same command, and goes on.");
-  command->callback([arguments, run] { *run = [arguments] { return Campaign(*arguments); }; });
+  command->callback([arguments, run] { *run = [arguments] { return RunOnRanks(*arguments); }; });
 }
 
 }  // namespace lamina

@@ -8,6 +8,7 @@
 #include <limits>
 #include <memory>
 
+#include "core/base/angle.h"
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "frontend/pairwise/pairwise_registration.h"
@@ -50,7 +51,7 @@ std::vector<SE3> NoisyPoses(const std::vector<SE3>& truth, const CompareSettings
     Vector6d delta;
     for (int i = 0; i < 6; ++i) {
       const double sigma =
-          i < 3 ? settings.noise_rotation_deg * M_PI / 180.0 : settings.noise_translation_m;
+          i < 3 ? Radians(settings.noise_rotation_deg) : settings.noise_translation_m;
       const auto hash = synth::HashOf({settings.seed, 0x1417, static_cast<std::int64_t>(k), i});
       delta(i) = sigma * static_cast<double>(synth::GaussianFrom(hash));
     }

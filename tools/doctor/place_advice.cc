@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/base/angle.h"
 #include "core/base/median.h"
 #include "tools/doctor/place_words.h"
 #include "tools/results/rules.h"
@@ -15,8 +16,6 @@ namespace {
 
 namespace rules = run_rules;
 
-constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-constexpr double kDegrees = 180.0 / M_PI;
 // With fewer points a scan, voxels of the usual size hold too few of them for planes.
 constexpr double kFewPoints = 6000.0;
 
@@ -52,7 +51,7 @@ void AddMotion(const RunTable& table, const WeakPlace& place, Evidence* evidence
       const SE3 &a = scan.record.T_world_lidar, &b = later->record.T_world_lidar;
       const double dt_s = SecondsBetween(scan.record.stamp_ns, later->record.stamp_ns);
       evidence->step_m = (b.t - a.t).norm();
-      evidence->step_deg = kDegrees * LogSO3(a.q.conjugate() * b.q).norm();
+      evidence->step_deg = Degrees(LogSO3(a.q.conjugate() * b.q).norm());
       if (dt_s > 0.0) evidence->speed_m_s = evidence->step_m / dt_s;
       if (i < place.first) return;
     }

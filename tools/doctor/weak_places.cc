@@ -15,8 +15,6 @@ namespace {
 
 namespace rules = run_rules;
 
-constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-
 // Scans without the symptom that may lie within one place.
 constexpr std::size_t kMergedOver = 5;
 

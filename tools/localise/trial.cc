@@ -13,6 +13,7 @@
 #include "backend/localisation/place_index.h"
 #include "backend/mapping/mapping.h"
 #include "config/config.h"
+#include "core/base/angle.h"
 #include "tools/metrics/trajectory_metrics.h"
 #include "tools/synth/command.h"
 #include "tools/synth/engine/random.h"
@@ -32,7 +33,7 @@ SynthOptions DriveOptions(const std::string& options, int seed, const std::strin
   return ParseSynthOptions(texts);
 }
 
-double RotationDeg(const SE3& a, const SE3& b) { return RotationAngle(a, b) * 180.0 / M_PI; }
+double RotationDeg(const SE3& a, const SE3& b) { return Degrees(RotationAngle(a, b)); }
 
 // A keyframe of the map.
 struct MapPose {
@@ -161,10 +162,9 @@ class Trial {
       window.tilt_deg = random_.Uniform(0.0, 2.0 * place_.tilt_deg);
       const double about = random_.Uniform(0.0, 2.0 * M_PI);
       const Eigen::Vector3d axis(std::cos(about), std::sin(about), 0.0);
-      const double degree = M_PI / 180.0;
       carrier_ = SE3(
-          Eigen::Quaterniond(Eigen::AngleAxisd(window.yaw_deg * degree, Eigen::Vector3d::UnitZ()) *
-                             Eigen::AngleAxisd(window.tilt_deg * degree, axis)),
+          Eigen::Quaterniond(Eigen::AngleAxisd(window.yaw_deg * kDegree, Eigen::Vector3d::UnitZ()) *
+                             Eigen::AngleAxisd(window.tilt_deg * kDegree, axis)),
           Eigen::Vector3d::Zero());
       window_ = &window;
       RunWindow(visit, scans);

@@ -6,12 +6,12 @@
 #include <cstdlib>
 #include <limits>
 
+#include "core/base/angle.h"
 #include "core/base/error.h"
 
 namespace lamina {
 namespace {
 
-constexpr double kDegreesPerRadian = 180.0 / M_PI;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 // (truth_i^-1 truth_j)^-1 (estimate_i^-1 estimate_j): identity where both moved alike.
@@ -21,7 +21,7 @@ SE3 RelativeError(const Trajectory& estimate, const Trajectory& truth, size_t i,
   return truly.Inverse() * moved;
 }
 
-double AngleDeg(const SE3& T) { return LogSO3(T.q).norm() * kDegreesPerRadian; }
+double AngleDeg(const SE3& T) { return Degrees(LogSO3(T.q).norm()); }
 
 // Path length from the start to each pose.
 std::vector<double> Distances(const Trajectory& trajectory) {

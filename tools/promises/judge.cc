@@ -7,6 +7,7 @@
 #include <limits>
 #include <map>
 
+#include "core/base/angle.h"
 #include "tools/metrics/trajectory_metrics.h"
 
 namespace lamina {
@@ -95,7 +96,7 @@ Verdict JudgeTrial(const std::vector<TrialFrame>& frames, const Promise& promise
     for (const std::size_t i : judged) {
       const SE3 error = (fit * frames[i].T_world_lidar).Inverse() * frames[i].T_world_lidar_true;
       verdict.error_m[i] = error.t.norm();
-      verdict.error_deg[i] = error.q.angularDistance(Eigen::Quaterniond::Identity()) * 180.0 / M_PI;
+      verdict.error_deg[i] = Degrees(error.q.angularDistance(Eigen::Quaterniond::Identity()));
       verdict.worst_deg = std::max(verdict.worst_deg, verdict.error_deg[i]);
       if (!(verdict.error_m[i] <= verdict.worst_m)) {
         verdict.worst_m = verdict.error_m[i];

@@ -33,7 +33,7 @@ std::string Bound(const PromiseResults& results) {
   return fmt::format("{:.3f} / {}", Largest(results, worst), results.promise.within_m);
 }
 
-std::string Row(const PromiseResults& results) {
+std::string TableRow(const PromiseResults& results) {
   const Promise& promise = results.promise;
   double cpu_s = 0.0, frames = 0.0;
   for (const SeedResult& trial : results.trials) {
@@ -67,7 +67,7 @@ std::string PromiseTable(const std::vector<PromiseResults>& results) {
       "| scene | kept | worst m / promised | worst deg | lost / promised | degenerate / promised | "
       "pieces | NEES / 6 | error / sigma | CPU ms a frame |\n"
       "|---|---|---|---|---|---|---|---|---|---|\n";
-  for (const PromiseResults& r : results) text += Row(r);
+  for (const PromiseResults& r : results) text += TableRow(r);
   std::string broken;
   for (const PromiseResults& r : results) {
     for (const SeedResult& t : r.trials) {

@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/base/angle.h"
 #include "core/base/error.h"
 #include "io/file/surfel_reader.h"
 #include "io/file/text_input.h"
@@ -36,7 +37,6 @@ using nlohmann::json;
 
 constexpr std::size_t kMostValues = 20000;
 constexpr double kCellM = 8.0;
-constexpr double kDegrees = 180.0 / M_PI;
 // Further from the origin a cell's index would not fit; a surfel is only there by mistake.
 constexpr double kFarthestM = 1e9;
 
@@ -190,7 +190,7 @@ json CompareWithTruth(const ReportSource& source) {
     axis.push_back(timed ? SecondsBetween(pairs.estimate[0].stamp_ns, pairs.estimate[i].stamp_ns)
                          : static_cast<double>(pairs.estimate[i].stamp_ns));
     metres.push_back((aligned.t - truly.t).norm());
-    degrees.push_back(kDegrees * RotationAngle(aligned, truly));
+    degrees.push_back(Degrees(RotationAngle(aligned, truly)));
     shown.push_back({pairs.truth[i].stamp_ns, T.Inverse() * truly});
   }
   const Series series(axis.size());

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/angle.h"
+
 namespace lamina::run_rules {
 namespace {
-
-constexpr double kDegrees = 180.0 / M_PI;
 
 // Of the change of a velocity over dt_s, where two positions that err by `error` may feign one.
 double Acceleration(double change, double dt_s, double error) {
@@ -35,7 +35,7 @@ std::optional<MotionChange> ChangeOfMotion(const StampedPose& first, const Stamp
     return (b.t - a.t) / dt_s;
   };
   const auto turn = [](const SE3& a, const SE3& b, double dt_s) -> Eigen::Vector3d {
-    return kDegrees * LogSO3(a.q.conjugate() * b.q) / dt_s;
+    return LogSO3(a.q.conjugate() * b.q) / (dt_s * kDegree);
   };
   const SE3 &a = first.T_world_lidar, &b = second.T_world_lidar, &c = third.T_world_lidar;
   const double dt_s = 0.5 * (before_s + after_s);

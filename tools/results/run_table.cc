@@ -130,7 +130,6 @@ class TableReader {
 
   void ReadLine(const LineReader& lines) {
     RunScan scan;
-    constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
     scan.record.inlier_share = scan.record.residual_m = scan.record.worst_sigma_m = kUnknown;
     const std::string problem = ReadCells(SplitAtCommas(lines.line()), &scan);
     if (problem.empty()) {
@@ -290,7 +289,7 @@ RunTable ReadRunTable(const std::string& folder) {
 
 double UsualInterval(const RunTable& table, const std::string& sequence) {
   std::vector<double> intervals = IntervalsOf(table, sequence);
-  if (intervals.empty()) return std::numeric_limits<double>::quiet_NaN();
+  if (intervals.empty()) return kUnknown;
   const double share = table.config.scans.T_vehicle_lidar.empty() ? 0.5 : 0.9;
   return Quantile(&intervals, share);
 }

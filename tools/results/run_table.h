@@ -14,6 +14,9 @@
 
 namespace lamina {
 
+// In the place of a figure that is not there.
+inline constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+
 struct RunScan {
   // Figures that the table lacks are 0, or NaN where 0 would mean something: inlier_share,
   // residual_m, worst_sigma_m. `sequence` is the recording and recorded_stamp that of
@@ -21,9 +24,9 @@ struct RunScan {
   SessionScan record;
   bool has_stamp = false, has_pose = false;
   // Length of the way from the first scan of its piece, in metres; NaN where no pose is known.
-  double way_m = std::numeric_limits<double>::quiet_NaN();
+  double way_m = kUnknown;
   // Since the newest stamp of its recording before; NaN if there is none.
-  double interval_s = std::numeric_limits<double>::quiet_NaN();
+  double interval_s = kUnknown;
 };
 
 struct RunTable {

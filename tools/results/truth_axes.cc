@@ -5,6 +5,8 @@
 #include <Eigen/SVD>
 #include <cmath>
 
+#include "core/base/angle.h"
+
 namespace lamina {
 
 std::string DescribeOtherAxes(const ComparedTrajectory& compared) {
@@ -34,7 +36,7 @@ std::string DescribeOtherAxes(const ComparedTrajectory& compared) {
   const Eigen::Matrix3d R = svd.matrixU() * sign.asDiagonal() * svd.matrixV().transpose();
   double left2 = 0.0;
   for (std::size_t i = 0; i < a.size(); ++i) left2 += (b[i] - R * a[i]).squaredNorm();
-  const double turn_deg = Eigen::AngleAxisd(R).angle() * 180.0 / M_PI;
+  const double turn_deg = Degrees(Eigen::AngleAxisd(R).angle());
   if (left2 > kMostLeft * kMostLeft * misfit2 || turn_deg < kLeastTurnDeg) return "";
   constexpr double kAligned = 0.9;
   // A camera looks along z.

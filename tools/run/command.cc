@@ -63,9 +63,6 @@ void WatchMap(const VoxelMap& map, RunFigures* figures, RunProgress* progress) {
       static_cast<double>(map.bytes()) / 1048576.0, map.options().budget_mb));
 }
 
-// Exit code of a run that ended in order with poses that are probably wrong.
-constexpr int kProbablyWrong = 3;
-
 void PrintSummary(const std::string& out, const MappingCounts& counts, const PieceErrors& errors,
                   const RunVerdict& verdict, const nlohmann::json& json) {
   fmt::print("{} frames in {:.1f} s ({:.1f} frames/s, {:.1f} ms CPU a frame), {} surfels\n",

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <filesystem>
 
+#include "core/base/angle.h"
 #include "core/base/error.h"
 #include "core/base/median.h"
 #include "core/base/printable_text.h"
@@ -17,8 +18,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Deskew = ScanPreparationOptions::Deskew;
-
-constexpr double kDegrees = 180.0 / M_PI;
 
 // Runs of elevations with nothing between them, if most of what lies between lowest and highest is
 // empty.
@@ -131,7 +130,7 @@ SensorGuess GuessSensor(const std::vector<ScanPoint>& points) {
     const double flat = std::hypot(p.x, p.y), range = std::hypot(flat, p.z);
     if (!std::isfinite(range) || range < kLeastRangeM) continue;
     ranges.push_back(range);
-    elevations.push_back(kDegrees * std::atan2(p.z, flat));
+    elevations.push_back(Degrees(std::atan2(p.z, flat)));
     const double turn = 0.5 + std::atan2(p.y, p.x) / (2.0 * M_PI);
     seen[std::min<std::size_t>(
         seen.size() - 1, static_cast<std::size_t>(turn * static_cast<double>(seen.size())))] = true;

@@ -15,7 +15,7 @@ namespace {
 
 constexpr double kShare = 0.95;
 
-NeesSummary SummariseGroup(const std::vector<const NeesTrial*>& group) {
+NeesSummary SummaryOf(const std::vector<const NeesTrial*>& group) {
   NeesSummary s;
   s.sweep = group.front()->sweep;
   s.value = group.front()->value;
@@ -110,7 +110,7 @@ std::vector<NeesSummary> SummariseNees(const std::vector<NeesTrial>& trials) {
     groups.back().push_back(&trial);
   }
   std::vector<NeesSummary> summaries;
-  for (const auto& group : groups) summaries.push_back(SummariseGroup(group));
+  for (const auto& group : groups) summaries.push_back(SummaryOf(group));
   return summaries;
 }
 

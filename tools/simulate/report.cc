@@ -37,7 +37,7 @@ double MedianOf(const std::vector<const TrialResult*>& trials, Member member) {
   return Median(std::move(values));
 }
 
-TrialSummary SummariseGroup(const std::vector<const TrialResult*>& trials) {
+TrialSummary SummaryOf(const std::vector<const TrialResult*>& trials) {
   TrialSummary s;
   const TrialResult& first = *trials.front();
   s.formulation = first.formulation;
@@ -116,7 +116,7 @@ std::vector<TrialSummary> SummariseTrials(const std::vector<TrialResult>& result
     }
   }
   std::vector<TrialSummary> summaries;
-  for (const auto& group : groups) summaries.push_back(SummariseGroup(group));
+  for (const auto& group : groups) summaries.push_back(SummaryOf(group));
   return summaries;
 }
 

@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "core/base/angle.h"
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "tools/synth/engine/random.h"
@@ -12,7 +13,6 @@ namespace lamina {
 namespace {
 
 constexpr double kPi = 3.14159265358979323846;
-constexpr double kRadPerDeg = kPi / 180.0;
 
 // What a stream of numbers is for; part of its key.
 enum StreamKind { kPoseStream = 1, kPlaneStream, kSeenStream, kPointStream, kStartStream };
@@ -149,7 +149,7 @@ std::vector<SE3> StartPoses(const SimulationOptions& options, std::uint64_t seed
   for (std::size_t k = 1; k < truth.size(); ++k) {
     Stream stream(seed, kStartStream, k);
     const Eigen::Vector3d axis = stream.Direction(), way = stream.Direction();
-    poses.emplace_back(truth[k].q * ExpSO3(options.start_deg * kRadPerDeg * axis),
+    poses.emplace_back(truth[k].q * ExpSO3(options.start_deg * kDegree * axis),
                        truth[k].t + options.start_m * way);
   }
   return poses;

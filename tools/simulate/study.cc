@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "backend/bundle/plane_geometry.h"
+#include "core/base/angle.h"
 #include "core/base/error.h"
 #include "tools/synth/engine/random.h"
 
@@ -230,9 +231,8 @@ PoseErrors ComparePoses(const std::vector<SE3>& estimate, const std::vector<SE3>
     rotation += angle * angle;
     translation += (estimate[k].t - truth[k].t).squaredNorm();
   }
-  constexpr double kDegPerRad = 180.0 / 3.14159265358979323846;
   const double count = static_cast<double>(truth.size() - 1);
-  return {kDegPerRad * std::sqrt(rotation / count), std::sqrt(translation / count)};
+  return {Degrees(std::sqrt(rotation / count)), std::sqrt(translation / count)};
 }
 
 BundleAdjusterOptions TightOptions(int max_iterations) {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "core/base/angle.h"
 #include "core/base/parallel.h"
 #include "tools/synth/engine/random.h"
 #include "tools/synth/engine/sensor.h"
@@ -15,8 +16,8 @@ namespace lamina {
 namespace {
 
 constexpr int kRays = 1081;
-constexpr double kStep = 0.25 * M_PI / 180.0;
-constexpr double kMaxTilt = 60.0 * M_PI / 180.0;
+constexpr double kStep = Radians(0.25);
+constexpr double kMaxTilt = Radians(60.0);
 constexpr double kMinRange = 0.1, kMaxRange = 30.0, kFarRange = 10.0;
 constexpr StampNs kPeriodNs =
     10'000'000'000;  // a scan takes some seconds, the way to the next more

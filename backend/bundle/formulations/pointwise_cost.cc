@@ -25,7 +25,7 @@ PointCluster MovedPoints(const PointList& points, const Eigen::Matrix3d& R,
   return cluster;
 }
 
-void AddObservation(const FramePassItem& item, const PointList& points, const PlaneFrame& f) {
+void AddPoints(const FramePassItem& item, const PointList& points, const PlaneFrame& f) {
   const Eigen::Vector3d m = item.R.transpose() * f.normal;
   const Eigen::Vector3d m1 = item.R.transpose() * f.u1, m2 = item.R.transpose() * f.u2;
   Matrix6d D = Matrix6d::Zero();
@@ -91,7 +91,7 @@ void PointwiseCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* syst
   LineariseEigenvalueCost(
       problem_, index_, matrices, Frames(matrices),
       [&](const FramePassItem& item, const PlaneFrame& frame) {
-        AddObservation(item, problem_.points[item.observation], frame);
+        AddPoints(item, problem_.points[item.observation], frame);
       },
       system);
 }

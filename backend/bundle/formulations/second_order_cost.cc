@@ -5,7 +5,7 @@
 namespace lamina {
 namespace {
 
-void AddObservation(const FramePassItem& item, const PlaneFrame& f) {
+void AddSecondOrder(const FramePassItem& item, const PlaneFrame& f) {
   const ObservationTerms terms(item, f);
   const double n = item.cluster.count, w = item.plane.weight;
   const double distance = f.normal.dot(terms.x);
@@ -34,7 +34,7 @@ void SecondOrderCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* sy
   const PoseMatrices matrices(poses);
   LineariseEigenvalueCost(
       problem_, index_, matrices, MakePlaneFrames(problem_, matrices),
-      [](const FramePassItem& item, const PlaneFrame& frame) { AddObservation(item, frame); },
+      [](const FramePassItem& item, const PlaneFrame& frame) { AddSecondOrder(item, frame); },
       system);
 }
 

@@ -95,6 +95,9 @@ Eigen::Vector3f NormalAt(const Primitive& primitive, const Eigen::Vector3f& poin
 // ellipsoids that are no spheres, where it is exact to first order in the distance.
 float SurfaceDistance(const Primitive& primitive, const Eigen::Vector3f& point);
 
+// Yaws.
+inline constexpr float kQuarterTurn = 1.57079633F, kHalfTurn = 3.14159265F;
+
 // Collects primitives given in a local frame that stands upright at `position`, turned by `yaw`.
 class ShapeBuilder {
  public:

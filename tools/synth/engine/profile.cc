@@ -3,14 +3,14 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/angle.h"
+
 namespace lamina::synth {
 namespace {
 
-constexpr double kDegree = M_PI / 180.0;
-
-constexpr double kStarting = 3.0;  // m/s^2
-constexpr double kBraking = 8.0;   // m/s^2
-constexpr double kRest = 1.5;      // seconds between braking and starting again
+constexpr double kStarting = 3.0;          // m/s^2
+constexpr double kEmergencyBraking = 8.0;  // m/s^2
+constexpr double kRest = 1.5;              // seconds between braking and starting again
 
 // Way made in t seconds from rest until `speed` is reached, and beyond.
 double WayFromRest(double t, double speed) {
@@ -24,8 +24,8 @@ constexpr StampNs kScanNs = 100000000;
 
 // Way made in t seconds of braking from `speed`, to a stand.
 double WayOfBraking(double t, double speed) {
-  t = std::min(t, speed / kBraking);
-  return speed * t - 0.5 * kBraking * t * t;
+  t = std::min(t, speed / kEmergencyBraking);
+  return speed * t - 0.5 * kEmergencyBraking * t * t;
 }
 
 }  // namespace
@@ -84,7 +84,7 @@ double Profile::DriveTime(double t_s) const {
     return WayFromRest(t_s, speed_m_per_s_) / speed_m_per_s_;
   if (options_.kind != ProfileKind::kBrake || t_s < 0.0) return t_s;
   // A round: cruising, braking, rest, starting.
-  const double braking = speed_m_per_s_ / kBraking;
+  const double braking = speed_m_per_s_ / kEmergencyBraking;
   const double starting = speed_m_per_s_ / kStarting;
   const double round = cruise_s_ + braking + kRest + starting;
   const double moving = cruise_s_ + 0.5 * (braking + starting);  // at full speed as long as this

@@ -160,7 +160,7 @@ constexpr double kNodeStep = 0.25;        // metres between the nodes of the spe
 constexpr double kTableStep = 0.05;       // seconds
 constexpr double kSmoothing = 1.2;        // seconds, width of the averaging window
 constexpr double kAcceleration = 1.6;     // m/s^2
-constexpr double kBraking = 2.0;          // m/s^2
+constexpr double kRouteBraking = 2.0;     // m/s^2
 constexpr double kSidewaysComfort = 2.4;  // m/s^2
 constexpr double kHalt = 3.0;             // seconds
 constexpr double kHaltPlace = 0.37;       // share of the route's period
@@ -202,7 +202,7 @@ RawDrive MakeRawDrive(const Route& route, double cruise) {
   speed[drive.halt] = 0.0;
   // v^2 changes by at most 2 a ds between nodes; twice around, since the profile is periodic.
   const double gain = 2.0 * kAcceleration * drive.node_m;
-  const double loss = 2.0 * kBraking * drive.node_m;
+  const double loss = 2.0 * kRouteBraking * drive.node_m;
   for (std::size_t k = 0; k < 2 * nodes; ++k) {
     const double before = speed[k % nodes];
     double& next = speed[(k + 1) % nodes];

@@ -5,13 +5,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/angle.h"
 #include "core/base/error.h"
 #include "tools/synth/engine/random.h"
 
 namespace lamina::synth {
 namespace {
 
-constexpr double kDegree = M_PI / 180.0;
 constexpr double kHighestDeg = 15.0, kLowestDeg = -25.0;  // spinning, scattered
 
 std::vector<double> EvenlySpaced(double from, double to, int count) {

@@ -2,12 +2,12 @@
 
 #include <cmath>
 
+#include "core/base/angle.h"
 #include "tools/synth/engine/random.h"
 
 namespace lamina::synth {
 namespace {
 
-constexpr double kDegree = M_PI / 180.0;
 constexpr std::size_t kPackets = 75;  // a scan, as of a VLP-16 at 10 Hz
 
 }  // namespace

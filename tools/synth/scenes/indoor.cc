@@ -45,8 +45,6 @@ void FillCorridor(const ShapeBuilder& at) {
   at.Quad(corner + across, along, up, Material::kPlaster);
 }
 
-constexpr float kHalfTurn = 3.14159265F;
-
 void FillRoom(const ShapeBuilder& at, std::int64_t seed) {
   HashStream random(HashOf({seed, 0x700}));
   const float x = kRoomSize.x();

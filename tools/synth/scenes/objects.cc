@@ -9,29 +9,28 @@ namespace {
 using Eigen::Vector3f;
 
 constexpr float kFoundation = 0.6F;  // below the ground, where it slopes
-constexpr float kStorey = 2.9F;
-constexpr float kRecess = 0.18F;  // depth of windows behind the facade
+constexpr float kStoreyHeight = 2.9F;
+constexpr float kWindowRecess = 0.18F;  // depth of windows behind the facade
 constexpr float kSill = 0.9F, kLintel = 2.25F;
-constexpr float kPi = 3.14159265F;
 
 // One storey of the facade: sills, piers and a lintel band in front of the core, glass in between.
 void AddFacadeStorey(const ShapeBuilder& at, float width, int windows, int door, Material wall) {
   const float cell = width / static_cast<float>(windows);
   const float opening = std::min(1.5F, 0.55F * cell);
-  at.Box({0.0F, 0.0F, kLintel}, {width, kRecess, kStorey}, wall);
+  at.Box({0.0F, 0.0F, kLintel}, {width, kWindowRecess, kStoreyHeight}, wall);
   for (int i = 0; i <= windows; ++i) {
     const float middle = static_cast<float>(i) * cell;
     const float half = 0.5F * (cell - opening);
     at.Box({std::max(0.0F, middle - half), 0.0F, 0.0F},
-           {std::min(width, middle + half), kRecess, kLintel}, wall);
+           {std::min(width, middle + half), kWindowRecess, kLintel}, wall);
   }
   for (int i = 0; i < windows; ++i) {
     const float left = (static_cast<float>(i) + 0.5F) * cell - 0.5F * opening;
     const bool is_door = i == door;
     const float bottom = is_door ? 0.0F : kSill;
-    if (!is_door) at.Box({left, 0.0F, 0.0F}, {left + opening, kRecess, kSill}, wall);
-    at.Quad({left, kRecess - 0.02F, bottom}, {opening, 0.0F, 0.0F}, {0.0F, 0.0F, kLintel - bottom},
-            is_door ? Material::kWood : Material::kGlass);
+    if (!is_door) at.Box({left, 0.0F, 0.0F}, {left + opening, kWindowRecess, kSill}, wall);
+    at.Quad({left, kWindowRecess - 0.02F, bottom}, {opening, 0.0F, 0.0F},
+            {0.0F, 0.0F, kLintel - bottom}, is_door ? Material::kWood : Material::kGlass);
     // The ledge, or the step before the door.
     at.Box({left - 0.08F, -0.1F, bottom - 0.06F}, {left + opening + 0.08F, 0.0F, bottom},
            Material::kConcrete);
@@ -87,13 +86,13 @@ Vector3f InBall(HashStream* random) {
 void AddHouse(const ShapeBuilder& at, const HouseSize& size, HashStream* random) {
   static constexpr Material kWalls[] = {Material::kPlaster, Material::kBrick, Material::kConcrete};
   const Material wall = kWalls[random->Index(3)];
-  const float height = kStorey * static_cast<float>(size.floors);
-  at.Box({0.0F, kRecess, -kFoundation}, {size.width, size.depth, height}, wall);
-  at.Box({0.0F, 0.0F, -kFoundation}, {size.width, kRecess, 0.0F}, Material::kConcrete);
+  const float height = kStoreyHeight * static_cast<float>(size.floors);
+  at.Box({0.0F, kWindowRecess, -kFoundation}, {size.width, size.depth, height}, wall);
+  at.Box({0.0F, 0.0F, -kFoundation}, {size.width, kWindowRecess, 0.0F}, Material::kConcrete);
   const int windows = std::max(2, static_cast<int>(size.width / Draw(random, 2.4, 3.4)));
   const int door = random->Index(windows);
   for (int floor = 0; floor < size.floors; ++floor) {
-    const float z = kStorey * static_cast<float>(floor);
+    const float z = kStoreyHeight * static_cast<float>(floor);
     AddFacadeStorey(at.At({0.0F, 0.0F, z}), size.width, windows, floor == 0 ? door : -1, wall);
     if (floor > 0 && random->Chance(0.25)) {
       AddBalcony(at.At({Draw(random, 0.5, 0.4 * size.width), 0.0F, z}), 0.5F * size.width);
@@ -109,7 +108,7 @@ void AddTree(const ShapeBuilder& at, float crown_radius, HashStream* random) {
   at.Tube({0.0F, 0.0F, -kFoundation}, {Draw(random, -0.2, 0.2), Draw(random, -0.2, 0.2), middle},
           trunk, Material::kWood);
   for (int i = 0; i < 5; ++i) {
-    const float angle = Draw(random, 0, 2 * kPi);
+    const float angle = Draw(random, 0, 2 * kHalfTurn);
     const float reach = 0.7F * crown_radius;
     at.Tube({0.0F, 0.0F, Draw(random, 2.0, 2.6)},
             {reach * std::cos(angle), reach * std::sin(angle), middle + Draw(random, -0.4, 0.8)},

@@ -13,13 +13,13 @@ using Eigen::Vector3f;
 constexpr int kStoreys = 6;
 constexpr int kSteps = 9;  // in each flight
 constexpr float kRise = 1.5F / kSteps, kTread = 0.28F;
-constexpr float kStorey = 2.0F * kRise * kSteps;
+constexpr float kStairsStorey = 2.0F * kRise * kSteps;
 constexpr float kLanding = 1.4F;  // along x, at both ends
 constexpr float kFlight = 1.2F;   // width
 constexpr float kEye = 0.2F;      // between the flights
 constexpr float kRun = kSteps * kTread;
-constexpr float kLength = 2.0F * kLanding + kRun;
-constexpr float kWidth = 2.0F * kFlight + kEye;
+constexpr float kStairsLength = 2.0F * kLanding + kRun;
+constexpr float kStairsWidth = 2.0F * kFlight + kEye;
 constexpr float kSlab = 0.18F;
 constexpr float kRail = 0.9F;
 
@@ -38,12 +38,13 @@ void AddFlight(const ShapeBuilder& at) {
 
 // A turned-back flight climbs along -x: its frame starts at the upper end of the lower flight.
 void AddStorey(const ShapeBuilder& at, HashStream* random) {
-  constexpr float kHalfTurn = 3.14159265F;
-  constexpr float kMiddle = 0.5F * kStorey;
+  constexpr float kMiddle = 0.5F * kStairsStorey;
   AddFlight(at.At({kLanding, 0.0F, 0.0F}));
-  at.Box({kLanding + kRun, 0.0F, kMiddle - kSlab}, {kLength, kWidth, kMiddle}, Material::kConcrete);
-  AddFlight(at.At({kLanding + kRun, kWidth, kMiddle}, kHalfTurn));
-  at.Box({0.0F, 0.0F, kStorey - kSlab}, {kLanding, kWidth, kStorey}, Material::kConcrete);
+  at.Box({kLanding + kRun, 0.0F, kMiddle - kSlab}, {kStairsLength, kStairsWidth, kMiddle},
+         Material::kConcrete);
+  AddFlight(at.At({kLanding + kRun, kStairsWidth, kMiddle}, kHalfTurn));
+  at.Box({0.0F, 0.0F, kStairsStorey - kSlab}, {kLanding, kStairsWidth, kStairsStorey},
+         Material::kConcrete);
   // A door frame on the main landing, a window on the middle one, at places of their own.
   const auto shift = static_cast<float>(random->Uniform(0.0, 0.9));
   for (const float y : {0.3F + shift, 1.25F + shift}) {
@@ -51,13 +52,13 @@ void AddStorey(const ShapeBuilder& at, HashStream* random) {
   }
   at.Box({0.0F, 0.3F + shift, 2.1F}, {0.09F, 1.33F + shift, 2.18F}, Material::kWood);
   const auto sill = static_cast<float>(random->Uniform(0.7, 1.1));
-  at.Box({kLength - 0.15F, 0.6F, kMiddle + sill}, {kLength, 2.0F, kMiddle + sill + 0.05F},
-         Material::kPavement);
+  at.Box({kStairsLength - 0.15F, 0.6F, kMiddle + sill},
+         {kStairsLength, 2.0F, kMiddle + sill + 0.05F}, Material::kPavement);
   // Something left on a landing.
   const auto size = static_cast<float>(random->Uniform(0.15, 0.3));
-  const float x = random->Chance(0.5) ? 0.35F : kLength - 0.35F;
+  const float x = random->Chance(0.5) ? 0.35F : kStairsLength - 0.35F;
   const float z = x > kLanding ? kMiddle : 0.0F;
-  at.At({x, kWidth - 0.35F, z}, size)
+  at.At({x, kStairsWidth - 0.35F, z}, size)
       .Box({-size, -size, 0.0F}, {size, size, 3.0F * size}, Material::kWood);
 }
 
@@ -68,8 +69,8 @@ struct Corner {
 };
 
 Corner WalkedTo(double arc) {
-  constexpr double kNear = 0.5 * kLanding, kFar = kLength - 0.5 * kLanding;
-  constexpr double kRight = 0.5 * kFlight, kLeft = kWidth - 0.5 * kFlight;
+  constexpr double kNear = 0.5 * kLanding, kFar = kStairsLength - 0.5 * kLanding;
+  constexpr double kRight = 0.5 * kFlight, kLeft = kStairsWidth - 0.5 * kFlight;
   constexpr double kAlong = kFar - kNear, kAcross = kLeft - kRight;
   constexpr double kHalf = kAlong + kAcross;
   const double half_storeys = std::floor(arc / kHalf);
@@ -80,24 +81,24 @@ Corner WalkedTo(double arc) {
   // A turn of half a circle on each landing.
   const double yaw = M_PI * (half_storeys + across / kAcross);
   const double climbed = std::clamp((along - 0.5 * kLanding) / kRun, 0.0, 1.0);
-  const double z = 0.5 * kStorey * (half_storeys + climbed);
+  const double z = 0.5 * kStairsStorey * (half_storeys + climbed);
   if (back) return {{kFar - along, kLeft - across, z}, yaw};
   return {{kNear + along, kRight + across, z}, yaw};
 }
 
 // The arc length of the whole way up, but for the last landing.
 constexpr double kWayUp =
-    (kStoreys * 2.0 - 1.0) * (kLength - kLanding + kFlight + kEye) + kLength - kLanding;
+    (kStoreys * 2.0 - 1.0) * (kStairsLength - kLanding + kFlight + kEye) + kStairsLength - kLanding;
 
 }  // namespace
 
-Vector3f StairwellSize() { return {kLength, kWidth, kStoreys * kStorey + 2.6F}; }
+Vector3f StairwellSize() { return {kStairsLength, kStairsWidth, kStoreys * kStairsStorey + 2.6F}; }
 
 void FillStairwell(const ShapeBuilder& at, std::int64_t seed) {
   HashStream random(HashOf({seed, 0x57a1}));
   at.Box(Vector3f::Zero(), StairwellSize(), Material::kPlaster);
   for (int storey = 0; storey < kStoreys; ++storey) {
-    AddStorey(at.At({0.0F, 0.0F, kStorey * static_cast<float>(storey)}), &random);
+    AddStorey(at.At({0.0F, 0.0F, kStairsStorey * static_cast<float>(storey)}), &random);
   }
 }
 

@@ -13,21 +13,18 @@ namespace {
 using Eigen::Vector3d;
 using Eigen::Vector3f;
 
-constexpr float kHalfTurn = 3.14159265F;
-constexpr double kTripod = 1.1;  // metres above the floor
-
-constexpr float kDoor = 0.95F, kDoorHeight = 2.05F, kWall = 0.12F, kCeiling = 2.6F;
+constexpr float kDoorWidth = 0.95F, kDoorHeight = 2.05F, kWall = 0.12F, kCeiling = 2.6F;
 
 // Along x from 0 to `length`, on y in [0, kWall], with doors that begin at these places.
 void AddWall(const ShapeBuilder& at, float length, const std::vector<float>& doors) {
   float from = 0.0F;
   for (const float door : doors) {
     at.Box({from, 0.0F, 0.0F}, {door, kWall, kCeiling}, Material::kPlaster);
-    at.Box({door, 0.0F, kDoorHeight}, {door + kDoor, kWall, kCeiling}, Material::kPlaster);
-    for (const float x : {door, door + kDoor - 0.05F}) {
+    at.Box({door, 0.0F, kDoorHeight}, {door + kDoorWidth, kWall, kCeiling}, Material::kPlaster);
+    for (const float x : {door, door + kDoorWidth - 0.05F}) {
       at.Box({x, -0.03F, 0.0F}, {x + 0.05F, kWall + 0.03F, kDoorHeight}, Material::kWood);
     }
-    from = door + kDoor;
+    from = door + kDoorWidth;
   }
   at.Box({from, 0.0F, 0.0F}, {length, kWall, kCeiling}, Material::kPlaster);
 }
@@ -85,7 +82,8 @@ void FillMovable(const ShapeBuilder& at, std::size_t scan, std::int64_t seed) {
   for (const float x : {2.4F, 6.3F, 10.6F}) {
     ++thing;
     at.At({x, kCorridorLow - kWall, 0.0F}, -1.75F + draw(thing, 3, 0.25))
-        .Box({0.0F, -0.02F, 0.02F}, {kDoor - 0.08F, 0.02F, kDoorHeight - 0.03F}, Material::kWood);
+        .Box({0.0F, -0.02F, 0.02F}, {kDoorWidth - 0.08F, 0.02F, kDoorHeight - 0.03F},
+             Material::kWood);
   }
 }
 
@@ -104,7 +102,7 @@ void AddArch(const ShapeBuilder& at, float span) {
   }
 }
 
-void FillHall(const ShapeBuilder& at, HashStream* random) {
+void FillColumnHall(const ShapeBuilder& at, HashStream* random) {
   at.Box(Vector3f::Zero(), {kHallX, kHallY, kHallZ}, Material::kPlaster);
   constexpr float kAisle = 4.2F, kPitch = 4.4F;
   for (float x = 3.0F; x < kHallX; x += kPitch) {
@@ -157,7 +155,7 @@ StationWorld MakeApartment(std::size_t scans, std::int64_t seed) {
 StationWorld MakeHauptgebaeude(std::size_t scans, std::int64_t seed) {
   StationWorld world;
   HashStream random(HashOf({seed, 0x4b9}));
-  FillHall(ShapeBuilder(&world.fixed, Vector3f::Zero(), 0.0F), &random);
+  FillColumnHall(ShapeBuilder(&world.fixed, Vector3f::Zero(), 0.0F), &random);
   const std::vector<Vector3d> way = {{6, 2, 0},   {20, 2.3, 0}, {24, 6, 0},   {27, 9, 0},
                                      {38, 10, 0}, {44, 13, 0},  {50, 14.5, 0}};
   world.T_scene_lidar = StationsAlong(way, scans, 1.2, kTripod, 0.01, seed);

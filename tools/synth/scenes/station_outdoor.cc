@@ -12,9 +12,6 @@ namespace {
 using Eigen::Vector3d;
 using Eigen::Vector3f;
 
-constexpr float kHalfTurn = 3.14159265F;
-constexpr double kTripod = 1.1;
-
 // Waves of ground, the longest `amplitude_m` high, shorter ones in proportion.
 class Slopes {
  public:
@@ -41,7 +38,7 @@ class Slopes {
 };
 
 // Two triangles for each cell of `cell` metres, x and y in [-half, half].
-void AddGround(const Slopes& slopes, float half, float cell, const ShapeBuilder& at) {
+void AddSlopes(const Slopes& slopes, float half, float cell, const ShapeBuilder& at) {
   const int cells = static_cast<int>(2.0F * half / cell);
   const auto point = [&](int i, int j) {
     const float x = cell * static_cast<float>(i) - half;
@@ -144,7 +141,7 @@ void AddPergola(const ShapeBuilder& at, bool summer, HashStream* random) {
 }
 
 // A trunk with some branches; `leaves` leaf clusters in its crown, and those that hang low.
-void AddForestTree(const ShapeBuilder& at, int leaves, HashStream* random) {
+void AddBranchedTree(const ShapeBuilder& at, int leaves, HashStream* random) {
   const float radius = Draw(random, 0.1, 0.28);
   const float height = Draw(random, 7.0, 12.0);
   const Vector3f top(Draw(random, -0.5, 0.5), Draw(random, -0.5, 0.5), height);
@@ -169,7 +166,7 @@ StationWorld MakePlain(std::size_t scans, std::int64_t seed) {
   HashStream random(HashOf({seed, 0x91a1}));
   const Site site{at, slopes, &random};
   const std::vector<Vector3d> way = {{-11, -7, 0}, {-3, -3, 0}, {4, -4, 0}, {10, 2, 0}, {11, 8, 0}};
-  AddGround(slopes, 45.0F, 0.75F, at);
+  AddSlopes(slopes, 45.0F, 0.75F, at);
   for (int i = 0; i < 320; ++i) {
     const float radius = Draw(&random, 0.08, 0.35) * (random.Chance(0.1) ? 3.0F : 1.0F);
     site.Anywhere(40.0F, way, 0.6 + radius)
@@ -190,14 +187,14 @@ StationWorld MakeGazebo(bool summer, std::size_t scans, std::int64_t seed) {
   const Site site{at, slopes, &random};
   const std::vector<Vector3d> way = {{-10, -6, 0}, {-5, -3, 0}, {-2, 0, 0}, {2, 0.3, 0},
                                      {5, 0, 0},    {8, 3, 0},   {6, 6, 0},  {1, 6, 0}};
-  AddGround(slopes, 42.0F, 0.8F, at);
+  AddSlopes(slopes, 42.0F, 0.8F, at);
   AddPergola(at.At({-4.0F, -2.5F, slopes.At(0.0F, 0.0F)}), summer, &random);
   AddGardenWall(site.On(-16.0F, -10.0F), 30.0F, &random);
   AddGardenWall(site.On(15.0F, -9.0F, 0.5F * kHalfTurn), 22.0F, &random);
   AddHedge(site.On(-14.0F, 12.0F), 20.0F, &random);
   AddHouse(site.On(-20.0F, 20.0F), {14.0F, 8.0F, 2}, &random);
   for (int i = 0; i < 9; ++i) {
-    AddForestTree(site.Anywhere(22.0F, way, 5.0), summer ? 240 : 0, &random);
+    AddBranchedTree(site.Anywhere(22.0F, way, 5.0), summer ? 240 : 0, &random);
   }
   for (int i = 0; i < 14; ++i) {
     const ShapeBuilder bush = site.Anywhere(16.0F, way, 2.0);
@@ -215,9 +212,9 @@ StationWorld MakeWood(bool summer, std::size_t scans, std::int64_t seed) {
   HashStream random(HashOf({seed, 0x300d}));
   const Site site{at, slopes, &random};
   const std::vector<Vector3d> way = {{-14, -4, 0}, {-7, -1, 0}, {0, -2, 0}, {7, 2, 0}, {14, 3, 0}};
-  AddGround(slopes, 45.0F, 0.8F, at);
+  AddSlopes(slopes, 45.0F, 0.8F, at);
   for (int i = 0; i < 110; ++i) {
-    AddForestTree(site.Anywhere(38.0F, way, 1.6), summer ? 150 : 12, &random);
+    AddBranchedTree(site.Anywhere(38.0F, way, 1.6), summer ? 150 : 12, &random);
   }
   for (int i = 0; i < (summer ? 220 : 90); ++i) {  // undergrowth
     AddLeaves(site.Anywhere(32.0F, way, 1.2), {0.0F, 0.0F, 0.35F}, 0.4F, summer ? 30 : 10, 0.07F,

@@ -9,6 +9,9 @@
 
 namespace lamina::synth {
 
+// Height of the scanner, metres above the floor.
+inline constexpr double kTripod = 1.1;
+
 struct StationWorld {
   std::vector<Primitive> fixed;
   std::vector<std::vector<Primitive>> moved;  // of each scan

@@ -14,8 +14,6 @@ namespace {
 using Eigen::Vector2f;
 using Eigen::Vector3f;
 
-constexpr float kQuarterTurn = 1.57079633F;
-
 // One of the four sides of a parcel. u runs along the curb, v from the curb into the parcel
 // (v < 0: on the road), both in metres from the side's own corner.
 class Frontage {

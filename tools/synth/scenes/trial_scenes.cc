@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "tools/synth/engine/random.h"
+#include "tools/synth/scenes/indoor.h"
 #include "tools/synth/scenes/objects.h"
 #include "tools/synth/scenes/trial_street.h"
 
@@ -11,7 +12,6 @@ namespace lamina::synth {
 namespace {
 
 constexpr double kSensorOnCar = 1.73;  // above the road, metres
-constexpr double kSensorInHand = 1.4;
 
 using Path = std::shared_ptr<const UprightPath>;
 

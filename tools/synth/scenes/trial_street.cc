@@ -12,8 +12,8 @@ namespace {
 
 using Eigen::Vector3f;
 
-constexpr float kOverlap = 0.01F;  // no gap for rays at the seams of blocks
-constexpr auto kMiddle = static_cast<float>(kTrialMiddle);
+constexpr float kSeamOverlap = 0.01F;  // no gap for rays at the seams of blocks
+constexpr auto kTrialStreetMiddle = static_cast<float>(kTrialMiddle);
 
 // A row of blocks of so many metres along x; `fill` gets the block's number, and a builder in a
 // frame on the middle of the way.
@@ -24,14 +24,14 @@ std::unique_ptr<SceneModel> MakeWay(float block_m, const FillPiece& fill,
   return std::make_unique<RowOfBlocks>(
       Eigen::Vector2d(block_m, 2.0 * kTrialMiddle), extent,
       [fill](std::int64_t block, std::vector<Primitive>* out) {
-        fill(block, ShapeBuilder(out, {0.0F, kMiddle, 0.0F}, 0.0F));
+        fill(block, ShapeBuilder(out, {0.0F, kTrialStreetMiddle, 0.0F}, 0.0F));
       });
 }
 
 // The strip between two lines along x, given as (y, z).
 void AddStrip(const ShapeBuilder& at, float length, const Eigen::Vector2f& from,
               const Eigen::Vector2f& to, Material material) {
-  at.Quad({-kOverlap, from.x(), from.y()}, {length + 2.0F * kOverlap, 0.0F, 0.0F},
+  at.Quad({-kSeamOverlap, from.x(), from.y()}, {length + 2.0F * kSeamOverlap, 0.0F, 0.0F},
           {0.0F, to.x() - from.x(), to.y() - from.y()}, material);
 }
 
@@ -96,7 +96,7 @@ void FillForest(std::int64_t seed, std::int64_t block, const ShapeBuilder& at) {
 }
 
 void FillCarPark(std::int64_t seed, std::int64_t block, const ShapeBuilder& at) {
-  constexpr float kLength = 30.0F, kPlace = 3.0F, kQuarterTurn = 1.57079633F;
+  constexpr float kLength = 30.0F, kPlace = 3.0F;
   AddGround(at, kLength, 25.0F);
   HashStream random(HashOf({seed, 0xca4, block}));
   for (const float y : {-13.0F, 13.0F}) {
@@ -175,8 +175,9 @@ std::unique_ptr<SceneModel> MakeBays(std::int64_t seed) {
 
 std::unique_ptr<SceneModel> MakeField() {
   constexpr float kLength = 100.0F;
-  return MakeWay(kLength,
-                 [](std::int64_t, const ShapeBuilder& at) { AddGround(at, kLength, kMiddle); });
+  return MakeWay(kLength, [](std::int64_t, const ShapeBuilder& at) {
+    AddGround(at, kLength, kTrialStreetMiddle);
+  });
 }
 
 std::unique_ptr<SceneModel> MakeTunnel() {
