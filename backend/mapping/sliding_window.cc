@@ -14,10 +14,6 @@
 namespace lamina {
 namespace {
 
-PointCluster Capped(const PointCluster& cluster, double max_weight) {
-  return cluster.count > max_weight ? cluster.Scaled(max_weight / cluster.count) : cluster;
-}
-
 // A plane that one frame alone sees binds nothing; of more than `most`, those seen by most frames
 // stay.
 void KeepBinding(int most, std::vector<Plane>* planes) {
@@ -140,7 +136,7 @@ void SlidingWindow::UpdateClusters(const SE3& T, WindowFrame* frame) const {
   frame->in_map.resize(frame->deskewed.size());
   ParallelChunks(frame->deskewed.size(), 2048, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      frame->in_map[i] = Capped(frame->deskewed[i], most).Moved(R, T.t);
+      frame->in_map[i] = frame->deskewed[i].Capped(most).Moved(R, T.t);
     }
   });
 }
@@ -249,7 +245,7 @@ BundleProblem SlidingWindow::BuildProblem(Sides sides, std::vector<std::vector<C
             surface.normal.cast<double>().dot(frame.T_world_lidar.t - frame.in_map[i].mean) < 0.0;
       }
       const PointCluster weighted =
-          Capped(frame.deskewed[i], options_.max_cluster_weight).Scaled(frame.weights[i]);
+          frame.deskewed[i].Capped(options_.max_cluster_weight).Scaled(frame.weights[i]);
       const std::int32_t number = builder.Add(plane, from_behind, static_cast<int>(f), weighted);
       if (uses != nullptr) (*uses)[f][i] = {number, weighted.count / frame.deskewed[i].count};
     }

@@ -9,10 +9,6 @@
 namespace lamina {
 namespace {
 
-PointCluster Capped(const PointCluster& cluster, double most) {
-  return cluster.count > most ? cluster.Scaled(most / cluster.count) : cluster;
-}
-
 // Sums by leaf, in the order in which leaves are met.
 class LeafSums {
  public:
@@ -58,8 +54,8 @@ class LeafSums {
   void EndSubmap() {
     for (const std::size_t i : touched_) {
       Sum& sum = sums_[i];
-      sum.part.cluster += Capped(std::exchange(sum.of_submap, {}), max_weight_);
-      sum.part.cluster = Capped(sum.part.cluster, max_weight_);
+      sum.part.cluster += std::exchange(sum.of_submap, {}).Capped(max_weight_);
+      sum.part.cluster = sum.part.cluster.Capped(max_weight_);
       sum.part.frames += std::exchange(sum.frames_of_submap, 0);
     }
     touched_.clear();

@@ -146,8 +146,7 @@ class CastSubmaps {
       plane.weight = 1.0 / (noise_floor_m * noise_floor_m +
                             static_cast<double>(map_.plane(nodes[i]).variance));
       for (PlaneObservation& o : planes[i]) {
-        if (o.cluster.count > options.max_cluster_weight)
-          o.cluster = o.cluster.Scaled(options.max_cluster_weight / o.cluster.count);
+        o.cluster = o.cluster.Capped(options.max_cluster_weight);
         problem.observations.push_back(o);
       }
       problem.planes.push_back(plane);

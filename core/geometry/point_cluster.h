@@ -63,6 +63,9 @@ struct PointCluster {
     return c;
   }
 
+  // Its weight at most `most`.
+  PointCluster Capped(double most) const { return count > most ? Scaled(most / count) : *this; }
+
   // The cluster of the points R p + t. R must be a rotation.
   PointCluster Moved(const Eigen::Matrix3d& R, const Eigen::Vector3d& t) const {
     PointCluster c;

@@ -16,10 +16,6 @@ inline std::uint16_t SaturatingAdd(std::uint16_t a, int b) {
   return static_cast<std::uint16_t>(std::min(kMost, static_cast<int>(a) + b));
 }
 
-void CapWeight(double most, PointCluster* cluster) {
-  if (cluster->count > most) *cluster = cluster->Scaled(most / cluster->count);
-}
-
 // Whether l3 > most_l3 or l3 > most_flatness l2 for certain, from the coefficients of the
 // characteristic polynomial alone: most nodes without a plane are spared the decomposition. With
 //
@@ -222,8 +218,7 @@ void VoxelMap::JoinFixed(NodeId leaf, const PointCluster& cluster) {
   MapLeaf& n = trees_.leaf(leaf);
   PointCluster fixed = n.fixed.Unpacked(centre);
   fixed += cluster;
-  CapWeight(options_.max_fixed_weight, &fixed);
-  n.fixed = PackedCluster::Of(fixed, centre);
+  n.fixed = PackedCluster::Of(fixed.Capped(options_.max_fixed_weight), centre);
 }
 
 void VoxelMap::Hold(NodeId leaf) {

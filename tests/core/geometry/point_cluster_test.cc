@@ -158,6 +158,16 @@ TEST(PointCluster, ScaledClusterActsAsRepeatedPoints) {
   }
 }
 
+TEST(PointCluster, CappedClusterKeepsItsShape) {
+  Draws draws(8);
+  const PointCluster cluster = ClusterOf(draws.Cloud(20, draws.InCube(10.0), 1.0));
+  const PointCluster capped = cluster.Capped(5.0);
+  EXPECT_EQ(capped.count, 5.0);
+  EXPECT_EQ(capped.mean, cluster.mean);
+  EXPECT_LT((capped.Covariance().Dense() - cluster.Covariance().Dense()).norm(), 1e-13);
+  EXPECT_EQ(cluster.Capped(20.0).count, 20.0);
+}
+
 TEST(PointCluster, PlanesStayFlatFarFromTheOrigin) {
   Draws draws(7);
   const Eigen::Vector3d far = 1e5 * Eigen::Vector3d(1.0, -1.0, 0.3);
