@@ -36,4 +36,39 @@ double BlockPattern::Density() const {
   return n > 0.0 ? blocks / (0.5 * n * (n + 1.0)) : 0.0;
 }
 
+Eigen::SparseMatrix<double> BlockPattern::Zeros() const {
+  const auto size = static_cast<Eigen::Index>(6 * frames());
+  Eigen::SparseMatrix<double> H(size, size);
+  Eigen::VectorXi entries(size);
+  for (std::size_t f = 0; f < frames(); ++f) {
+    for (int c = 0; c < 6; ++c) {
+      entries(static_cast<Eigen::Index>(6 * f) + c) = 6 * static_cast<int>(own(f)) + c + 1;
+    }
+  }
+  H.reserve(entries);
+  for (std::size_t f = 0; f < frames(); ++f) {
+    for (int c = 0; c < 6; ++c) {
+      const int column = 6 * static_cast<int>(f) + c;
+      for (std::size_t i = 0; i <= own(f); ++i) {
+        const int rows = i == own(f) ? c + 1 : 6;
+        for (int r = 0; r < rows; ++r) H.insert(6 * partners_[f][i] + r, column) = 0.0;
+      }
+    }
+  }
+  H.makeCompressed();
+  return H;
+}
+
+Matrix6d BlockPattern::Block(std::size_t frame, std::size_t i,
+                             const Eigen::SparseMatrix<double>& H) const {
+  Matrix6d block;
+  for (int c = 0; c < 6; ++c) {
+    for (int r = 0; r < 6; ++r) {
+      const bool below = i == own(frame) && r > c;
+      block(r, c) = H.valuePtr()[below ? Offset(frame, i, c, r, H) : Offset(frame, i, r, c, H)];
+    }
+  }
+  return block;
+}
+
 }  // namespace lamina

@@ -7,31 +7,6 @@ namespace {
 
 constexpr std::size_t kFramesAChunk = 4;
 
-// Zeros where the upper triangle of H has entries, in the order in which they are filled.
-void MakeStructure(const BlockPattern& pattern, std::size_t frames,
-                   Eigen::SparseMatrix<double>* H) {
-  const auto size = static_cast<Eigen::Index>(6 * frames);
-  H->resize(size, size);
-  Eigen::VectorXi entries(size);
-  for (std::size_t f = 0; f < frames; ++f) {
-    for (int c = 0; c < 6; ++c) {
-      entries(static_cast<Eigen::Index>(6 * f) + c) =
-          6 * static_cast<int>(pattern.partners(f).size() - 1) + c + 1;
-    }
-  }
-  H->reserve(entries);
-  for (std::size_t f = 0; f < frames; ++f) {
-    for (int c = 0; c < 6; ++c) {
-      const int column = 6 * static_cast<int>(f) + c;
-      for (const std::int32_t k : pattern.partners(f)) {
-        const int end_row = static_cast<std::size_t>(k) == f ? c + 1 : 6;
-        for (int r = 0; r < end_row; ++r) H->insert(6 * k + r, column) = 0.0;
-      }
-    }
-  }
-  H->makeCompressed();
-}
-
 }  // namespace
 
 void ReducedSystem::FillStrip(const BundleProblem& problem, const BundleIndex& index, std::size_t f,
@@ -73,18 +48,17 @@ void ReducedSystem::Assemble(const BundleProblem& problem, const BundleIndex& in
 void ReducedSystem::Assemble(const BundleProblem& problem, const BundleIndex& index,
                              const BlockPattern& pattern, Eigen::SparseMatrix<double>* H) const {
   const std::size_t frames = diagonal.size();
-  if (H->nonZeros() == 0) MakeStructure(pattern, frames, H);
+  if (H->nonZeros() == 0) *H = pattern.Zeros();
   ParallelChunks(frames, kFramesAChunk, [&](std::size_t begin, std::size_t end) {
     std::vector<double> strip;
     for (std::size_t f = begin; f < end; ++f) {
       FillStrip(problem, index, f, &strip);
       // H is symmetric: column c of frame f above the diagonal is row c of its strip.
-      for (std::size_t c = 0; c < 6; ++c) {
-        double* value = H->valuePtr() + H->outerIndexPtr()[6 * f + c];
-        for (const std::int32_t k : pattern.partners(f)) {
-          const double* block = strip.data() + 36 * k;
-          const std::size_t end_row = static_cast<std::size_t>(k) == f ? c + 1 : 6;
-          for (std::size_t r = 0; r < end_row; ++r) *value++ = block[6 * r + c];
+      for (std::size_t i = 0; i <= pattern.own(f); ++i) {
+        const Eigen::Map<const Matrix6d> block(strip.data() + 36 * pattern.partners(f)[i]);
+        for (int c = 0; c < 6; ++c) {
+          const int end_row = i == pattern.own(f) ? c + 1 : 6;
+          for (int r = 0; r < end_row; ++r) BlockPattern::Entry(f, i, r, c, H) = block(c, r);
         }
       }
     }

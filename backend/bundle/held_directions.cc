@@ -63,24 +63,17 @@ void HeldDirections::TakeOut(const BlockPattern& pattern, Eigen::SparseMatrix<do
   for (const Frame& f : frames_) held[f.frame] = &f;
   for (std::size_t f = 0; f < held.size(); ++f) {
     const std::vector<std::int32_t>& partners = pattern.partners(f);
-    // Column c of frame f holds six rows of each partner, and c + 1 of its own.
-    const auto entry = [&](std::size_t i, int r, int c) -> double& {
-      return H->valuePtr()[H->outerIndexPtr()[6 * f + static_cast<std::size_t>(c)] +
-                           6 * static_cast<int>(i) + r];
-    };
     for (std::size_t i = 0; i < partners.size(); ++i) {
       const Frame* const other = held[static_cast<std::size_t>(partners[i])];
       if (held[f] == nullptr && other == nullptr) continue;
-      const bool own = i + 1 == partners.size();
-      Matrix6d block;
-      for (int c = 0; c < 6; ++c) {
-        for (int r = 0; r < 6; ++r) block(r, c) = own && r > c ? entry(i, c, r) : entry(i, r, c);
-      }
+      const bool own = i == pattern.own(f);
+      Matrix6d block = pattern.Block(f, i, *H);
       if (other != nullptr) block = (other->projector * block).eval();
       if (held[f] != nullptr) block = (block * held[f]->projector).eval();
       if (own) block += largest * held[f]->space * held[f]->space.transpose();
       for (int c = 0; c < 6; ++c) {
-        for (int r = 0; r < (own ? c + 1 : 6); ++r) entry(i, r, c) = block(r, c);
+        const int rows = own ? c + 1 : 6;
+        for (int r = 0; r < rows; ++r) BlockPattern::Entry(f, i, r, c, H) = block(r, c);
       }
     }
   }

@@ -169,10 +169,9 @@ class StepSolver {
     return -x;
   }
 
-  // Entry (r, c), r <= c, of the block of frame f on the diagonal: the last of its column.
+  // Entry (r, c), r <= c, of the block of frame f on the diagonal.
   double& DiagonalEntry(std::size_t f, int r, int c) {
-    return sparse_H_
-        .valuePtr()[sparse_H_.outerIndexPtr()[6 * f + static_cast<std::size_t>(c) + 1] - c - 1 + r];
+    return BlockPattern::Entry(f, pattern_.own(f), r, c, &sparse_H_);
   }
 
   // The damping is added in place and taken back afterwards.

@@ -21,17 +21,9 @@ SymmetricBlocks BlocksOf(const BundleProblem& problem, const std::vector<SE3>& p
   SymmetricBlocks rows;
   for (std::size_t f = 0; f < problem.poses.size(); ++f) {
     rows.columns.push_back(pattern.partners(f));
-    rows.blocks.emplace_back(pattern.partners(f).size(), Matrix6d::Zero());
-    for (int c = 0; c < 6; ++c) {
-      std::size_t block = 0;
-      const auto column = static_cast<int>(6 * f) + c;
-      for (Eigen::SparseMatrix<double>::InnerIterator entry(H, column); entry; ++entry) {
-        while (rows.columns[f][block] < entry.row() / 6) ++block;
-        rows.blocks[f][block](c, entry.row() % 6) = entry.value();
-      }
-    }
-    Matrix6d& diagonal = rows.blocks[f].back();
-    diagonal = Matrix6d(diagonal.selfadjointView<Eigen::Lower>());
+    rows.blocks.emplace_back();
+    for (std::size_t i = 0; i <= pattern.own(f); ++i)
+      rows.blocks[f].push_back(pattern.Block(f, i, H).transpose());
   }
   return rows;
 }
