@@ -4,31 +4,22 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
-#include <map>
 #include <optional>
 #include <set>
 #include <utility>
 
 #include "backend/loops/loop_agreement.h"
-#include "backend/submaps/place_lookup.h"
+#include "backend/loops/piece_submaps.h"
 #include "backend/submaps/submap_pairs.h"
-#include "backend/submaps/submap_place.h"
 #include "core/base/angle.h"
-#include "core/base/parallel.h"
 
 namespace lamina {
 namespace {
 
 // Drift between loops counts so far.
 constexpr double kMostAgreeDeg = 5.0;
-// Way between submaps of different pieces of a part, as far as it matters for drift.
-constexpr double kOtherPieceWayM = 60.0;
-// A piece of fewer submaps looks for itself in later ones, too.
-constexpr std::size_t kFewSubmaps = 3;
 // What a single loop must show.
 constexpr double kSingleOverlap = 0.85, kSingleStructure = 0.7, kSingleFactor = 2.0;
-// Registrations of a submap, times those within a piece: rivals must be seen.
-constexpr std::size_t kRegistrationsFactor = 2;
 // Submaps whose middles are so close under a join have seen the same.
 constexpr double kBesideM = 20.0;
 constexpr std::size_t kBesideEach = 2;
@@ -52,9 +43,13 @@ class PieceJoiner {
   PieceJoiner(const std::vector<MapPiece>& pieces, const LoopOptions& options,
               const VoxelMapOptions& map, const ScanMatcherOptions& matcher,
               const WorkSharing& sharing)
-      : pieces_(pieces), options_(options), map_(map), registration_(matcher), sharing_(sharing) {
+      : pieces_(pieces),
+        options_(options),
+        map_(map),
+        registration_(matcher),
+        sharing_(sharing),
+        submaps_(pieces, options.place) {
     AddPieces();
-    if (pieces_.size() > 1) Describe();
   }
 
   JoinedPieces Join() {
@@ -78,14 +73,14 @@ class PieceJoiner {
 
  private:
   void AddPieces();
-  void Describe();
-  std::vector<SubmapPair> LookUp(std::size_t query) const;
   void FindCandidates();
 
-  std::size_t PartOf(std::size_t submap) const { return result_.part[piece_of_[submap]]; }
-  Eigen::Vector3d Middle(std::size_t submap) const { return images_[submap].middle(); }
-  double WayBetween(std::size_t i, std::size_t j) const {
-    return piece_of_[i] == piece_of_[j] ? std::abs(way_[i] - way_[j]) : kOtherPieceWayM;
+  std::size_t PartOf(std::size_t submap) const { return result_.part[submaps_.piece_of(submap)]; }
+  Eigen::Vector3d Middle(std::size_t submap) const { return submaps_.images()[submap].middle(); }
+  // In the order of the pairs.
+  std::vector<SubmapMatch> Register(const std::vector<SubmapPair>& pairs) const {
+    return RegisterPairs(submaps_.submaps(), submaps_.images(), pairs, registration_, map_,
+                         sharing_);
   }
   // The frame of part b in that of part a, as a loop has it.
   SE3 BetweenParts(const Loop& loop, std::size_t a) const;
@@ -111,28 +106,18 @@ class PieceJoiner {
   const VoxelMapOptions& map_;
   SubmapRegistration registration_;
   const WorkSharing& sharing_;
-  std::vector<const Submap*> submaps_;
-  std::vector<std::size_t> piece_of_;
-  std::vector<double> way_;  // of the sensor in its piece, to the submap's begin
-  std::vector<PlaceImage> images_;
+  PieceSubmaps submaps_;
   std::size_t own_loops_ = 0;
   std::vector<bool> kept_;  // of the graph's loops, by the last solve
   JoinedPieces result_;
 };
 
 void PieceJoiner::AddPieces() {
+  result_.first_submap = submaps_.first();
   for (std::size_t p = 0; p < pieces_.size(); ++p) {
     const MapPiece& piece = pieces_[p];
-    const std::size_t first = submaps_.size();
+    const std::size_t first = submaps_.first()[p];
     result_.part.push_back(p);
-    result_.first_submap.push_back(first);
-    double way = 0.0;
-    for (const Submap& submap : *piece.submaps) {
-      submaps_.push_back(&submap);
-      piece_of_.push_back(p);
-      way_.push_back(way);
-      way += submap.way_m;
-    }
     AnchorGraph& all = result_.graph;
     all.poses.insert(all.poses.end(), piece.graph.poses.begin(), piece.graph.poses.end());
     const auto add = [&](const std::vector<AnchorEdge>& from, std::vector<AnchorEdge>* to) {
@@ -148,56 +133,9 @@ void PieceJoiner::AddPieces() {
   own_loops_ = result_.graph.loops.size();
 }
 
-void PieceJoiner::Describe() {
-  images_.resize(submaps_.size());
-  ParallelChunks(pieces_.size(), 1, [&](std::size_t p, std::size_t) {
-    const std::size_t first = result_.first_submap[p];
-    for (std::size_t i = first; i < first + pieces_[p].submaps->size(); ++i) {
-      // A piece may have been joined of several.
-      const bool follows = i > first && submaps_[i]->id == submaps_[i - 1]->id + 1;
-      images_[i] =
-          ImageOfSubmap(*submaps_[i], LeafPlanes(*submaps_[i]), follows ? submaps_[i - 1] : nullptr,
-                        follows ? &images_[i - 1] : nullptr, options_.place);
-    }
-  });
-}
-
-std::vector<SubmapPair> PieceJoiner::LookUp(std::size_t query) const {
-  const std::size_t piece = piece_of_[query];
-  std::vector<std::size_t> others;
-  std::vector<const PlaceImage*> images;
-  for (std::size_t i = 0; i < submaps_.size(); ++i) {
-    const std::size_t other = piece_of_[i];
-    const bool few =
-        std::min(pieces_[piece].submaps->size(), pieces_[other].submaps->size()) < kFewSubmaps;
-    if (other == piece || (other > piece && !few)) continue;
-    others.push_back(i);
-    images.push_back(&images_[i]);
-  }
-  std::vector<SubmapPair> pairs;
-  if (others.empty()) return pairs;
-  const std::size_t most = kRegistrationsFactor * static_cast<std::size_t>(options_.registrations);
-  for (const PlaceHypothesis& found : LookUpPlace(images_[query], images, options_.place)) {
-    if (pairs.size() == most) break;
-    pairs.push_back({others[found.other], query, found.T_other_query, found.score});
-  }
-  return pairs;
-}
-
 void PieceJoiner::FindCandidates() {
-  std::vector<std::size_t> owner;
-  for (std::size_t query = 0; query < submaps_.size(); ++query)
-    owner.push_back(query % sharing_.parts);
-  const auto found = ShareOut<std::vector<SubmapPair>>(
-      owner, sharing_, [&](const std::vector<std::size_t>& queries) {
-        std::vector<std::vector<SubmapPair>> mine;
-        for (const std::size_t query : queries) mine.push_back(LookUp(query));
-        return mine;
-      });
-  std::vector<SubmapPair> pairs;
-  for (const auto& of_query : found) pairs.insert(pairs.end(), of_query.begin(), of_query.end());
-  const std::vector<SubmapMatch> matches =
-      RegisterPairs(submaps_, images_, pairs, registration_, map_, sharing_);
+  const std::vector<SubmapPair> pairs = submaps_.LookUpAll(options_, sharing_);
+  const std::vector<SubmapMatch> matches = Register(pairs);
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     const Loop loop = LoopOf(pairs[i], matches[i], options_.verification);
     // Two starts that end in one place are one.
@@ -220,8 +158,8 @@ bool PieceJoiner::Agree(const Loop& x, const Loop& y, std::size_t a) const {
   const auto side = [&](const Loop& loop, bool first) {
     return (PartOf(loop.from) == a) == first ? loop.from : loop.to;
   };
-  const double way =
-      WayBetween(side(x, true), side(y, true)) + WayBetween(side(x, false), side(y, false));
+  const double way = submaps_.WayBetween(side(x, true), side(y, true)) +
+                     submaps_.WayBetween(side(x, false), side(y, false));
   const double most_m = std::min(kMostAgreeM, kAgreeM + 0.01 * options_.max_drift_percent * way);
   const double most_deg =
       std::min(kMostAgreeDeg, kAgreeDeg + 0.01 * options_.max_drift_deg_per_100m * way);
@@ -340,8 +278,8 @@ std::vector<SubmapPair> PieceJoiner::Beside(const std::vector<bool>& joins,
     if (loop.status != Loop::Status::kAccepted) continue;
     for (const std::size_t end : {loop.from, loop.to}) {
       for (std::size_t i = 0; i < submaps_.size(); ++i) {
-        if (piece_of_[i] == piece_of_[end])
-          to_loop[i] = std::min(to_loop[i], std::abs(way_[i] - way_[end]));
+        if (submaps_.piece_of(i) == submaps_.piece_of(end))
+          to_loop[i] = std::min(to_loop[i], submaps_.WayBetween(i, end));
       }
     }
   }
@@ -367,12 +305,11 @@ std::vector<SubmapPair> PieceJoiner::Beside(const std::vector<bool>& joins,
 
 // Registers them, and keeps those that agree; what came of it adds to *evidence.
 void PieceJoiner::Compare(const std::vector<SubmapPair>& pairs, Evidence* evidence) {
-  const std::vector<SubmapMatch> matches =
-      RegisterPairs(submaps_, images_, pairs, registration_, map_, sharing_);
+  const std::vector<SubmapMatch> matches = Register(pairs);
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     Loop loop = LoopOf(pairs[i], matches[i], options_.verification);
     if (loop.status == Loop::Status::kWaiting &&
-        IsWhereExpected(loop, pairs[i], images_[loop.to])) {
+        IsWhereExpected(loop, pairs[i], submaps_.images()[loop.to])) {
       loop.status = Loop::Status::kAccepted;
       ++evidence->agreeing;
     } else if (loop.match.converged && loop.match.planes >= options_.verification.min_planes) {
