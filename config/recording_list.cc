@@ -2,14 +2,12 @@
 
 #include <fmt/format.h>
 #include <glob.h>
-#include <yaml-cpp/yaml.h>
 
 #include <filesystem>
-#include <fstream>
 #include <map>
-#include <sstream>
 
-#include "core/base/error.h"
+#include "config/yaml_file.h"
+#include "io/file/text_input.h"
 
 namespace lamina {
 namespace {
@@ -21,16 +19,15 @@ class ListReader {
   explicit ListReader(const std::string& path) : path_(path) {}
 
   std::vector<ListedRecording> Read() {
-    std::ifstream file(path_);
-    std::ostringstream text;
-    text << file.rdbuf();
-    if (!file) throw InputError(fmt::format("{}: cannot be read", path_));
-    YAML::Node root;
-    try {
-      root = YAML::Load(text.str());
-    } catch (const YAML::Exception& error) {
-      throw OptionError(fmt::format("{}:{}: {}", path_, error.mark.line + 1, error.msg));
-    }
+    return UseYaml(path_, ReadFileOrPipe(path_), [&](const YAML::Node& root) {
+      AddAll(root);
+      if (found_.empty()) throw OptionError(fmt::format("{}: lists no recordings", path_));
+      return found_;
+    });
+  }
+
+ private:
+  void AddAll(const YAML::Node& root) {
     if (!root.IsMap()) throw OptionError(fmt::format("{}: must have `recordings:`", path_));
     for (const auto& entry : root) {
       if (entry.first.as<std::string>() != "recordings") {
@@ -40,11 +37,8 @@ class ListReader {
       if (!entry.second.IsSequence()) Refuse(entry.first, "recordings must be a list");
       for (const YAML::Node& recording : entry.second) Add(recording);
     }
-    if (found_.empty()) throw OptionError(fmt::format("{}: lists no recordings", path_));
-    return found_;
   }
 
- private:
   [[noreturn]] void Refuse(const YAML::Node& node, const std::string& why) const {
     throw OptionError(fmt::format("{}:{}: {}", path_, node.Mark().line + 1, why));
   }

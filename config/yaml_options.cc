@@ -1,19 +1,18 @@
 #include "config/yaml_options.h"
 
 #include <fmt/format.h>
-#include <yaml-cpp/yaml.h>
 
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <set>
-#include <sstream>
 
 #include "config/shipped_configs.h"
+#include "config/yaml_file.h"
 #include "core/geometry/se3.h"
 #include "core/options/nearest_name.h"
+#include "io/file/text_input.h"
 
 namespace lamina {
 namespace {
@@ -221,28 +220,17 @@ std::string TextOf(const std::string& path) {
     if (const ShippedConfig* const shipped = FindShippedConfig(path)) return shipped->text;
     throw InputError(UnknownConfig(path));
   }
-  std::ifstream file(path);
-  std::stringstream text;
-  text << file.rdbuf();
-  if (!file || std::filesystem::is_directory(path, ignored)) {
-    throw InputError(fmt::format("cannot read the configuration {}", path));
-  }
-  return text.str();
+  return ReadFileOrPipe(path);
 }
 
 Settings ReadYaml(const std::string& path) {
-  const std::string text = TextOf(path);
-  Settings settings;
-  try {
-    const YAML::Node root = YAML::Load(text);
+  return UseYaml(path, TextOf(path), [&](const YAML::Node& root) {
+    Settings settings;
     if (root.IsNull()) return settings;
     if (!root.IsMap()) throw OptionError(fmt::format("{}:1: must be a map of options", path));
     Flatten(root, "", path, &settings);
-  } catch (const YAML::Exception& error) {
-    throw OptionError(
-        fmt::format("{}:{}: not valid YAML: {}", path, error.mark.line + 1, error.msg));
-  }
-  return settings;
+    return settings;
+  });
 }
 
 // The options as YAML text.

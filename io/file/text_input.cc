@@ -83,6 +83,21 @@ std::string ReadFile(const std::string& path) {
   return bytes;
 }
 
+std::string ReadFileOrPipe(const std::string& path) {
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"),
+                                                             &std::fclose);
+  std::string bytes;
+  char some[1 << 16];
+  std::size_t got = 0;
+  while (file != nullptr && (got = std::fread(some, 1, sizeof(some), file.get())) > 0) {
+    bytes.append(some, got);
+  }
+  if (file == nullptr || std::ferror(file.get()) != 0) {
+    throw InputError(fmt::format("{}: cannot be read: {}", path, std::strerror(errno)));
+  }
+  return bytes;
+}
+
 bool LineReader::Next() {
   while (next_ < text_.size()) {
     const std::size_t end = std::min(text_.find('\n', next_), text_.size());

@@ -34,6 +34,8 @@ class InputFile {
 
 // The whole file.
 std::string ReadFile(const std::string& path);
+// The same of what was named by hand, which may be the end of a pipe as well.
+std::string ReadFileOrPipe(const std::string& path);
 
 // Walks over the lines of a text that mean something: blank lines and lines that start with # are
 // passed over, blanks at both ends (so the CR of CRLF, too) are cut off. `text` must outlive it.

@@ -2,9 +2,11 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <filesystem>
 #include <fstream>
+#include <thread>
 
 #include "config/yaml_options.h"
 #include "tests/support/io_test_files.h"
@@ -186,6 +188,15 @@ TEST_F(Config, PairsOverrideTheFileAndTheFileTheDefaults) {
 TEST_F(Config, EmptyFileIsTheDefaultsAndAMissingOneIsAnInputError) {
   EXPECT_EQ(ToYaml(LoadConfig(Write("empty.yaml", "# nothing\n"), {})), ToYaml(LaminaConfig()));
   EXPECT_THROW(LoadConfig(Path("missing.yaml"), {}), InputError);
+}
+
+TEST_F(Config, MayComeOutOfAPipeButNotOfAFolder) {
+  ASSERT_EQ(mkfifo(Path("pipe").c_str(), 0600), 0);
+  std::thread writer([&] { std::ofstream(Path("pipe")) << "map:\n  depth: 1\n"; });
+  EXPECT_EQ(LoadConfig(Path("pipe"), {}).map.depth, 1);
+  writer.join();
+  EXPECT_THAT(MessageOf<InputError>([&] { LoadConfig(Path(""), {}); }),
+              HasSubstr("cannot be read: Is a directory"));
 }
 
 TEST_F(Config, YamlRoundTripsEveryValue) {

@@ -60,10 +60,13 @@ TEST_F(RecordingListTest, WhatIsWrongIsNamedWithItsLine) {
       {"recordings: a\n", "list.yaml:1: recordings must be a list"},
       {"scans:\n  - a\n", "list.yaml:1: unknown key `scans`"},
       {"- a\n", "must have `recordings:`"},
-      {"recordings:\n  - [a\n", "list.yaml:"},
+      {"recordings:\n  - [a\n", "list.yaml:3: not valid YAML"},
+      {"? [recordings]\n: - a\n", "list.yaml:1: not valid YAML"},
   };
   for (const auto& [text, message] : cases) EXPECT_THAT(Refused(text), HasSubstr(message)) << text;
   EXPECT_THROW(ReadRecordingList(Path("none.yaml")), InputError);
+  EXPECT_THAT(MessageOf<InputError>([&] { ReadRecordingList(Path("")); }),
+              HasSubstr("cannot be read: Is a directory"));
 }
 
 }  // namespace

@@ -2,10 +2,10 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "core/base/error.h"
+#include "io/file/text_input.h"
 #include "io/recording/trajectory_io.h"
 #include "tools/cli/common.h"
 #include "tools/compare/jobs.h"
@@ -38,9 +38,7 @@ void RunTask(const CompareTask& task, const std::function<void(CompareRow)>& on_
 }  // namespace
 
 int RunCompareWorker(const std::string& task_path) {
-  std::ifstream file(task_path);
-  if (!file) throw InputError(task_path + ": cannot be read");
-  const CompareTask task = TaskFromJson(nlohmann::json::parse(file));
+  const CompareTask task = TaskFromJson(nlohmann::json::parse(ReadFile(task_path)));
   const auto one_thread = LimitThreads(1);
   CompareJob left = task.methods;
   const auto on_row = [&](CompareRow row) {

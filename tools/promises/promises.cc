@@ -5,10 +5,10 @@
 #include <algorithm>
 #include <charconv>
 #include <filesystem>
-#include <fstream>
 #include <sstream>
 
 #include "core/base/error.h"
+#include "io/file/text_input.h"
 
 namespace lamina {
 namespace {
@@ -85,8 +85,7 @@ void ReadBound(const Row& row, Promise* promise) {
 }  // namespace
 
 std::vector<Promise> ReadPromises(const std::string& path) {
-  std::ifstream file(path);
-  if (!file) throw InputError(path + ": cannot be read");
+  std::istringstream file(ReadFile(path));
   std::vector<Promise> promises;
   Promise for_all;
   std::string line;
