@@ -4,10 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
-#include "core/base/angle.h"
-#include "core/base/median.h"
+#include "tools/doctor/place_figures.h"
 #include "tools/doctor/place_words.h"
 #include "tools/results/rules.h"
 
@@ -18,67 +16,6 @@ namespace rules = run_rules;
 
 // With fewer points a scan, voxels of the usual size hold too few of them for planes.
 constexpr double kFewPoints = 6000.0;
-
-// What is known of a place beside its own symptom. NaN where nothing is.
-struct Evidence {
-  double interval_s = kUnknown;  // before its first scan
-  double usual_interval_s = kUnknown;
-  double speed_m_s = kUnknown;                    // just before it ...
-  double step_m = kUnknown, step_deg = kUnknown;  // ... and from scan to scan
-  double points = kUnknown, points_before = kUnknown;
-  double overlap = kUnknown, fit = kUnknown;  // medians
-};
-
-// Medians of what a figure is over scans [begin, end) that have it.
-template <typename Figure>
-double MedianOver(const RunTable& table, std::size_t begin, std::size_t end, Figure figure) {
-  std::vector<double> values;
-  for (std::size_t i = begin; i < end; ++i) {
-    const double value = figure(table.scans[i].record);
-    if (std::isfinite(value)) values.push_back(value);
-  }
-  return Median(std::move(values));
-}
-
-// Motion between the two scans with sound poses that come last before the place, or first in it.
-void AddMotion(const RunTable& table, const WeakPlace& place, Evidence* evidence) {
-  const RunScan* later = nullptr;
-  const std::int64_t piece = table.scans[place.first].record.piece;
-  for (std::size_t i = place.last + 1; i-- > 0;) {
-    const RunScan& scan = table.scans[i];
-    if (!scan.has_pose || rules::IsLost(scan.record) || scan.record.piece != piece) continue;
-    if (later != nullptr) {
-      const SE3 &a = scan.record.T_world_lidar, &b = later->record.T_world_lidar;
-      const double dt_s = SecondsBetween(scan.record.stamp_ns, later->record.stamp_ns);
-      evidence->step_m = (b.t - a.t).norm();
-      evidence->step_deg = Degrees(LogSO3(a.q.conjugate() * b.q).norm());
-      if (dt_s > 0.0) evidence->speed_m_s = evidence->step_m / dt_s;
-      if (i < place.first) return;
-    }
-    later = &scan;
-  }
-}
-
-Evidence Gather(const RunTable& table, const WeakPlaces& places, const WeakPlace& place) {
-  constexpr std::size_t kBefore = 20;
-  Evidence evidence;
-  evidence.interval_s = table.scans[place.first].interval_s;
-  evidence.usual_interval_s = places.UsualIntervalAt(place.first);
-  AddMotion(table, place, &evidence);
-  const auto points = [](const SessionScan& scan) {
-    return scan.skipped || scan.points == 0 ? kUnknown : static_cast<double>(scan.points);
-  };
-  const std::size_t before = place.first - std::min(place.first, kBefore);
-  evidence.points = MedianOver(table, place.first, place.last + 1, points);
-  evidence.points_before = MedianOver(table, before, place.first, points);
-  evidence.overlap = MedianOver(table, place.first, place.last + 1, [](const SessionScan& scan) {
-    return scan.skipped || scan.clusters == 0 ? kUnknown : rules::Overlap(scan);
-  });
-  evidence.fit = MedianOver(table, place.first, place.last + 1, [](const SessionScan& scan) {
-    return scan.skipped || scan.matched == 0 ? kUnknown : rules::Fit(scan);
-  });
-  return evidence;
-}
 
 // Rounded up to half of a unit of its own size: 13 becomes 15.
 double RoundUp(double value) {
@@ -95,7 +32,7 @@ class Adviser {
         places_(places),
         place_(place),
         config_(table.config),
-        evidence_(Gather(table, places, place)),
+        figures_(FiguresOf(table, places, place)),
         advice_(advice) {}
 
   void Advise() {
@@ -139,12 +76,12 @@ class Adviser {
     advice_->record = std::move(record);
   }
 
-  bool AfterGap() const { return evidence_.interval_s > config_.frontend.vouched_gap_s; }
-  bool PointsFell() const { return evidence_.points < 0.5 * evidence_.points_before; }
-  bool FewPoints() const { return evidence_.points < kFewPoints; }
-  bool TurnsQuickly() const { return evidence_.step_deg > 0.5 * config_.frontend.search.range_deg; }
-  bool MeetsLittle() const { return evidence_.overlap < config_.frontend.min_overlap; }
-  bool FarApart() const { return evidence_.step_m > config_.map.root_size_m; }
+  bool AfterGap() const { return figures_.interval_s > config_.frontend.vouched_gap_s; }
+  bool PointsFell() const { return figures_.points < 0.5 * figures_.points_before; }
+  bool FewPoints() const { return figures_.points < kFewPoints; }
+  bool TurnsQuickly() const { return figures_.step_deg > 0.5 * config_.frontend.search.range_deg; }
+  bool MeetsLittle() const { return figures_.overlap < config_.frontend.min_overlap; }
+  bool FarApart() const { return figures_.step_m > config_.map.root_size_m; }
 
   std::string LargerVoxels() const {
     constexpr double kFactor = 1.5, kLargest = 6.0;
@@ -166,7 +103,7 @@ class Adviser {
     std::vector<std::string> settings;
     AddSearch(&settings);
     if (AfterGap()) {
-      const double way_m = evidence_.speed_m_s * evidence_.interval_s;
+      const double way_m = figures_.speed_m_s * figures_.interval_s;
       if (1.2 * way_m > search.max_way_m) {
         settings.push_back(
             fmt::format("frontend.search.max_way_m={:.3g}", std::min(200.0, RoundUp(1.5 * way_m))));
@@ -174,7 +111,7 @@ class Adviser {
       return Say(
           fmt::format("{:.1f} s without scans come before it{}: the prediction does not reach "
                       "over that.",
-                      evidence_.interval_s,
+                      figures_.interval_s,
                       std::isfinite(way_m)
                           ? fmt::format(", in which the sensor went on by about {:.0f} m", way_m)
                           : ""),
@@ -184,7 +121,7 @@ class Adviser {
       return Say(
           fmt::format("usable points fall from {:.0f} to {:.0f} a scan: something covers the "
                       "view (spray, dust, a vehicle beside, a person), or packets are missing.",
-                      evidence_.points_before, evidence_.points),
+                      figures_.points_before, figures_.points),
           settings,
           "Look at these scans; keep the view free. If the vehicle itself is in it, raise "
           "preparation.min_range_m to just above it.");
@@ -192,15 +129,15 @@ class Adviser {
     if (TurnsQuickly()) {
       settings.push_back(WiderTurns());
       return Say(
-          fmt::format("the sensor turns by {:.1f}° from one scan to the next.", evidence_.step_deg),
+          fmt::format("the sensor turns by {:.1f}° from one scan to the next.", figures_.step_deg),
           settings, "Turn more slowly, or record more scans a second.");
     }
-    if (MeetsLittle() || (evidence_.overlap < 0.5 && evidence_.fit > rules::kFit.doubtful)) {
+    if (MeetsLittle() || (figures_.overlap < 0.5 && figures_.fit > rules::kFit.doubtful)) {
       return Say(
           fmt::format("only {:.0f} % of a scan meets planes of the map: the view is narrow, a "
                       "door or a corner was passed, or nothing lies within preparation."
                       "max_range_m={:g}.",
-                      100.0 * evidence_.overlap, config_.preparation.max_range_m),
+                      100.0 * figures_.overlap, config_.preparation.max_range_m),
           settings,
           "Let scans that follow one another share half of what they see: go round corners "
           "slowly, and look back.");
@@ -216,7 +153,7 @@ class Adviser {
     if (AfterGap()) {
       return Say(fmt::format("{:.1f} s without scans come before it, and where they go on nothing "
                              "could be matched to the map.",
-                             evidence_.interval_s),
+                             figures_.interval_s),
                  {}, "Record without a pause, or come back to a place that is in the map already.");
     }
     Say(fmt::format("the sensor stayed lost for {} scans (backend.restart_after_lost_frames), and "
@@ -230,18 +167,18 @@ class Adviser {
   void OfUnconverged() {
     if (FarApart()) {
       return Say(fmt::format("scans are {:.1f} m apart, more than a voxel of {:.2g} m.",
-                             evidence_.step_m, config_.map.root_size_m),
+                             figures_.step_m, config_.map.root_size_m),
                  {LargerVoxels()}, "Record more scans a second, or drive more slowly.");
     }
     if (FewPoints()) {
       return Say(
-          fmt::format("a scan has {:.0f} usable points: too few for planes.", evidence_.points),
+          fmt::format("a scan has {:.0f} usable points: too few for planes.", figures_.points),
           {LargerVoxels(), "map.min_points=5"}, "");
     }
     if (TurnsQuickly()) {
       return Say(fmt::format("the sensor turns by {:.1f}° from one scan to the next, and the "
                              "prediction is far off.",
-                             evidence_.step_deg),
+                             figures_.step_deg),
                  {"frontend.deskew_passes=3", WiderTurns()}, "Turn more slowly.");
     }
     Say("the match creeps or swings: places look alike, the scans are out of order, or they are "
@@ -255,7 +192,7 @@ class Adviser {
   // Whether a stamp within the place is not where the ones around make it belong.
   bool StampsStray() const {
     for (std::size_t i = place_.first; i < std::min(place_.last + 2, table_.scans.size()); ++i) {
-      const double share = table_.scans[i].interval_s / evidence_.usual_interval_s;
+      const double share = table_.scans[i].interval_s / figures_.usual_interval_s;
       if (share > rules::kGapPeriods || share < 1.0 / rules::kGapPeriods) return true;
     }
     return false;
@@ -271,7 +208,7 @@ class Adviser {
     if (FewPoints()) {
       return Say(fmt::format("with {:.0f} usable points a scan the match slips from one hold to "
                              "another.",
-                             evidence_.points),
+                             figures_.points),
                  {LargerVoxels()}, "");
     }
     Say("the match slipped: what moves pulled the pose along, or places look alike.",
@@ -283,7 +220,7 @@ class Adviser {
     const double limit_m = config_.frontend.matcher.max_direction_sigma_m;
     if (FewPoints()) {
       return Say(fmt::format("with {:.0f} usable points a scan, too little faces that direction.",
-                             evidence_.points),
+                             figures_.points),
                  {LargerVoxels()}, "");
     }
     std::vector<std::string> settings;
@@ -303,17 +240,17 @@ class Adviser {
     if (!MeetsLittle()) return OfBlur();
     if (FarApart()) {
       return Say(fmt::format("scans are {:.1f} m apart: little of one is seen by the next.",
-                             evidence_.step_m),
+                             figures_.step_m),
                  {LargerVoxels()}, "Record more scans a second, or drive more slowly.");
     }
     if (FewPoints()) {
-      return Say(fmt::format("a scan has {:.0f} usable points: few voxels hold a plane.",
-                             evidence_.points),
-                 {LargerVoxels(), "map.min_points=5"}, "");
+      return Say(
+          fmt::format("a scan has {:.0f} usable points: few voxels hold a plane.", figures_.points),
+          {LargerVoxels(), "map.min_points=5"}, "");
     }
     Say(fmt::format("only {:.0f} % of a scan meets planes of the map: foliage and clutter, or "
                     "surroundings that were not seen before.",
-                    100.0 * evidence_.overlap),
+                    100.0 * figures_.overlap),
         {LargerVoxels(), fmt::format("map.depth={}", std::min(4, config_.map.depth + 1))}, "");
   }
 
@@ -330,7 +267,7 @@ class Adviser {
       return Say(
           fmt::format("the sensor turns by {:.1f}° within a scan, and the motion within it is "
                       "not even.",
-                      evidence_.step_deg),
+                      figures_.step_deg),
           {"frontend.deskew_passes=3"}, "Turn more slowly.");
     }
     Say("much moves there, the sensor's angles are badly known, or the map has two copies of one "
@@ -396,7 +333,7 @@ class Adviser {
   const WeakPlaces& places_;
   const WeakPlace& place_;
   const LaminaConfig& config_;
-  const Evidence evidence_;
+  const PlaceFigures figures_;
   PlaceAdvice* advice_;
 };
 
