@@ -11,12 +11,11 @@
 
 #include "core/base/error.h"
 #include "tools/cli/common.h"
-#include "tools/results/piece_trajectories.h"
 #include "tools/results/process_report.h"
-#include "tools/results/submap_file.h"
 #include "tools/watch/continued.h"
 #include "tools/watch/log.h"
 #include "tools/watch/service_notify.h"
+#include "tools/watch/session_results.h"
 
 namespace lamina {
 namespace {
@@ -42,21 +41,6 @@ SystemClock::time_point LastChange(const std::string& path) {
 
 // Scans of a recording in one file are decoded for their stamps, too: so many stay unpacked.
 constexpr std::size_t kBatchOfRecording = 8;
-
-void LogLook(const PlaceReport& report) {
-  if (!report.found) {
-    if (report.reason.empty()) return;
-    spdlog::info("scan {}: piece {} is not found in the map yet: {}", report.scan, report.piece,
-                 report.reason);
-    return;
-  }
-  const SE3& T = report.found->T_piece_own;
-  spdlog::info(
-      "scan {}: found in piece {} of the map: piece {} begins there at {:.3f} {:.3f} {:.3f}, "
-      "quaternion {:.6f} {:.6f} {:.6f} {:.6f}",
-      report.scan, report.found->piece, report.piece, T.t.x(), T.t.y(), T.t.z(), T.q.x(), T.q.y(),
-      T.q.z(), T.q.w());
-}
 
 LivePose LivePoseOf(const FinalPose& pose) {
   return {static_cast<std::int64_t>(pose.scan), pose.pose.stamp_ns, pose.pose.T_world_lidar,
@@ -394,34 +378,11 @@ void WatchDaemon::Reload() {
 }
 
 void WatchDaemon::WriteOutputs() {
-  const fs::path folder = setup_.session;
-  FrameTable table((folder / "frames.csv").string(), setup_.config.frontend.matcher.max_iterations);
-  session_->database().ForEach(0, session_->next_scan(),
-                               [&](const SessionScan& row) { table.Append(row); });
-  table.Commit();
-  WritePieceTrajectories(setup_.session, table.pieces(),
-                         [&](const FinalPoses::Visit& visit) { session_->ForEachPose(visit); });
-  if (const PieceLoops* const loops = session_->mapping().loops(); loops != nullptr)
-    WriteSubmaps((folder / kSubmapFileName).string(), FramesOf(loops->pieces()));
   RunFigures figures;
-  const VoxelMap& map = session_->mapping().map();
-  figures.map_surfels = WriteMap(
-      setup_.session, map,
-      LeastSurfelFrames(setup_.config.backend.min_surfel_frames, session_->mapping().counts()));
   figures.wall_s = 1e-3 * Milliseconds(SteadyClock::now() - start_);
   figures.cpu_s = ProcessCpuSeconds();
   figures.map_peak_bytes = map_peak_bytes_;
-  figures.map_over_budget = map.over_budget();
-  nlohmann::json summary = Summarise(session_->mapping().counts(), map, figures);
-  summary["pieces"] = ToJson(table.pieces());
-  const RunVerdict verdict = table.Judge();
-  summary["verdict"] = ToJson(verdict);
-  summary["late_files"] = late_;
-  summary["stored_voxels"] = session_->stored_roots();
-  WriteTextFile((folder / "summary.json").string(), SummaryText(summary));
-  spdlog::info("verdict: {}", ToString(verdict));
-  spdlog::info("{} frames mapped in all; trajectory, map and figures are in {}",
-               session_->mapping().counts().frames, setup_.session);
+  WriteSessionResults(setup_.session, setup_.config, figures, late_, session_.get());
 }
 
 }  // namespace lamina

@@ -46,4 +46,19 @@ void SetUpWatchLog(const LogOptions& options, const std::string& session) {
   }
 }
 
+void LogLook(const PlaceReport& report) {
+  if (!report.found) {
+    if (report.reason.empty()) return;
+    spdlog::info("scan {}: piece {} is not found in the map yet: {}", report.scan, report.piece,
+                 report.reason);
+    return;
+  }
+  const SE3& T = report.found->T_piece_own;
+  spdlog::info(
+      "scan {}: found in piece {} of the map: piece {} begins there at {:.3f} {:.3f} {:.3f}, "
+      "quaternion {:.6f} {:.6f} {:.6f} {:.6f}",
+      report.scan, report.found->piece, report.piece, T.t.x(), T.t.y(), T.t.z(), T.q.x(), T.q.y(),
+      T.q.z(), T.q.w());
+}
+
 }  // namespace lamina

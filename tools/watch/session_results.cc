@@ -1,0 +1,42 @@
+#include "tools/watch/session_results.h"
+
+#include <spdlog/spdlog.h>
+
+#include <filesystem>
+
+#include "tools/cli/common.h"
+#include "tools/results/piece_trajectories.h"
+#include "tools/results/submap_file.h"
+
+namespace lamina {
+
+void WriteSessionResults(const std::string& folder, const LaminaConfig& config, RunFigures figures,
+                         std::size_t late_files, Session* session) {
+  const auto path = [&](const char* name) {
+    return (std::filesystem::path(folder) / name).string();
+  };
+  const Mapping& mapping = session->mapping();
+  FrameTable table(path("frames.csv"), config.frontend.matcher.max_iterations);
+  session->database().ForEach(0, session->next_scan(),
+                              [&](const SessionScan& row) { table.Append(row); });
+  table.Commit();
+  WritePieceTrajectories(folder, table.pieces(),
+                         [&](const FinalPoses::Visit& visit) { session->ForEachPose(visit); });
+  if (const PieceLoops* const loops = mapping.loops(); loops != nullptr)
+    WriteSubmaps(path(kSubmapFileName), FramesOf(loops->pieces()));
+  figures.map_surfels = WriteMap(
+      folder, mapping.map(), LeastSurfelFrames(config.backend.min_surfel_frames, mapping.counts()));
+  figures.map_over_budget = mapping.map().over_budget();
+  nlohmann::json summary = Summarise(mapping.counts(), mapping.map(), figures);
+  summary["pieces"] = ToJson(table.pieces());
+  const RunVerdict verdict = table.Judge();
+  summary["verdict"] = ToJson(verdict);
+  summary["late_files"] = late_files;
+  summary["stored_voxels"] = session->stored_roots();
+  WriteTextFile(path("summary.json"), SummaryText(summary));
+  spdlog::info("verdict: {}", ToString(verdict));
+  spdlog::info("{} frames mapped in all; trajectory, map and figures are in {}",
+               mapping.counts().frames, folder);
+}
+
+}  // namespace lamina

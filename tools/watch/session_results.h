@@ -1,0 +1,17 @@
+// What a session in a folder leaves for people and other commands: trajectories, frames.csv, the
+// map, submaps, summary.json.
+//
+// Private to tools/watch.
+#pragma once
+
+#include "backend/session/session.h"
+#include "config/config.h"
+#include "tools/results/process_report.h"
+
+namespace lamina {
+
+// `session` is finished; `figures` as far as the process alone knows them. Throws OutputError.
+void WriteSessionResults(const std::string& folder, const LaminaConfig& config, RunFigures figures,
+                         std::size_t late_files, Session* session);
+
+}  // namespace lamina
