@@ -5,6 +5,7 @@
 
 #include "core/map/voxel_key.h"
 #include "frontend/degeneracy.h"
+#include "frontend/line_of_sight.h"
 #include "frontend/map_residuals.h"
 #include "frontend/plane_score.h"
 
@@ -60,7 +61,8 @@ DirectionProfile::Loss DirectionProfile::LossAt(const std::vector<PointCluster>&
     const auto slot = static_cast<std::size_t>(index.FindOrInsert(
         VoxelKeyOf(cluster.mean, 1.0 / kProfileBlockM), static_cast<std::int32_t>(blocks.size())));
     if (slot == blocks.size()) blocks.emplace_back();
-    const double weight = counting * std::min(cluster.count, kMostPoints) / variance;
+    const double weight = SightWeight(*surface, normal_lidar, cluster.mean) * counting *
+                          std::min(cluster.count, kMostPoints) / variance;
     blocks[slot].weight += weight;
     blocks[slot].loss += weight * (e2 / (1.0 + e2) - 0.5);
   }

@@ -10,20 +10,10 @@
 #include "core/base/parallel.h"
 #include "core/geometry/robust_kernel.h"
 #include "core/map/voxel_key.h"
+#include "frontend/line_of_sight.h"
 #include "frontend/scan_matcher.h"
 
 namespace lamina {
-namespace {
-
-// The arc that one ring of a sweep draws across a corner looks like a plane, too, and moves along
-// with the sensor. Such a plane holds the lines of sight to its points.
-bool AlongSight(const Eigen::Vector3d& normal_lidar, const Eigen::Vector3d& mu) {
-  constexpr double kSine = 0.2;
-  const double along = normal_lidar.dot(mu);
-  return along * along < kSine * kSine * mu.squaredNorm();
-}
-
-}  // namespace
 
 NormalEquations& NormalEquations::operator+=(const NormalEquations& o) {
   H += o.H;
@@ -233,7 +223,9 @@ void MapResiduals::AddPlane(const PointCluster& cluster, const Eigen::Matrix3d& 
   const double robust = GemanMcClureWeight(distance2 / (variance * kernel_sigma * kernel_sigma));
   row.young = surface.frames < options_.young_frames && AlongSight(row.normal_lidar, cluster.mean);
   const double doubt = row.young ? options_.young_sigma_m * options_.young_sigma_m : 0.0;
-  row.w = robust * std::min(cluster.count, options_.max_cluster_weight) / (variance + doubt);
+  const double sight = SightWeight(surface, row.normal_lidar, cluster.mean);
+  row.w =
+      sight * robust * std::min(cluster.count, options_.max_cluster_weight) / (variance + doubt);
   const double breadth2 = static_cast<double>(surface.variance / surface.flatness);
   row.normal_error2 = NormalError2(static_cast<double>(surface.variance), breadth2, beam2_);
   AddRow(row, cluster.mean, sum);

@@ -7,6 +7,7 @@
 #include "core/geometry/robust_kernel.h"
 #include "core/geometry/se3.h"
 #include "core/map/voxel_map.h"
+#include "frontend/line_of_sight.h"
 
 namespace lamina {
 
@@ -18,7 +19,8 @@ inline const Surface* PlaneAt(const VoxelMap& map, const Eigen::Vector3d& p) {
   return &map.plane(id);
 }
 
-// GemanMcClureWeight((distance / scale_m)^2) of a cluster's mean and the plane around it.
+// GemanMcClureWeight((distance / scale_m)^2) of a cluster's mean and the plane around it, times
+// SightWeight: a plane that the sensor could not have seen from there speaks against the pose.
 class PlaneScore {
  public:
   static constexpr double kNone = -1.0;
@@ -29,13 +31,15 @@ class PlaneScore {
         map_(map),
         inverse2_(1.0 / (scale_m * scale_m)) {}
 
-  // In (0, 1]; kNone where there is no plane.
+  // In [0, 1]; kNone where there is no plane.
   double Of(const PointCluster& cluster) const {
     const Eigen::Vector3d p = R_ * cluster.mean + t_;
     const Surface* surface = PlaneAt(map_, p);
     if (surface == nullptr) return kNone;
-    const double distance = surface->normal.cast<double>().dot(p - surface->mean);
-    return GemanMcClureWeight(distance * distance * inverse2_);
+    const Eigen::Vector3d normal = surface->normal.cast<double>();
+    const double distance = normal.dot(p - surface->mean);
+    return SightWeight(*surface, normal, p - t_) *
+           GemanMcClureWeight(distance * distance * inverse2_);
   }
 
  private:

@@ -8,8 +8,8 @@
 // is its distance in standard deviations: a cluster that is not flat along the plane it meets
 // (a bush before a wall) weighs little by itself. The cost is
 //
-//     sum_k  min(n_k, max_cluster_weight) rho(e_k),    rho of core/geometry/robust_kernel.h, its
-//     scale graduated from wide to narrow,
+//     sum_k  c_k min(n_k, max_cluster_weight) rho(e_k),    rho of core/geometry/robust_kernel.h,
+//     its scale graduated from wide to narrow, c_k in [0, 1] of frontend/line_of_sight.h,
 //
 // minimised by Gauss-Newton over the tangent [rotation; translation] of core/geometry/se3.h. Where
 // planes leave a direction open, rough leaves join with all three directions of their distribution

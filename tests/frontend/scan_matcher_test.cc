@@ -62,6 +62,52 @@ TEST(ScanMatcher, RecoversThePoseInACornerOfThreePlanes) {
   }
 }
 
+// Points of foliage along straight strokes of a scan pattern: each in the sheet that its stroke
+// sweeps, at any depth. In the LiDAR frame.
+Points StrokesThroughFoliage(int strokes, int per_stroke, Draws* draws) {
+  Draws pattern(5);  // which is the same in every scan
+  Points points;
+  for (int i = 0; i < strokes; ++i) {
+    const Eigen::Vector3d from = pattern.Direction(), to = pattern.Direction();
+    for (int k = 0; k < per_stroke; ++k) {
+      const Eigen::Vector3d along = from + draws->Uniform(0.0, 1.0) * (to - from);
+      points.push_back(draws->Uniform(2.0, 4.5) * along.normalized() +
+                       Eigen::Vector3d(draws->Normal(0.005), draws->Normal(0.005),
+                                       draws->Normal(0.005)));
+    }
+  }
+  return points;
+}
+
+TEST(ScanMatcher, SheetsOfABeamThatMoveAlongWithTheSensorDoNotHoldIt) {
+  // A sensor stood for ten scans between three walls and foliage, and moves on by 0.3 m: the sheets
+  // say that it still stands, with ten times the points of the walls.
+  constexpr int kStrokes = 40, kPerStroke = 400;
+  Stage stage(World::Corner(), 7);
+  for (std::int64_t frame = 5; frame < 15; ++frame) {
+    const Points sheets = StrokesThroughFoliage(kStrokes, kPerStroke, &stage.draws);
+    for (const PointCluster& c : Untimed(ScanFrom(SE3(), sheets, stage.map.options().LeafSize())))
+      stage.map.AddWindow(stage.map.LeafAt(c.mean), c, frame);
+  }
+  stage.map.Refresh();
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  for (const Eigen::Vector3d& way : {Eigen::Vector3d(0.3, 0.0, 0.0), Eigen::Vector3d(0.0, 0.3, 0.0),
+                                     Eigen::Vector3d(-0.2, -0.2, 0.1)}) {
+    const SE3 truth(Eigen::Quaterniond::Identity(), way);
+    Points seen = stage.world.Sample(500, 0.005, &stage.draws);
+    for (const Eigen::Vector3d& p : StrokesThroughFoliage(kStrokes, kPerStroke, &stage.draws))
+      seen.push_back(truth * p);
+    const double leaf_m = stage.map.options().LeafSize();
+    const MatchResult result =
+        matcher.Match(Untimed(ScanFrom(truth, seen, leaf_m)), Predicted(SE3()), stage.map);
+    EXPECT_LT((result.T_world_lidar.t - truth.t).norm(), 0.03) << way.transpose();
+    // Nor does where it stood look better.
+    EXPECT_GT(matcher.Compare(Untimed(ScanFrom(truth, seen, leaf_m)), truth, SE3(), stage.map, 0.1)
+                  .evidence_sigmas,
+              0.0);
+  }
+}
+
 // Mean squared error of matched poses over their covariance, as a share of 6, in a world with noise
 // and with errors along every axis that all points of a 4 m cube have in common.
 double NeesPerDof(const World& world, double cube_sigma_m) {

@@ -207,6 +207,19 @@ TEST(AdverseCarPark, IsTrackedWhereTwoScansAreMistaken) {
   }
 }
 
+// In foliage the sheets that beams sweep are planes which move along with the sensor: with this seed
+// they had it stand still while it walked.
+TEST(AdverseForest, WalksOnBetweenPlanesOfItsOwnBeams) {
+  for (const Promise& promise : ReadPromises(kPromises)) {
+    if (promise.name != "forest-mid360") continue;
+    const Verdict verdict = JudgeTrial(MapTrial(promise, 2, {}).frames, promise);
+    EXPECT_LT(verdict.worst_m, 0.15);
+    EXPECT_EQ(verdict.lost, 0u);
+    return;
+  }
+  ADD_FAILURE() << "no promise of that name";
+}
+
 struct WeakScene {
   std::string name;
   int seed;
@@ -227,10 +240,10 @@ TEST_P(AdverseWeakDirection, WhatIsCalledTrackedIsRight) {
 
 INSTANTIATE_TEST_SUITE_P(
     Few, AdverseWeakDirection,
-    ::testing::Values(WeakScene{"lorry", 3, 0.05}, WeakScene{"lorry-start", 2, 0.05},
+    ::testing::Values(WeakScene{"lorry", 3, 0.05}, WeakScene{"lorry-start", 35, 0.1},
                       WeakScene{"gap-2", 2, 0.05}, WeakScene{"packets", 3, 0.05},
                       WeakScene{"bays-2000", 1, 0.1}, WeakScene{"start-2000", 1, 0.1},
-                      WeakScene{"bays-2000", 4, 0.3}, WeakScene{"brake-5000", 5, 3.0},
+                      WeakScene{"bays-2000", 4, 0.3}, WeakScene{"brake-5000", 5, 0.15},
                       WeakScene{"packets", 2, 0.1}, WeakScene{"gap-2", 4, 0.05}),
     [](const auto& p) {
       std::string name = p.param.name + "_" + std::to_string(p.param.seed);
