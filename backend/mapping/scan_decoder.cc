@@ -69,7 +69,7 @@ std::string TimesMisfit(const Scan& scan, const ScanPreparationOptions& preparat
                         const std::vector<StampNs>& stamps) {
   // In sweeps; and of a first scan, whose stamp tells nothing of how long these are.
   constexpr double kMostPeriods = 3.0, kMostS = 10.0;
-  // From the stamp. Readers of files put it near to the points (io/message/point_times.h).
+  // From the stamp. Readers of files put it near to the points (io/points/point_times.h).
   constexpr double kMostOffS = 60.0;
   const bool used = preparation.deskew == ScanPreparationOptions::Deskew::kTime ||
                     preparation.deskew == ScanPreparationOptions::Deskew::kAuto;

@@ -1,6 +1,6 @@
 // The trajectory files of a session, kept current for days:
 //
-//     trajectory_kitti.txt    a line a scan                        (io/recording/trajectory_io.h)
+//     trajectory_kitti.txt    a line a scan                        (io/map/trajectory_io.h)
 //     trajectory_tum.txt      a line a scan that was not skipped
 //
 // Lines of final poses are written once; only those of the open ones are replaced. What a
@@ -17,7 +17,7 @@
 #include "backend/loops/piece_loops.h"
 #include "backend/mapping/final_poses.h"
 #include "io/file/published_file.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "io/store/session_database.h"
 
 namespace lamina {

@@ -1,7 +1,5 @@
 // Bytes that outgrow memory, for as long as a file is made: in a file without a name, in the folder
 // of what is made of them. It is gone with the process.
-//
-// Private to io/file.
 #pragma once
 
 #include <cstddef>

@@ -16,8 +16,8 @@
 
 #include "core/base/error.h"
 #include "core/geometry/scan.h"
-#include "io/recording/las_scan.h"
-#include "io/recording/point_file_check.h"
+#include "io/points/las_scan.h"
+#include "io/points/point_file_check.h"
 #include "io/recording/recording_file.h"
 
 namespace lamina {

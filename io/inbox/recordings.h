@@ -15,8 +15,8 @@
 
 #include "io/inbox/inbox.h"
 #include "io/inbox/time.h"
+#include "io/points/scan_names.h"
 #include "io/recording/recording_opener.h"
-#include "io/recording/scan_names.h"
 #include "io/recording/scan_source.h"
 
 namespace lamina {

@@ -15,7 +15,7 @@
 #include "io/inbox/inbox.h"
 #include "io/inbox/stamp_lines.h"
 #include "io/inbox/time.h"
-#include "io/recording/scan_names.h"
+#include "io/points/scan_names.h"
 
 namespace lamina {
 

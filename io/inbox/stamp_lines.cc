@@ -10,7 +10,7 @@
 #include <limits>
 
 #include "io/file/text_input.h"
-#include "io/recording/scan_names.h"
+#include "io/points/scan_names.h"
 
 namespace lamina {
 namespace {

@@ -9,7 +9,7 @@
 
 #include "core/geometry/scan.h"
 #include "io/container/message_container.h"
-#include "io/message/point_times.h"
+#include "io/points/point_times.h"
 
 namespace lamina {
 

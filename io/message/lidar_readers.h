@@ -7,8 +7,8 @@
 
 #include "core/geometry/scan.h"
 #include "io/message/lidar_message.h"
-#include "io/message/point_times.h"
 #include "io/message/wire.h"
+#include "io/points/point_times.h"
 
 namespace lamina {
 

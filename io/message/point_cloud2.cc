@@ -6,7 +6,7 @@
 
 #include "core/base/error.h"
 #include "io/message/lidar_readers.h"
-#include "io/message/point_cloud.h"
+#include "io/points/point_cloud.h"
 
 namespace lamina {
 namespace {

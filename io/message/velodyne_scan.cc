@@ -3,7 +3,7 @@
 
 #include "core/base/error.h"
 #include "io/message/lidar_readers.h"
-#include "io/message/velodyne_packet.h"
+#include "io/packet/velodyne_packet.h"
 
 namespace lamina {
 

@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "io/container/packet_capture.h"
-#include "io/recording/capture_sensors.h"
+#include "io/packet/capture_sensors.h"
+#include "io/packet/packet_capture.h"
 #include "io/recording/scan_source.h"
 
 namespace lamina {
@@ -17,7 +17,7 @@ namespace lamina {
 bool HoldsPackets(const std::string& path);
 
 // A sweep is stamped when its first packet was captured. The file is read through once when it is
-// opened. Which sensors' packets are read is for io/recording/capture_sensors.h; a sensor is named
+// opened. Which sensors' packets are read is for io/packet/capture_sensors.h; a sensor is named
 // by its address and port, as by a topic.
 class CaptureScans final : public ScanSource {
  public:

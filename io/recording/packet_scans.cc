@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "core/base/error.h"
-#include "io/recording/sensor_files.h"
+#include "io/packet/sensor_files.h"
 
 namespace lamina {
 namespace {

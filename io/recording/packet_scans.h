@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "io/container/message_container.h"
-#include "io/message/ouster_packet.h"
 #include "io/message/packet_message.h"
+#include "io/packet/ouster_packet.h"
 #include "io/recording/scan_source.h"
 
 namespace lamina {
@@ -19,7 +19,7 @@ bool HoldsPointPackets(const MessageContainer& container, std::size_t topic);
 
 // A sweep is stamped when its first packet was recorded. The head of each packet is read once when
 // the source is opened. The sensor describes itself in a text on a topic called metadata, that of
-// the same name space if there are several, or in a file: see io/recording/sensor_files.h.
+// the same name space if there are several, or in a file: see io/packet/sensor_files.h.
 class PacketScans final : public ScanSource {
  public:
   // Throws InputError if there are no such packets, or nothing tells how to read them.

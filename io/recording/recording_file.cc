@@ -7,9 +7,9 @@
 
 #include "core/base/error.h"
 #include "io/container/message_container.h"
+#include "io/points/scan_names.h"
 #include "io/recording/capture_scans.h"
 #include "io/recording/message_topics.h"
-#include "io/recording/scan_names.h"
 
 namespace lamina {
 namespace {

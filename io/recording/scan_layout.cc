@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "core/base/error.h"
-#include "io/recording/scan_names.h"
+#include "io/points/scan_names.h"
 
 namespace lamina {
 namespace {

@@ -16,11 +16,12 @@
 #include "core/base/parallel.h"
 #include "io/container/message_container.h"
 #include "io/file/text_input.h"
+#include "io/points/ethz_csv.h"
+#include "io/points/scan_file.h"
+#include "io/points/scan_names.h"
 #include "io/recording/capture_scans.h"
-#include "io/recording/ethz_csv.h"
 #include "io/recording/message_topics.h"
 #include "io/recording/scan_layout.h"
-#include "io/recording/scan_names.h"
 #include "io/recording/vehicle_scans.h"
 
 namespace lamina {
@@ -80,7 +81,7 @@ class FileScanSource final : public ScanSource {
 
   PointTimeField PointTimes(std::size_t i) const override {
     PointTimeField times;
-    ReadScanFile(Name(i), options_, &times);
+    ReadScanFile(Name(i), options_.point_time_unit, &times);
     return times;
   }
 
@@ -130,7 +131,7 @@ class FileScanSource final : public ScanSource {
     constexpr std::size_t kTries = 5;
     const auto clock_of = [this](std::size_t i) -> StampNs {
       try {
-        return ReadScanFile(files_[i].string(), options_).stamp_ns;
+        return ReadScanFile(files_[i].string(), options_.point_time_unit).stamp_ns;
       } catch (const InputError&) {
         return kUnreadable;
       }
@@ -276,7 +277,7 @@ StampNs MadeUpStamp(std::size_t i, const ScanSourceOptions& options) {
 
 Scan ReadStampedScan(const std::string& path, StampNs stamp_ns, bool recorded_stamp,
                      const ScanSourceOptions& options) {
-  Scan scan = ReadScanFile(path, options);
+  Scan scan = ReadScanFile(path, options.point_time_unit);
   GiveStamp(stamp_ns, recorded_stamp, &scan);
   return scan;
 }

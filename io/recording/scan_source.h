@@ -35,7 +35,7 @@
 
 #include "core/geometry/scan_source.h"
 #include "core/options/options.h"
-#include "io/message/point_times.h"
+#include "io/points/point_times.h"
 
 namespace lamina {
 
@@ -62,21 +62,14 @@ bool HoldsMessages(const std::string& path);
 // calibration are unusable.
 std::unique_ptr<ScanSource> OpenScans(const std::string& path, const ScanSourceOptions& options);
 
-// Reads one point file by its ending: .bin, .pcd, .ply or .csv (KITTI raw's .txt too). stamp_ns of
-// the result is 0 unless the file itself carries per-point readings of a clock (times more than 60
-// s from zero): then it is the earliest of them. Throws InputError. `times`, if
-// not null, becomes what was understood of the points' times.
-Scan ReadScanFile(const std::string& path, const ScanSourceOptions& options,
-                  PointTimeField* times = nullptr);
-
 // Reads one point file of a recording that gives it this stamp, as ScanSource::Read does.
 // `recorded_stamp` is false for stamps that are made up: no clock of the points is held against
 // them. Throws InputError.
 Scan ReadStampedScan(const std::string& path, StampNs stamp_ns, bool recorded_stamp,
                      const ScanSourceOptions& options);
 
-// Gives a scan, whose stamp_ns is as ReadScanFile leaves it, the stamp of its recording: see
-// ScanSource::Read.
+// Gives a scan, whose stamp_ns is as its file leaves it (io/points/scan_file.h), the stamp of its
+// recording: see ScanSource::Read.
 void GiveStamp(StampNs stamp_ns, bool recorded_stamp, Scan* scan);
 
 // The stamp of scan i where the recording carries none: i * frame_period_s.

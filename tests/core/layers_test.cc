@@ -29,7 +29,12 @@ const std::map<std::string, std::vector<std::string>> kMayInclude = {
 const std::map<std::string, std::vector<std::vector<std::string>>> kRooms = {
     {"core", {{"core/base"}, {"core/geometry"}, {"core/options"}, {"core/map"}}},
     {"io",
-     {{"io/file"}, {"io/container"}, {"io/message"}, {"io/recording", "io/store"}, {"io/inbox"}}},
+     {{"io/file"},
+      {"io/las", "io/container", "io/store"},
+      {"io/points", "io/packet"},
+      {"io/map", "io/message"},
+      {"io/recording"},
+      {"io/inbox"}}},
     {"frontend", {{"frontend"}, {"frontend/pairwise"}}},
     {"backend",
      {{"backend/bundle"},

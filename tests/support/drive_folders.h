@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "config/config.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "tests/support/io_test_files.h"
 #include "tests/support/mapped_drives.h"
 #include "tools/results/submap_file.h"

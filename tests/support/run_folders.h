@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "core/geometry/scan.h"
-#include "io/file/map_io.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/map_io.h"
+#include "io/map/trajectory_io.h"
 #include "tests/support/io_test_files.h"
 #include "tools/results/process_report.h"
 

@@ -16,8 +16,8 @@
 #include <vector>
 
 #include "core/geometry/scan.h"
+#include "io/map/trajectory_io.h"
 #include "io/recording/scan_source.h"
-#include "io/recording/trajectory_io.h"
 #include "tests/support/io_test_files.h"
 #include "tools/synth/sequence.h"
 

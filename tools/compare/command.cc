@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "core/base/error.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"
 #include "tools/commands.h"

@@ -12,7 +12,7 @@
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "frontend/pairwise/pairwise_registration.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "tools/cli/common.h"
 #include "tools/compare/structure.h"
 #include "tools/synth/engine/random.h"

@@ -14,7 +14,7 @@
 #include "core/base/parallel.h"
 #include "frontend/pairwise/pairwise_registration.h"
 #include "io/file/file_writer.h"
-#include "io/recording/scan_source.h"
+#include "io/points/scan_file.h"
 #include "tools/plot/gnuplot.h"
 
 namespace lamina {

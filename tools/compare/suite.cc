@@ -9,7 +9,7 @@
 #include <memory>
 
 #include "core/base/error.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "tools/synth/writer.h"
 
 namespace lamina {

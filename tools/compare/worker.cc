@@ -6,7 +6,7 @@
 
 #include "core/base/error.h"
 #include "io/file/text_input.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "tools/cli/common.h"
 #include "tools/compare/jobs.h"
 #include "tools/compare/task.h"

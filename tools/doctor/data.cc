@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "core/base/error.h"
-#include "io/file/surfel_reader.h"
+#include "io/map/surfel_reader.h"
 #include "tools/report/page.h"
 #include "tools/results/process_report.h"
 

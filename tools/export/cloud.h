@@ -8,7 +8,7 @@
 
 #include "core/options/options.h"
 #include "frontend/scan_preparation.h"
-#include "io/file/map_io.h"
+#include "io/map/map_io.h"
 #include "io/recording/scan_source.h"
 #include "tools/results/posed_scans.h"
 

@@ -12,7 +12,7 @@
 
 #include "config/config.h"
 #include "core/base/error.h"
-#include "io/file/map_io.h"
+#include "io/map/map_io.h"
 #include "io/recording/scan_source.h"
 #include "tools/export/cloud.h"
 #include "tools/export/trajectory.h"

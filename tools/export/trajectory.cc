@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "core/base/error.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "tools/cli/common.h"
 #include "tools/results/piece_poses.h"
 

@@ -13,7 +13,7 @@
 #include "backend/submaps/anchor_graph.h"
 #include "core/base/error.h"
 #include "core/base/stopwatch.h"
-#include "io/file/g2o_file.h"
+#include "io/map/g2o_file.h"
 
 namespace lamina {
 namespace {

@@ -9,7 +9,7 @@
 
 #include "core/base/error.h"
 #include "io/file/checksum.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "tools/results/piece_poses.h"
 
 namespace lamina {

@@ -6,7 +6,7 @@
 #include <map>
 
 #include "io/file/file_writer.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "io/store/tile_store.h"
 #include "tools/cli/common.h"
 #include "tools/results/graph_file.h"

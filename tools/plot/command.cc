@@ -9,7 +9,7 @@
 #include <string>
 
 #include "core/base/error.h"
-#include "io/recording/scan_source.h"
+#include "io/points/scan_file.h"
 #include "tools/plot/gnuplot.h"
 #include "tools/results/piece_poses.h"
 

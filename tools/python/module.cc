@@ -15,8 +15,8 @@
 #include "backend/mapping/pipeline.h"
 #include "config/config.h"
 #include "core/base/error.h"
+#include "io/map/trajectory_io.h"
 #include "io/recording/scan_source.h"
-#include "io/recording/trajectory_io.h"
 #include "tools/metrics/trajectory_metrics.h"
 #include "tools/python/arrays.h"
 

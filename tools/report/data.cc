@@ -17,9 +17,9 @@
 
 #include "core/base/angle.h"
 #include "core/base/error.h"
-#include "io/file/surfel_reader.h"
 #include "io/file/text_input.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/surfel_reader.h"
+#include "io/map/trajectory_io.h"
 #include "tools/eval/report.h"
 #include "tools/metrics/trajectory_metrics.h"
 #include "tools/report/page.h"

@@ -4,7 +4,7 @@
 
 #include <optional>
 
-#include "io/file/g2o_file.h"
+#include "io/map/g2o_file.h"
 
 namespace lamina {
 

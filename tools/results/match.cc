@@ -7,8 +7,8 @@
 #include <optional>
 
 #include "core/base/error.h"
+#include "io/map/trajectory_io.h"
 #include "io/recording/scan_source.h"
-#include "io/recording/trajectory_io.h"
 #include "tools/metrics/trajectory_metrics.h"
 #include "tools/results/truth_axes.h"
 

@@ -8,7 +8,7 @@
 
 #include "core/base/error.h"
 #include "io/file/file_writer.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "tools/results/match.h"
 
 namespace lamina {

@@ -11,8 +11,8 @@
 #include <filesystem>
 #include <fstream>
 
-#include "io/file/map_io.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/map_io.h"
+#include "io/map/trajectory_io.h"
 
 namespace lamina {
 

@@ -8,7 +8,7 @@
 
 #include "core/base/error.h"
 #include "io/file/text_input.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "tools/results/match.h"
 #include "tools/results/posed_scans.h"
 

@@ -13,7 +13,7 @@
 #include "core/base/error.h"
 #include "core/base/median.h"
 #include "io/file/text_input.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "tools/results/piece_poses.h"
 
 namespace lamina {

@@ -21,7 +21,7 @@
 #include "config/config.h"
 #include "core/base/error.h"
 #include "core/base/printable_text.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "io/store/tile_store.h"
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"

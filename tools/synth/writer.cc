@@ -15,8 +15,8 @@
 #include "core/base/parallel.h"
 #include "core/map/voxel_key.h"
 #include "io/file/file_writer.h"
-#include "io/file/map_io.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/map_io.h"
+#include "io/map/trajectory_io.h"
 #include "tools/cli/common.h"
 
 namespace lamina {

@@ -7,7 +7,7 @@
 #include "backend/session/room.h"
 #include "core/base/error.h"
 #include "io/file/disk_room.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "tests/support/session_scenes.h"
 #include "tests/support/small_disk.h"
 

@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "io/inbox/name_set.h"
+#include "io/points/scan_file.h"
 #include "tests/support/inbox_scenes.h"
 
 namespace lamina {
@@ -110,8 +111,8 @@ TEST_P(InboxArrivalTest, TruncatedFilesAreTakenWhenCompleted) {
   Write("in/5.bin", bin);
   Settle();
   EXPECT_THAT(Take(), ElementsAre("3.ply", "4.bin", "5.bin"));
-  EXPECT_NO_THROW(ReadScanFile(In("1.pcd"), scans_));
-  EXPECT_NO_THROW(ReadScanFile(In("3.ply"), scans_));
+  EXPECT_NO_THROW(ReadScanFile(In("1.pcd"), scans_.point_time_unit));
+  EXPECT_NO_THROW(ReadScanFile(In("3.ply"), scans_.point_time_unit));
 }
 
 TEST_P(InboxArrivalTest, WhatStaysIncompleteIsHandedOutInTheEnd) {
@@ -124,7 +125,7 @@ TEST_P(InboxArrivalTest, WhatStaysIncompleteIsHandedOutInTheEnd) {
   EXPECT_THAT(Take(), IsEmpty());
   for (int i = 0; i < 4; ++i) Pass(0.6);
   EXPECT_THAT(Take(), ElementsAre("0.pcd", "1.pcd", "2.bin", "3.bin"));
-  EXPECT_THROW(ReadScanFile(In("1.pcd"), scans_), InputError);
+  EXPECT_THROW(ReadScanFile(In("1.pcd"), scans_.point_time_unit), InputError);
 }
 
 TEST_P(InboxArrivalTest, ABrokenHeaderIsForTheReaderToReject) {

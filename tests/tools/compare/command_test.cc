@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "tests/support/run_helpers.h"
 #include "tools/compare/methods.h"
 #include "tools/compare/structure.h"

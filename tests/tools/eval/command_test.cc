@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "core/base/error.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 
 namespace lamina {
 namespace {

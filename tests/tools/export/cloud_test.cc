@@ -1,4 +1,5 @@
 #include "tools/export/cloud.h"
+#include "io/points/scan_file.h"
 
 #include <gtest/gtest.h>
 

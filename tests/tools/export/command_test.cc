@@ -14,8 +14,8 @@
 #include <vector>
 
 #include "core/base/error.h"
-#include "io/recording/scan_source.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
+#include "io/points/scan_file.h"
 
 namespace lamina {
 namespace {

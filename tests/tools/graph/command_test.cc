@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "core/base/error.h"
-#include "io/file/g2o_file.h"
+#include "io/map/g2o_file.h"
 #include "tests/support/random_scenes.h"
 
 namespace lamina {

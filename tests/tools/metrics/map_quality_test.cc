@@ -9,7 +9,7 @@
 #include <string>
 
 #include "core/base/error.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "tests/support/memory_scans.h"
 #include "tools/results/posed_scans.h"
 

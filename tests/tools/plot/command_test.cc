@@ -7,8 +7,8 @@
 #include <string>
 
 #include "core/base/error.h"
-#include "io/file/map_io.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/map_io.h"
+#include "io/map/trajectory_io.h"
 
 namespace lamina {
 namespace {

@@ -6,8 +6,8 @@
 #include <regex>
 
 #include "core/base/error.h"
-#include "io/file/map_io.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/map_io.h"
+#include "io/map/trajectory_io.h"
 #include "tests/support/browser.h"
 #include "tests/support/io_test_files.h"
 #include "tests/support/live_world.h"

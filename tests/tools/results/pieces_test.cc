@@ -3,7 +3,7 @@
 #include <httplib.h>
 #undef _res  // a macro of <resolv.h>; Eigen has variables of that name
 
-#include "io/file/map_io.h"
+#include "io/map/map_io.h"
 #include "tests/support/browser.h"
 #include "tests/support/live_world.h"
 #include "tests/support/watch_scenes.h"

@@ -11,7 +11,7 @@
 #include <thread>
 #include <vector>
 
-#include "io/file/map_io.h"
+#include "io/map/map_io.h"
 #include "tests/support/run_helpers.h"
 
 namespace lamina {

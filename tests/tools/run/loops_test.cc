@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <string>
 
-#include "io/file/g2o_file.h"
+#include "io/map/g2o_file.h"
 #include "tests/support/run_helpers.h"
 
 namespace lamina {

@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "core/base/error.h"
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "tools/synth/command.h"
 #include "tools/synth/writer.h"
 

@@ -1,5 +1,6 @@
 // Stations of a tilted scanner: exact poses, points on true surfaces, files that read back.
 #include "tools/synth/stations.h"
+#include "io/points/scan_file.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,7 +8,7 @@
 #include <cmath>
 #include <string>
 
-#include "io/recording/trajectory_io.h"
+#include "io/map/trajectory_io.h"
 #include "tests/support/run_helpers.h"
 #include "tools/synth/writer.h"
 

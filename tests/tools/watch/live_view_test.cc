@@ -9,7 +9,7 @@
 #include <filesystem>
 #include <string>
 
-#include "io/file/surfel_reader.h"
+#include "io/map/surfel_reader.h"
 #include "tests/support/watch_scenes.h"
 
 namespace lamina {

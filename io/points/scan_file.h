@@ -1,0 +1,17 @@
+// One file of points as a scan, by the ending of its name.
+#pragma once
+
+#include <string>
+
+#include "core/geometry/scan_source.h"
+#include "io/points/point_times.h"
+
+namespace lamina {
+
+// .bin, .pcd, .ply, .las, .laz or .csv (KITTI raw's .txt too). stamp_ns of the result is 0 unless
+// the file itself carries per-point readings of a clock (times more than 60 s from zero): then it
+// is the earliest of them. Throws InputError. `times`, if not null, becomes what was understood of
+// the points' times.
+Scan ReadScanFile(const std::string& path, PointTimeUnit unit, PointTimeField* times = nullptr);
+
+}  // namespace lamina

@@ -1,0 +1,185 @@
+#include "io/points/scan_names.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdlib>
+#include <ctime>
+#include <limits>
+
+#include "core/base/error.h"
+#include "io/file/text_input.h"
+
+namespace lamina {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool IsDigit(char c) { return c >= '0' && c <= '9'; }
+
+bool ParseWhole(std::string_view word, std::int64_t* value) {
+  const char* const end = word.data() + word.size();
+  const auto [ptr, error] = std::from_chars(word.data(), end, *value);
+  return !word.empty() && IsDigit(word[0]) && ptr == end && error == std::errc();
+}
+
+// How many ns the unit of an epoch stamp of this size has; 0 for a number that is none.
+std::int64_t EpochNsPerUnit(std::int64_t value) {
+  // From 1e8 to 1e10 seconds: the three ranges do not meet.
+  for (const std::int64_t ns_per_unit : {1, 1000, 1000000}) {
+    const double seconds = static_cast<double>(value) * static_cast<double>(ns_per_unit) * 1e-9;
+    if (seconds >= 1e8 && seconds < 9.2e9) return ns_per_unit;
+  }
+  return 0;
+}
+
+// `2011-09-26 13:02:25.594360375`.
+bool ParseDateTime(std::string_view text, StampNs* stamp_ns) {
+  constexpr std::string_view kForm = "0000-00-00 00:00:";
+  if (text.size() < kForm.size() + 2) return false;
+  for (std::size_t i = 0; i < kForm.size(); ++i) {
+    const bool separator = text[i] == kForm[i] || (i == 10 && text[i] == 'T');
+    if (kForm[i] == '0' ? !IsDigit(text[i]) : !separator) return false;
+  }
+  const auto number = [&](std::size_t at, std::size_t size) {
+    return std::atoi(std::string(text.substr(at, size)).c_str());
+  };
+  std::tm date = {};
+  date.tm_year = number(0, 4) - 1900;
+  date.tm_mon = number(5, 2) - 1;
+  date.tm_mday = number(8, 2);
+  date.tm_hour = number(11, 2);
+  date.tm_min = number(14, 2);
+  const std::tm as_written = date;
+  const std::int64_t minute_s = timegm(&date);
+  // timegm makes February 30 a day in March.
+  if (date.tm_mon != as_written.tm_mon || date.tm_mday != as_written.tm_mday ||
+      date.tm_hour != as_written.tm_hour || date.tm_min != as_written.tm_min) {
+    return false;
+  }
+  const std::string_view seconds = text.substr(kForm.size());
+  StampNs ns = 0;
+  if (!IsDigit(seconds[0]) || !ParseSecondsNs(seconds, &ns) || ns >= 61'000'000'000) return false;
+  // Years whose ns fit 64 bits.
+  if (as_written.tm_year < 1700 - 1900 || as_written.tm_year > 2250 - 1900) return false;
+  *stamp_ns = minute_s * 1'000'000'000 + ns;
+  return true;
+}
+
+// A name as the text before its last number, that number and the text behind it.
+struct CountedName {
+  std::string_view before, number, behind;
+};
+
+CountedName SplitAtLastNumber(std::string_view name) {
+  const std::size_t dot = std::min(name.rfind('.'), name.size());
+  std::size_t end = dot;
+  while (end > 0 && !IsDigit(name[end - 1])) --end;
+  std::size_t begin = end;
+  while (begin > 0 && IsDigit(name[begin - 1])) --begin;
+  return {name.substr(0, begin), name.substr(begin, end - begin), name.substr(end)};
+}
+
+}  // namespace
+
+ScanName KindOfName(std::string_view name) {
+  if (name.empty() || name[0] == '.') return ScanName::kNone;
+  const std::size_t dot = name.rfind('.');
+  const std::string_view ending = dot == std::string_view::npos ? "" : name.substr(dot);
+  for (const char* points : {".bin", ".pcd", ".ply", ".las", ".laz"}) {
+    if (ending == points) return ScanName::kPoints;
+  }
+  return ending == ".txt" ? ScanName::kText : ScanName::kNone;
+}
+
+std::vector<fs::path> ListScans(const fs::path& folder, ScanName kind) {
+  return ListFiles(folder, [kind](const std::string& name) { return KindOfName(name) == kind; });
+}
+
+NameStamp StampFromName(const std::string& stem) {
+  if (const std::optional<std::int64_t> whole = NumberFromName(stem)) {
+    const std::int64_t ns_per_unit = EpochNsPerUnit(*whole);
+    return {*whole * ns_per_unit, ns_per_unit};
+  }
+  const bool decimal =
+      std::all_of(stem.begin(), stem.end(), [](char c) { return IsDigit(c) || c == '.'; });
+  NameStamp stamp;
+  if (decimal && ParseSecondsNs(stem, &stamp.stamp_ns)) stamp.form = -1;
+  return stamp;
+}
+
+std::optional<std::int64_t> NumberFromName(const std::string& stem) {
+  std::int64_t number = 0;
+  return ParseWhole(stem, &number) ? std::optional(number) : std::nullopt;
+}
+
+bool IsNextName(std::string_view a, std::string_view b) {
+  const CountedName m = SplitAtLastNumber(a), n = SplitAtLastNumber(b);
+  std::int64_t from = 0, to = 0;
+  return m.before == n.before && m.behind == n.behind && ParseWhole(m.number, &from) &&
+         ParseWhole(n.number, &to) && to - 1 == from;
+}
+
+std::vector<StampNs> StampsFromNames(const std::vector<fs::path>& files) {
+  std::vector<StampNs> stamps;
+  std::int64_t form = 0;
+  for (const fs::path& file : files) {
+    const NameStamp stamp = StampFromName(file.stem().string());
+    if (stamps.empty()) form = stamp.form;
+    if (stamp.form == 0 || stamp.form != form) return {};
+    stamps.push_back(stamp.stamp_ns);
+  }
+  return stamps;
+}
+
+bool ParseStamp(std::string_view line, StampNs* stamp_ns) {
+  return ParseDateTime(line, stamp_ns) || ParseSecondsNs(line, stamp_ns);
+}
+
+bool NamesAreLineNumbers(const std::vector<fs::path>& files, std::size_t lines) {
+  return lines > files.size() && std::all_of(files.begin(), files.end(), [&](const fs::path& file) {
+           const std::optional<std::int64_t> number = NumberFromName(file.stem().string());
+           return number && static_cast<std::size_t>(*number) < lines;
+         });
+}
+
+namespace {
+
+std::vector<StampNs> AllStamps(LineReader* lines) {
+  std::vector<StampNs> all;
+  while (lines->Next()) {
+    StampNs* const stamp_ns = &all.emplace_back();
+    if (ParseStamp(lines->line(), stamp_ns)) continue;
+    lines->Fail("a stamp must be seconds or a date and time like 2011-09-26 13:02:25.594360375");
+  }
+  return all;
+}
+
+}  // namespace
+
+std::size_t CountStamps(const std::string& stamp_file) {
+  const std::string text = ReadFile(stamp_file);
+  LineReader lines(stamp_file, text);
+  return AllStamps(&lines).size();
+}
+
+std::vector<StampNs> ReadStamps(const std::string& stamp_file, const std::vector<fs::path>& files) {
+  const std::string text = ReadFile(stamp_file);
+  LineReader lines(stamp_file, text);
+  const std::vector<StampNs> all = AllStamps(&lines);
+  if (all.size() < files.size()) {
+    lines.Fail(fmt::format("the file ends after {} stamps, but there are {} scans", all.size(),
+                           files.size()));
+  }
+  std::vector<StampNs> stamps;
+  const bool by_name = NamesAreLineNumbers(files, all.size());
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    stamps.push_back(
+        all[by_name ? static_cast<std::size_t>(*NumberFromName(files[i].stem().string())) : i]);
+  }
+  return stamps;
+}
+
+}  // namespace lamina

@@ -1,0 +1,374 @@
+// Point files: .bin, .txt, .pcd and .ply, sound and damaged.
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "io/points/scan_file.h"
+#include "io/recording/scan_source.h"
+#include "tests/support/io_test_files.h"
+
+namespace lamina {
+namespace {
+
+using testing::AllOf;
+using testing::FloatNear;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::Pointwise;
+
+class ScanFileTest : public FilesTest {
+ protected:
+  Scan Read(const std::string& name, std::string_view bytes) const {
+    return ReadScanFile(Write(name, bytes), options_.point_time_unit);
+  }
+  std::string ReadError(const std::string& name, std::string_view bytes) const {
+    const std::string path = Write(name, bytes);
+    return MessageOf<InputError>([&] { ReadScanFile(path, options_.point_time_unit); });
+  }
+
+  ScanSourceOptions options_;
+};
+
+// A PCD header; `fields` such as "x y z" with as many sizes and types.
+std::string PcdHeader(const std::string& fields, const std::string& sizes, const std::string& types,
+                      const std::string& width, const std::string& data) {
+  return "# .PCD v.7\nVERSION .7\nFIELDS " + fields + "\nSIZE " + sizes + "\nTYPE " + types +
+         "\nWIDTH " + width + "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS " + width + "\nDATA " +
+         data + "\n";
+}
+std::string XyzHeader(const std::string& width, const std::string& data) {
+  return PcdHeader("x y z", "4 4 4", "F F F", width, data);
+}
+
+std::string Replaced(std::string text, const std::string& from, const std::string& to) {
+  const std::size_t at = text.find(from);
+  EXPECT_NE(at, std::string::npos) << from;
+  return text.replace(at, from.size(), to);
+}
+
+// LZF that spells everything out: a byte with the length less one before each run of up to 32.
+std::string Lzf(const std::string& bytes) {
+  std::string packed;
+  for (std::size_t i = 0; i < bytes.size(); i += 32) {
+    const std::string run = bytes.substr(i, 32);
+    packed += static_cast<char>(run.size() - 1) + run;
+  }
+  const auto size = [](const std::string& s) { return Pack(static_cast<std::uint32_t>(s.size())); };
+  return size(packed) + size(bytes) + packed;
+}
+
+void ExpectPoint(const ScanPoint& p, float x, float y, float z, float intensity) {
+  EXPECT_EQ(p.x, x);
+  EXPECT_EQ(p.y, y);
+  EXPECT_EQ(p.z, z);
+  EXPECT_EQ(p.intensity, intensity);
+}
+
+TEST_F(ScanFileTest, BinIsReadAsItStands) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const Scan scan = Read("a.bin", KittiBin({{1, 2, 3, 0.5F}, {nan, 5, 6, 0}}));
+  ASSERT_EQ(scan.points.size(), 2U);
+  ExpectPoint(scan.points[0], 1, 2, 3, 0.5F);
+  EXPECT_TRUE(std::isnan(scan.points[1].x));
+  EXPECT_THAT(scan.time_s, IsEmpty());
+  EXPECT_EQ(scan.stamp_ns, 0);
+}
+
+TEST_F(ScanFileTest, BinLengthNotMultipleOf16) {
+  EXPECT_THAT(ReadError("a.bin", std::string(33, 'x')),
+              AllOf(HasSubstr("a.bin"), HasSubstr("33 bytes"), HasSubstr("multiple of 16")));
+}
+
+TEST_F(ScanFileTest, EmptyFilesOfEveryKind) {
+  EXPECT_THAT(ReadError("a.bin", ""), HasSubstr("empty"));
+  EXPECT_THAT(ReadError("a.txt", "\n"), HasSubstr("empty"));
+  EXPECT_THAT(ReadError("a.pcd", XyzHeader("0", "binary")), HasSubstr("empty"));
+  EXPECT_THAT(ReadError("a.ply",
+                        "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\n"
+                        "property float y\nproperty float z\nend_header\n"),
+              HasSubstr("empty"));
+  EXPECT_THAT(ReadError("b.pcd", ""), HasSubstr("no PCD file"));
+  EXPECT_THAT(ReadError("b.ply", ""), HasSubstr("no PLY file"));
+}
+
+TEST_F(ScanFileTest, MissingFileFolderAndUnknownEnding) {
+  EXPECT_THAT(
+      MessageOf<InputError>([&] { ReadScanFile(Path("none.bin"), options_.point_time_unit); }),
+      AllOf(HasSubstr("none.bin"), HasSubstr("No such file")));
+  std::filesystem::create_directory(Path("dir.pcd"));
+  EXPECT_THAT(
+      MessageOf<InputError>([&] { ReadScanFile(Path("dir.pcd"), options_.point_time_unit); }),
+      HasSubstr("not a regular file"));
+  EXPECT_THAT(ReadError("a.e57", "x"), HasSubstr("ends in"));
+}
+
+TEST_F(ScanFileTest, KittiText) {
+  const Scan scan = Read("a.txt", "1 2 3 0.5\r\n-4.5 5e1 6 0\r\n");
+  ASSERT_EQ(scan.points.size(), 2U);
+  ExpectPoint(scan.points[1], -4.5F, 50, 6, 0);
+  EXPECT_THAT(ReadError("b.txt", "1 2 3 0\n1 2 3\n"),
+              AllOf(HasSubstr("b.txt:2:"), HasSubstr("found 3")));
+  EXPECT_THAT(ReadError("c.txt", "1 2 ? 0\n"), AllOf(HasSubstr("c.txt:1:"), HasSubstr("'?'")));
+}
+
+TEST_F(ScanFileTest, PcdAsciiWithTimes) {
+  const Scan scan =
+      Read("a.pcd", PcdHeader("x y z reflectivity t", "8 8 8 1 4", "F F F U U", "3", "ascii") +
+                        "1 2 3 200 0\n-1e-1 nan 6 7 50000000\n7 8 9 0 100000000\n");
+  ASSERT_EQ(scan.points.size(), 3U);
+  ExpectPoint(scan.points[0], 1, 2, 3, 200);
+  EXPECT_EQ(scan.points[1].x, -0.1F);
+  EXPECT_TRUE(std::isnan(scan.points[1].y));
+  EXPECT_THAT(scan.time_s, Pointwise(FloatNear(1e-7F), {0.0F, 0.05F, 0.1F}));
+}
+
+TEST_F(ScanFileTest, PcdBinaryWithEpochStampsInDouble) {
+  const std::string header =
+      PcdHeader("x y z intensity timestamp", "4 4 4 4 8", "F F F F F", "2", "binary");
+  const Scan scan = Read("a.pcd", header + Pack(1.0F, 2.0F, 3.0F, 0.5F, 1700000000.25, 4.0F, 5.0F,
+                                                6.0F, 0.25F, 1700000000.125));
+  ASSERT_EQ(scan.points.size(), 2U);
+  ExpectPoint(scan.points[1], 4, 5, 6, 0.25F);
+  EXPECT_EQ(scan.stamp_ns, 1700000000125000000);
+  EXPECT_THAT(scan.time_s, Pointwise(FloatNear(1e-7F), {0.125F, 0.0F}));
+}
+
+TEST_F(ScanFileTest, PcdBinaryWithPaddingAndNanosecondsIn64Bits) {
+  const std::string header =
+      Replaced(PcdHeader("x _ y z t", "4 1 4 4 8", "F U F F U", "2", "binary"), "WIDTH",
+               "COUNT 1 3 1 1 1\nWIDTH");
+  const auto point = [](float x, std::uint64_t ns) {
+    return Pack(x, '?', '?', '?', 2.0F, 3.0F, ns);
+  };
+  const Scan scan =
+      Read("a.pcd", header + point(1, 1700000000000000001) + point(4, 1700000000100000001));
+  ExpectPoint(scan.points[1], 4, 2, 3, 0);
+  EXPECT_EQ(scan.stamp_ns, 1700000000000000001);
+  EXPECT_FLOAT_EQ(scan.time_s[1], 0.1F);
+}
+
+TEST_F(ScanFileTest, PcdTimeFieldsOfManyNamesTypesAndUnits) {
+  const auto read = [&](const std::string& name, const std::string& size, const std::string& type,
+                        const std::string& data) {
+    const Scan scan =
+        Read("a.pcd",
+             PcdHeader("x y z " + name, "4 4 4 " + size, "F F F " + type, "2", "binary") + data);
+    return scan.time_s.empty() ? -1.0F : scan.time_s[1];
+  };
+  const std::string p = Pack(1.0F, 2.0F, 3.0F);
+  EXPECT_FLOAT_EQ(read("time", "4", "F", p + Pack(0.0F) + p + Pack(0.1F)), 0.1F);
+  EXPECT_FLOAT_EQ(read("Timestamp", "8", "F", p + Pack(0.0) + p + Pack(100.0)), 0.1F);
+  EXPECT_FLOAT_EQ(read("offset_time", "4", "U", p + Pack(0U) + p + Pack(100000U)), 0.1F);
+  EXPECT_FLOAT_EQ(read("time_offset", "4", "I", p + Pack(0) + p + Pack(-100)), -0.1F);
+  EXPECT_FLOAT_EQ(read("ts", "2", "U", p + Pack(std::uint16_t{0}) + p + Pack(std::uint16_t{100})),
+                  0.1F);
+  EXPECT_FLOAT_EQ(read("point_time_offset", "4", "F", p + Pack(0.0F) + p + Pack(1e8F)), 0.1F);
+  EXPECT_FLOAT_EQ(read("stripes", "4", "F", p + Pack(0.0F) + p + Pack(0.1F)), -1.0F);
+  options_.point_time_unit = PointTimeUnit::kMilliseconds;
+  EXPECT_FLOAT_EQ(read("t", "4", "F", p + Pack(0.0F) + p + Pack(0.5F)), 0.0005F);
+}
+
+TEST_F(ScanFileTest, PcdPointWithoutTimeIsRefusedUnlessItHasNoPlaceEither) {
+  const std::string header = PcdHeader("x y z t", "4 4 4 4", "F F F F", "3", "ascii");
+  EXPECT_THAT(ReadError("a.pcd", header + "1 2 3 0\n1 2 3 nan\n1 2 3 0.1\n"),
+              AllOf(HasSubstr("a.pcd"), HasSubstr("point 1"), HasSubstr("'t'")));
+  EXPECT_EQ(Read("b.pcd", header + "1 2 3 0\nnan 2 3 nan\n1 2 3 0.1\n").time_s.size(), 3U);
+}
+
+TEST_F(ScanFileTest, PcdAsciiKeepsNanosecondsIn64Bits) {
+  const Scan scan = Read("a.pcd", PcdHeader("x y z t", "4 4 4 8", "F F F U", "2", "ascii") +
+                                      "1 2 3 1700000000123456789\n4 5 6 1700000000223456789\n");
+  EXPECT_EQ(scan.stamp_ns, 1700000000123456789);
+  EXPECT_THAT(scan.time_s, Pointwise(FloatNear(1e-7F), {0.0F, 0.1F}));
+}
+
+TEST_F(ScanFileTest, PcdCompressed) {
+  // Compressed data stand field by field.
+  const std::string data = Pack(1.0F, 4.0F, 2.0F, 5.0F, 3.0F, 6.0F, 7.0F, 8.0F);
+  const std::string header =
+      PcdHeader("x y z intensity", "4 4 4 4", "F F F F", "2", "binary_compressed");
+  const Scan scan = Read("a.pcd", header + Lzf(data));
+  ASSERT_EQ(scan.points.size(), 2U);
+  ExpectPoint(scan.points[0], 1, 2, 3, 7);
+  ExpectPoint(scan.points[1], 4, 5, 6, 8);
+
+  EXPECT_THAT(ReadError("b.pcd", header + Lzf(data + "1234")), HasSubstr("unpack to 36"));
+  EXPECT_THAT(ReadError("c.pcd", header + Lzf(data).substr(0, 20)), HasSubstr("announced"));
+  EXPECT_THAT(ReadError("d.pcd", header + "1234"), HasSubstr("two sizes"));
+  std::string damaged = Lzf(data);
+  damaged[8] = '\x7f';  // a reference to what came before the beginning
+  EXPECT_THAT(ReadError("e.pcd", header + damaged), HasSubstr("e.pcd"));
+}
+
+TEST_F(ScanFileTest, PcdTruncated) {
+  const std::string p = Pack(1.0F, 2.0F, 3.0F);
+  EXPECT_THAT(ReadError("a.pcd", XyzHeader("3", "binary") + p + p + p.substr(1)),
+              AllOf(HasSubstr("a.pcd:10:"), HasSubstr("need 36 bytes"), HasSubstr("has 35")));
+  EXPECT_THAT(ReadError("b.pcd", XyzHeader("2", "ascii") + "1 2 3\n"),
+              HasSubstr("ends after 1 of 2 points"));
+  EXPECT_THAT(ReadError("c.pcd", XyzHeader("1", "ascii").substr(0, 60)), HasSubstr("c.pcd"));
+}
+
+TEST_F(ScanFileTest, PcdWithAbsurdPoints) {
+  for (const char* points : {"4294967295", "1000000000", "99999999999999999999", "-1", "1e3"}) {
+    for (const char* data : {"ascii", "binary", "binary_compressed"}) {
+      const std::string body = Pack(100U, 0xffffffffU) + std::string(100, '1');
+      EXPECT_THAT(ReadError("a.pcd", XyzHeader(points, data) + body), HasSubstr("a.pcd:"))
+          << points << " " << data;
+    }
+  }
+  // 65536 * 65536 is 0 in 32 bits.
+  std::string header = Replaced(XyzHeader("65536", "binary"), "HEIGHT 1", "HEIGHT 65536");
+  EXPECT_THAT(ReadError("b.pcd", Replaced(header, "POINTS 65536", "POINTS 0")),
+              HasSubstr("WIDTH 65536 times HEIGHT 65536"));
+}
+
+TEST_F(ScanFileTest, PcdHeaderLinesThatBreakTheRulesAreNamed) {
+  const std::string good = XyzHeader("1", "ascii") + "1 2 3\n";
+  EXPECT_EQ(Read("good.pcd", good).points.size(), 1U);
+  const auto error = [&](const std::string& from, const std::string& to) {
+    return ReadError("a.pcd", Replaced(good, from, to));
+  };
+  EXPECT_THAT(error("SIZE 4 4 4", "SIZE 4 4"), AllOf(HasSubstr("a.pcd:4:"), HasSubstr("found 2")));
+  EXPECT_THAT(error("SIZE 4 4 4", "SIZE 4 4 3"), HasSubstr("1, 2, 4 or 8"));
+  EXPECT_THAT(error("TYPE F F F", "TYPE F F X"), AllOf(HasSubstr("a.pcd:5:"), HasSubstr("TYPE")));
+  EXPECT_THAT(error("FIELDS x y z", "FIELDS"), HasSubstr("names no field"));
+  EXPECT_THAT(error("FIELDS x y z\n", ""), HasSubstr("found 3"));
+  EXPECT_THAT(error("WIDTH 1", "WIDTH"), HasSubstr("found 0"));
+  EXPECT_THAT(error("WIDTH 1\n", ""), HasSubstr("without WIDTH"));
+  EXPECT_THAT(error("POINTS 1\n", ""), HasSubstr("without POINTS"));
+  EXPECT_THAT(error("HEIGHT 1", "HEIGHT 1\nHEIGHT 1"), HasSubstr("again"));
+  EXPECT_THAT(error("HEIGHT 1", "HEIGHT 1\nCOUNT 1 1 0"), HasSubstr("COUNT"));
+  EXPECT_THAT(error("DATA ascii", "DATA text"), HasSubstr("DATA must be"));
+  EXPECT_THAT(error("VERSION", "VERSUCH"), HasSubstr("no line of a PCD header"));
+  EXPECT_THAT(error("FIELDS x y z", "FIELDS x y w"), HasSubstr("no field 'z'"));
+  EXPECT_THAT(error("TYPE F F F", "TYPE F F I"), HasSubstr("'z' must be float"));
+  EXPECT_THAT(error("1 2 3\n", "1 2\n"), AllOf(HasSubstr("a.pcd:11:"), HasSubstr("found 2")));
+  EXPECT_THAT(error("1 2 3\n", "1 2 drei\n"), HasSubstr("'drei'"));
+}
+
+std::string PlyHeader(const std::string& format, const std::string& count,
+                      const std::string& more_properties = "") {
+  return "ply\nformat " + format + " 1.0\ncomment a test\nelement vertex " + count +
+         "\nproperty float x\nproperty float y\nproperty float z\n" + more_properties +
+         "end_header\n";
+}
+
+std::string BigEndian(float value) {
+  const std::string bytes = Pack(value);
+  return {bytes.rbegin(), bytes.rend()};
+}
+
+TEST_F(ScanFileTest, PlyAscii) {
+  const Scan scan = Read("a.ply", PlyHeader("ascii", "2", "property float scalar_Intensity\n") +
+                                      "1 2 3 0.5\n4 nan 6 0.25\n");
+  ASSERT_EQ(scan.points.size(), 2U);
+  ExpectPoint(scan.points[0], 1, 2, 3, 0.5F);
+  EXPECT_TRUE(std::isnan(scan.points[1].y));
+}
+
+TEST_F(ScanFileTest, PlyBinaryWithColoursAndTime) {
+  const std::string header = PlyHeader("binary_little_endian", "2",
+                                       "property uchar red\nproperty uchar green\n"
+                                       "property uchar blue\nproperty double time\n");
+  const auto point = [](float x, double time) { return Pack(x, 2.0F, 3.0F, 'r', 'g', 'b', time); };
+  const Scan scan = Read("a.ply", header + point(1, 1700000000.0) + point(4, 1700000000.125));
+  ExpectPoint(scan.points[1], 4, 2, 3, 0);
+  EXPECT_EQ(scan.stamp_ns, 1700000000000000000);
+  EXPECT_THAT(scan.time_s, Pointwise(FloatNear(1e-7F), {0.0F, 0.125F}));
+}
+
+TEST_F(ScanFileTest, PlyBigEndianAndOtherElements) {
+  const std::string header =
+      Replaced(PlyHeader("binary_big_endian", "1"), "end_header",
+               "element face 1\nproperty list uchar int vertex_indices\nend_header");
+  const Scan scan = Read("a.ply", header + BigEndian(1) + BigEndian(-2.5F) + BigEndian(3) +
+                                      Pack('\x1', '\0', '\0', '\0', '\0'));
+  ASSERT_EQ(scan.points.size(), 1U);
+  ExpectPoint(scan.points[0], 1, -2.5F, 3, 0);
+}
+
+TEST_F(ScanFileTest, PlyTruncatedOrWithAbsurdCount) {
+  const std::string p = Pack(1.0F, 2.0F, 3.0F);
+  for (const char* count : {"3", "4294967295", "99999999999999999999", "-1"}) {
+    EXPECT_THAT(ReadError("a.ply", PlyHeader("binary_little_endian", count) + p + p),
+                HasSubstr("a.ply:"))
+        << count;
+    EXPECT_THAT(ReadError("b.ply", PlyHeader("ascii", count) + "1 2 3\n4 5 6\n"),
+                HasSubstr("b.ply:"))
+        << count;
+  }
+}
+
+TEST_F(ScanFileTest, PlyColoursListsAndRangeGridsAreNoObstacle) {
+  const std::string colours = "property char red\nproperty uchar green\nproperty uchar alpha\n";
+  ExpectPoint(Read("a.ply", PlyHeader("ascii", "1", colours) + "1 2 3 -40 50 60\n").points[0], 1, 2,
+              3, 0);
+  // Other elements before the vertices, with lists of several lengths.
+  for (const char* format : {"binary_little_endian", "binary_big_endian"}) {
+    const bool big = std::string(format) == "binary_big_endian";
+    std::string header = PlyHeader(format, "1");
+    header = Replaced(header, "element vertex",
+                      "obj_info num_cols 3\nelement range_grid 2\nproperty list uchar ushort "
+                      "indices\nproperty uchar flag\nelement vertex");
+    std::string data =
+        Pack(std::uint8_t{2}, std::uint32_t{7}, std::uint8_t{1}, std::uint8_t{0}, std::uint8_t{1});
+    for (float value : {1.0F, 2.0F, 3.0F}) {
+      data += big ? BigEndian(value) : Pack(value);
+    }
+    ExpectPoint(Read("b.ply", header + data).points[0], 1, 2, 3, 0);
+    EXPECT_THAT(ReadError("c.ply", header + data.substr(0, data.size() - 1)), HasSubstr("fewer"));
+    data[0] = '\xff';
+    EXPECT_THAT(ReadError("d.ply", header + data), HasSubstr("within the element 'range_grid'"));
+  }
+}
+
+TEST_F(ScanFileTest, PlyHeaderLinesThatBreakTheRulesAreNamed) {
+  const std::string good = PlyHeader("ascii", "1") + "1 2 3\n";
+  const auto error = [&](const std::string& from, const std::string& to) {
+    return ReadError("a.ply", Replaced(good, from, to));
+  };
+  EXPECT_THAT(error("float z", "quad z"), AllOf(HasSubstr("a.ply:7:"), HasSubstr("no type")));
+  EXPECT_THAT(error("format ascii", "format latin"), HasSubstr("format must be"));
+  EXPECT_THAT(error("element vertex 1", "element vertex"), HasSubstr("a.ply:4:"));
+  EXPECT_THAT(error("element vertex 1\n", ""), HasSubstr("after an element"));
+  EXPECT_THAT(error("vertex", "corner"), HasSubstr("no element 'vertex'"));
+  EXPECT_THAT(error("comment", "remark"), HasSubstr("no line of a PLY header"));
+  EXPECT_THAT(error("float z", "list uchar float z"), HasSubstr("lists"));
+  EXPECT_THAT(error("float z", "float w"), HasSubstr("no field 'z'"));
+  EXPECT_THAT(error("end_header", "end"), HasSubstr("a.ply"));
+  EXPECT_THAT(error("1 2 3", "1 2 c"), AllOf(HasSubstr("a.ply:9:"), HasSubstr("'c'")));
+  EXPECT_THAT(error("1 2 3", "10 20"), HasSubstr("found 2"));
+}
+
+// Whatever single byte is damaged, or wherever the file ends, the answer is a scan or InputError.
+TEST_F(ScanFileTest, DamagedFilesNeverCrash) {
+  const std::string data = Pack(1.0F, 4.0F, 2.0F, 5.0F, 3.0F, 6.0F);
+  const std::vector<std::pair<std::string, std::string>> files = {
+      {"a.pcd", XyzHeader("2", "ascii") + "1 2 3\n4 5 6\n"},
+      {"b.pcd", XyzHeader("2", "binary") + data},
+      {"c.pcd", XyzHeader("2", "binary_compressed") + Lzf(data)},
+      {"d.ply", PlyHeader("ascii", "2") + "1 2 3\n4 5 6\n"},
+      {"e.ply", PlyHeader("binary_little_endian", "2") + data}};
+  const auto survives = [&](const std::string& name, const std::string& bytes) {
+    const std::string path = Write(name, bytes);
+    try {
+      EXPECT_LE(ReadScanFile(path, options_.point_time_unit).points.size(), 100U);
+    } catch (const InputError& error) {
+      EXPECT_THAT(error.what(), HasSubstr(path));
+    }
+  };
+  for (const auto& [name, good] : files) {
+    for (std::size_t i = 0; i < good.size(); ++i) {
+      survives(name, good.substr(0, i));
+      for (const char c : {'\0', ' ', '\n', '9', '-', 'x', '\xff'}) {
+        std::string bad = good;
+        bad[i] = c;
+        survives(name, bad);
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace lamina
