@@ -100,6 +100,18 @@ std::string ByteStream::Text(std::uint64_t bytes, std::uint64_t most) {
   return text;
 }
 
+std::string_view ByteStream::View(std::uint64_t bytes, std::uint64_t most, ByteBuffer* room) {
+  if (bytes > most) Fail(fmt::format("a length of {} bytes, must be at most {}", bytes, most));
+  const auto count = static_cast<std::size_t>(bytes);
+  if (const char* there = InMemory(bytes)) {
+    position_ += bytes;
+    return {there, count};
+  }
+  *room = ByteBuffer(count);
+  Read(room->data(), count);
+  return room->view();
+}
+
 std::string ByteStream::ShortText() {
   constexpr std::uint64_t kMost = 1024;
   return Text(Number<std::uint32_t>(), kMost);
@@ -151,6 +163,13 @@ std::size_t MemoryStream::Next(char* to, std::size_t bytes) {
   std::memcpy(to, left_.data(), take);
   left_.remove_prefix(take);
   return take;
+}
+
+const char* MemoryStream::InMemory(std::uint64_t bytes) {
+  if (bytes > left_.size()) return nullptr;
+  const char* there = left_.data();
+  left_.remove_prefix(static_cast<std::size_t>(bytes));
+  return there;
 }
 
 std::uint64_t MemoryStream::Jump(std::uint64_t bytes) {

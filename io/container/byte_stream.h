@@ -28,6 +28,22 @@ class GiveUpReads {
 // Throws that error, naming the path, if it is.
 void ThrowIfGivenUp(const std::string& path);
 
+// Bytes in memory that are not set before they are written: of what is never written no memory is
+// taken.
+class ByteBuffer {
+ public:
+  ByteBuffer() = default;
+  explicit ByteBuffer(std::size_t bytes) : data_(new char[bytes]), size_(bytes) {}
+  char* data() { return data_.get(); }
+  std::size_t size() const { return size_; }
+  void Shorten(std::size_t bytes) { size_ = bytes; }
+  std::string_view view() const { return {data_.get(), size_}; }
+
+ private:
+  std::unique_ptr<char[]> data_;
+  std::size_t size_ = 0;
+};
+
 // A regular file that is read at any place. Thread-safe.
 class RandomFile {
  public:
@@ -67,6 +83,8 @@ class ByteStream {
   void Skip(std::uint64_t bytes);
   // `most`: the rule that a length from a file must keep.
   std::string Text(std::uint64_t bytes, std::uint64_t most);
+  // The same without a copy where the bytes lie in memory, else in `room`.
+  std::string_view View(std::uint64_t bytes, std::uint64_t most, ByteBuffer* room);
   // A text behind its length in 4 bytes.
   std::string ShortText();
 
@@ -82,6 +100,9 @@ class ByteStream {
  protected:
   // Up to `bytes`, at least one; 0 at the end.
   virtual std::size_t Next(char* to, std::size_t bytes) = 0;
+  // The next bytes where they lie in memory for as long as the stream, passed over; null if they
+  // do not.
+  virtual const char* InMemory(std::uint64_t) { return nullptr; }
   // Passes over up to so many bytes without reading them; 0 if it cannot.
   virtual std::uint64_t Jump(std::uint64_t) { return 0; }
 
@@ -116,6 +137,7 @@ class MemoryStream final : public ByteStream {
  private:
   std::size_t Next(char* to, std::size_t bytes) override;
   std::uint64_t Jump(std::uint64_t bytes) override;
+  const char* InMemory(std::uint64_t bytes) override;
 
   std::string_view left_;
 };

@@ -42,13 +42,13 @@ ChunkCache::Entries::iterator ChunkCache::Enter(std::unique_lock<std::mutex>* lo
   }
 }
 
-void ChunkCache::With(const Key& key, std::size_t bytes, const std::function<std::string()>& unpack,
-                      const std::function<void(const std::string&)>& use) {
+void ChunkCache::With(const Key& key, std::size_t bytes, const std::function<ByteBuffer()>& unpack,
+                      const std::function<void(std::string_view)>& use) {
   std::unique_lock<std::mutex> lock(mutex_);
   const auto entry = Enter(&lock, key, bytes);
   if (!entry->second.ready) {
     lock.unlock();
-    std::string data;
+    ByteBuffer data;
     try {
       data = unpack();
     } catch (...) {
@@ -71,7 +71,7 @@ void ChunkCache::With(const Key& key, std::size_t bytes, const std::function<std
     changed_.notify_all();
   };
   try {
-    use(entry->second.data);
+    use(entry->second.data.view());
   } catch (...) {
     leave();
     throw;

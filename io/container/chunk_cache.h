@@ -9,7 +9,9 @@
 #include <functional>
 #include <map>
 #include <mutex>
-#include <string>
+#include <string_view>
+
+#include "io/container/byte_stream.h"
 
 namespace lamina {
 
@@ -30,12 +32,12 @@ class ChunkCache {
       return file != other.file ? file < other.file : chunk < other.chunk;
     }
   };
-  void With(const Key& key, std::size_t bytes, const std::function<std::string()>& unpack,
-            const std::function<void(const std::string&)>& use);
+  void With(const Key& key, std::size_t bytes, const std::function<ByteBuffer()>& unpack,
+            const std::function<void(std::string_view)>& use);
 
  private:
   struct Entry {
-    std::string data;
+    ByteBuffer data;
     std::size_t bytes = 0;
     std::size_t users = 0;
     std::uint64_t last_use = 0;

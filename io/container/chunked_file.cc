@@ -16,6 +16,8 @@ namespace {
 constexpr std::uint64_t kMostCachedBytes = 16 << 20;
 // No recording is packed so well: such a chunk is made to take time and memory.
 constexpr std::uint64_t kMostRatio = 1000;
+// Chunks that are packed to more are read piece by piece.
+constexpr std::uint64_t kMostPackedBytes = 4 << 20;
 constexpr std::size_t kPiece = 1 << 20;
 
 std::uint32_t AddToSum(std::uint32_t sum, std::string_view bytes) {
@@ -157,18 +159,30 @@ void ChunkedFile::WalkChunk(
   }
 }
 
+std::string ChunkedFile::NameOf(const Chunk& chunk) const {
+  return fmt::format("{}: chunk at byte {}", file_.path(), chunk.begin);
+}
+
 std::unique_ptr<ByteStream> ChunkedFile::Stream(const Chunk& chunk) const {
   if (chunk.compression == Compression::kNone) {
     return std::make_unique<FileStream>(file_, chunk.begin, chunk.end);
   }
-  return std::make_unique<PackedStream>(
-      fmt::format("{}: chunk at byte {}", file_.path(), chunk.begin), chunk.compression,
-      SourceOf(file_, chunk.begin, chunk.end));
+  return std::make_unique<PackedStream>(NameOf(chunk), chunk.compression,
+                                        SourceOf(file_, chunk.begin, chunk.end));
 }
 
-std::string ChunkedFile::Unpack(const Chunk& chunk) const {
-  std::string bytes = Stream(chunk)->Text(chunk.bytes, chunk.bytes);
-  if (chunk.crc != 0 && AddToSum(0, bytes) != chunk.crc) {
+ByteBuffer ChunkedFile::Unpack(const Chunk& chunk) const {
+  ByteBuffer bytes(static_cast<std::size_t>(chunk.bytes));
+  const std::uint64_t packed = chunk.end - chunk.begin;
+  if (chunk.compression == Compression::kNone || packed > kMostPackedBytes) {
+    Stream(chunk)->Read(bytes.data(), bytes.size());
+  } else {
+    // All at once: decoders then write to where the bytes are wanted, and nowhere before.
+    ByteBuffer in(static_cast<std::size_t>(packed));
+    FileStream(file_, chunk.begin, chunk.end).Read(in.data(), in.size());
+    PackedStream(NameOf(chunk), chunk.compression, in.view()).Read(bytes.data(), bytes.size());
+  }
+  if (chunk.crc != 0 && AddToSum(0, bytes.view()) != chunk.crc) {
     Fail(chunk.begin, "this chunk is damaged: its checksum is another");
   }
   return bytes;
@@ -198,9 +212,8 @@ void ChunkedFile::WithChunk(std::uint32_t number,
     cache_->With(
         {file_number_, chunk.begin}, static_cast<std::size_t>(chunk.bytes),
         [&] { return Unpack(chunk); },
-        [&](const std::string& bytes) {
-          MemoryStream stream(fmt::format("{}: chunk at byte {}", file_.path(), chunk.begin),
-                              bytes);
+        [&](std::string_view bytes) {
+          MemoryStream stream(NameOf(chunk), bytes);
           use(&stream);
         });
     return;
@@ -210,12 +223,23 @@ void ChunkedFile::WithChunk(std::uint32_t number,
 }
 
 std::string ChunkedFile::Read(const MessagePlace& place, std::size_t most) const {
-  std::string bytes;
+  std::string copy;
+  WithRecord(place, most, [&](std::string_view bytes) { copy = bytes; });
+  return copy;
+}
+
+void ChunkedFile::With(const MessagePlace& place,
+                       const std::function<void(std::string_view)>& use) const {
+  WithRecord(place, SIZE_MAX, use);
+}
+
+void ChunkedFile::WithRecord(const MessagePlace& place, std::size_t most,
+                             const std::function<void(std::string_view)>& use) const {
   WithChunk(place.chunk, [&](ByteStream* stream) {
     stream->Skip(place.offset);
-    bytes = ReadRecord(stream, most);
+    ByteBuffer room;
+    use(ReadRecord(stream, most, &room));
   });
-  return bytes;
 }
 
 }  // namespace lamina

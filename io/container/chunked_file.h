@@ -31,6 +31,8 @@ class ChunkedFile : public MessageTable {
         file_number_(cache_->NextFile()) {}
 
   std::string Read(const MessagePlace& place, std::size_t most) const override;
+  void With(const MessagePlace& place,
+            const std::function<void(std::string_view)>& use) const override;
 
  protected:
   struct Chunk {
@@ -40,8 +42,10 @@ class ChunkedFile : public MessageTable {
     std::uint32_t crc = 0;  // of what is unpacked; 0: not known
   };
 
-  // The part of the data that is a message: `stream` stands at its record. At most `most` bytes.
-  virtual std::string ReadRecord(ByteStream* stream, std::size_t most) const = 0;
+  // The part of the data that is a message: `stream` stands at its record. At most `most` bytes,
+  // where they lie or in `room`.
+  virtual std::string_view ReadRecord(ByteStream* stream, std::size_t most,
+                                      ByteBuffer* room) const = 0;
 
   const RandomFile& file() const { return file_; }
   // Throws InputError with the place in the file.
@@ -85,8 +89,11 @@ class ChunkedFile : public MessageTable {
   // Runs `use` on the chunk's unpacked bytes as they come, after their sum was checked if it fits
   // the cache.
   void WithChunk(std::uint32_t chunk, const std::function<void(ByteStream*)>& use) const;
-  std::string Unpack(const Chunk& chunk) const;
+  ByteBuffer Unpack(const Chunk& chunk) const;
   void CheckSum(const Chunk& chunk) const;
+  std::string NameOf(const Chunk& chunk) const;
+  void WithRecord(const MessagePlace& place, std::size_t most,
+                  const std::function<void(std::string_view)>& use) const;
   std::unique_ptr<ByteStream> Stream(const Chunk& chunk) const;
 
   RandomFile file_;

@@ -333,7 +333,8 @@ class Mcap final : public ChunkedFile {
     return connection->wanted;
   }
 
-  std::string ReadRecord(ByteStream* stream, std::size_t most) const override {
+  std::string_view ReadRecord(ByteStream* stream, std::size_t most,
+                              ByteBuffer* room) const override {
     const RecordHead record = NextRecord(stream);
     if (record.opcode != kMessage || record.bytes < kMessageHead) {
       stream->Fail("there is no message where the index says");
@@ -343,15 +344,14 @@ class Mcap final : public ChunkedFile {
     if (bytes > kMostMessageBytes) stream->Fail("a message is too long");
     // rosbag2 may have compressed messages one by one. No CDR begins as such a message does.
     constexpr std::uint64_t kMagicBytes = 4;
-    std::string data = stream->Text(std::min(bytes, std::max<std::uint64_t>(most, kMagicBytes)),
-                                    kMostMessageBytes);
-    if (cdr_ && IsZstd(data)) {
-      data += stream->Text(bytes - data.size(), kMostMessageBytes);
-      const std::string name = file().path() + ": a message";
-      return UnpackZstd(name, data, std::min<std::size_t>(most, kMostMessageBytes));
-    }
-    data.resize(std::min(data.size(), most));
-    return data;
+    const std::string_view data = stream->View(
+        std::min(bytes, std::max<std::uint64_t>(most, kMagicBytes)), kMostMessageBytes, room);
+    if (!cdr_ || !IsZstd(data)) return data.substr(0, most);
+    std::string packed(data);
+    packed += stream->Text(bytes - packed.size(), kMostMessageBytes);
+    const std::string name = file().path() + ": a message";
+    *room = UnpackZstd(name, packed, std::min<std::size_t>(most, kMostMessageBytes));
+    return room->view();
   }
 
   std::map<std::uint16_t, std::string> schemas_;

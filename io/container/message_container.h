@@ -52,6 +52,12 @@ class MessageContainer {
   // The bytes of a message, or only the first `most`. Throws InputError naming file, place and
   // rule.
   virtual std::string Read(const MessagePlace& place, std::size_t most = SIZE_MAX) const = 0;
+  // Hands them to `use`, without a copy where they lie in memory: they are there for the call
+  // alone, which must not come back to the container. What it throws goes on to the caller.
+  virtual void With(const MessagePlace& place,
+                    const std::function<void(std::string_view bytes)>& use) const {
+    use(Read(place));
+  }
 };
 
 // Of which topics the messages are wanted, by their type.

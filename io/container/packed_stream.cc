@@ -135,56 +135,51 @@ PackedStream::PackedStream(std::string name, Compression compression, Source sou
 
 PackedStream::~PackedStream() = default;
 
+PackedStream::PackedStream(std::string name, Compression compression, std::string_view packed)
+    : ByteStream(std::move(name)),
+      decoder_(MakeDecoder(compression)),
+      input_(packed),
+      source_ended_(true) {}
+
 std::size_t PackedStream::Next(char* to, std::size_t bytes) {
   constexpr std::size_t kInput = 1 << 18;
   for (;;) {
-    if (used_ == input_.size() && !source_ended_) {
-      input_.resize(kInput);
-      input_.resize(source_(input_.data(), kInput));
-      used_ = 0;
+    if (input_.empty() && !source_ended_) {
+      read_.resize(kInput);
+      input_ = std::string_view(read_).substr(0, source_(read_.data(), kInput));
       source_ended_ = input_.empty();
     }
-    const Decoder::Step step =
-        decoder_->Run(input_.data() + used_, input_.size() - used_, to, bytes);
+    const Decoder::Step step = decoder_->Run(input_.data(), input_.size(), to, bytes);
     if (step.error != nullptr) Fail(fmt::format("cannot be unpacked: {}", step.error));
-    used_ += step.consumed;
+    input_.remove_prefix(step.consumed);
     if (step.produced > 0) return step.produced;
     if (step.consumed > 0) continue;
-    if (source_ended_) return 0;
-    if (used_ < input_.size()) Fail("cannot be unpacked: the data is damaged");
+    if (input_.empty() && source_ended_) return 0;
+    if (!input_.empty()) Fail("cannot be unpacked: the data is damaged");
   }
 }
 
-std::string UnpackZstd(const std::string& name, std::string_view packed, std::size_t most) {
-  PackedStream stream(name, Compression::kZstd, SourceOf(packed));
-  constexpr std::size_t kPiece = 1 << 20;
-  std::string bytes;
-  // Address space alone: memory is taken piece by piece.
+ByteBuffer UnpackZstd(const std::string& name, std::string_view packed, std::size_t most) {
+  PackedStream stream(name, Compression::kZstd, packed);
+  // What the first frame says of its length, which may be wrong; further ones may follow. Address
+  // space alone: memory is taken for what arrives.
+  constexpr std::size_t kPiece = 1 << 20, kMostTold = 1 << 30;
   const unsigned long long told = ZSTD_getFrameContentSize(packed.data(), packed.size());
-  if (told != ZSTD_CONTENTSIZE_UNKNOWN && told != ZSTD_CONTENTSIZE_ERROR) {
-    constexpr unsigned long long kMostReserved = 1 << 30;
-    bytes.reserve(static_cast<std::size_t>(
-        std::min({told, static_cast<unsigned long long>(most), kMostReserved})));
-  }
-  while (bytes.size() < most) {
-    const std::size_t have = bytes.size();
-    bytes.resize(have + std::min(kPiece, most - have));
+  const bool known = told != ZSTD_CONTENTSIZE_UNKNOWN && told != ZSTD_CONTENTSIZE_ERROR;
+  ByteBuffer bytes(
+      std::min(most, known && told <= kMostTold ? static_cast<std::size_t>(told) + 1 : kPiece));
+  std::size_t have = 0;
+  for (;;) {
     const std::uint64_t before = stream.position();
-    if (!stream.TryRead(bytes.data() + have, bytes.size() - have)) {
-      bytes.resize(have + static_cast<std::size_t>(stream.position() - before));
-      break;
-    }
+    const bool full = stream.TryRead(bytes.data() + have, bytes.size() - have);
+    have += static_cast<std::size_t>(stream.position() - before);
+    if (!full || have == most) break;
+    ByteBuffer larger(std::min(most, 2 * have + kPiece));
+    std::memcpy(larger.data(), bytes.data(), have);
+    bytes = std::move(larger);
   }
+  bytes.Shorten(have);
   return bytes;
-}
-
-PackedStream::Source SourceOf(std::string_view bytes) {
-  return [bytes](char* to, std::size_t most) mutable {
-    const std::size_t take = std::min(most, bytes.size());
-    std::memcpy(to, bytes.data(), take);
-    bytes.remove_prefix(take);
-    return take;
-  };
 }
 
 PackedStream::Source SourceOf(const RandomFile& file, std::uint64_t begin, std::uint64_t end) {

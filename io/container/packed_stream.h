@@ -33,6 +33,8 @@ class PackedStream final : public ByteStream {
   // Not for kNone. zstd must not want a window of more than 8 MB, which is that of its levels up to
   // 19.
   PackedStream(std::string name, Compression compression, Source source);
+  // Of bytes in memory, which must outlive it.
+  PackedStream(std::string name, Compression compression, std::string_view packed);
   ~PackedStream() override;
 
  private:
@@ -40,17 +42,16 @@ class PackedStream final : public ByteStream {
 
   Source source_;
   std::unique_ptr<Decoder> decoder_;
-  std::string input_;
-  std::size_t used_ = 0;  // of the input
+  std::string read_;        // from the source
+  std::string_view input_;  // of it, or all of what is in memory: what is not unpacked yet
   bool source_ended_ = false;
 };
 
 // The whole of zstd frames in memory, at most `most` bytes: what is beyond is not unpacked. Throws
 // InputError.
-std::string UnpackZstd(const std::string& name, std::string_view packed, std::size_t most);
+ByteBuffer UnpackZstd(const std::string& name, std::string_view packed, std::size_t most);
 
-// A source of bytes in memory, or of a stretch of a file, which must outlive it.
-PackedStream::Source SourceOf(std::string_view bytes);
+// A source of a stretch of a file, which must outlive it.
 PackedStream::Source SourceOf(const RandomFile& file, std::uint64_t begin, std::uint64_t end);
 
 }  // namespace lamina

@@ -237,11 +237,12 @@ class Ros1Bag final : public ChunkedFile {
     return connection->wanted;
   }
 
-  std::string ReadRecord(ByteStream* stream, std::size_t most) const override {
+  std::string_view ReadRecord(ByteStream* stream, std::size_t most,
+                              ByteBuffer* room) const override {
     const Record record = NextRecord(stream);
     if (record.fields.op() != kMessage) stream->Fail("there is no message where the index says");
     if (record.data_bytes > kMostMessageBytes) stream->Fail("a message is too long");
-    return stream->Text(std::min<std::uint64_t>(record.data_bytes, most), kMostMessageBytes);
+    return stream->View(std::min<std::uint64_t>(record.data_bytes, most), kMostMessageBytes, room);
   }
 };
 

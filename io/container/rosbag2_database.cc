@@ -46,18 +46,11 @@ class Rosbag2Database final : public MessageTable {
   }
 
   std::string Read(const MessagePlace& place, std::size_t most) const override {
-    const std::string name = fmt::format("{}: message {}", path_, place.offset);
-    std::string data = ReadBlob(name, static_cast<std::int64_t>(place.offset), most);
-    if (!IsZstd(data)) {
-      data.resize(std::min(data.size(), most));
-      return data;
-    }
-    if (most < kFirstBytes)
-      data = ReadBlob(name, static_cast<std::int64_t>(place.offset), SIZE_MAX);
-    std::string unpacked = UnpackZstd(
-        name, data, static_cast<std::size_t>(std::min<std::uint64_t>(most, kMostMessageBytes + 1)));
-    if (unpacked.size() > kMostMessageBytes) throw InputError(name + ": is too long");
-    return unpacked;
+    return std::string(Bytes(place, most).view());
+  }
+  void With(const MessagePlace& place,
+            const std::function<void(std::string_view)>& use) const override {
+    use(Bytes(place, SIZE_MAX).view());
   }
 
  private:
@@ -150,8 +143,26 @@ class Rosbag2Database final : public MessageTable {
     }
   }
 
+  // Of a message, or the first `most`.
+  ByteBuffer Bytes(const MessagePlace& place, std::size_t most) const {
+    const std::string name = fmt::format("{}: message {}", path_, place.offset);
+    ByteBuffer data = ReadBlob(name, static_cast<std::int64_t>(place.offset), most);
+    if (!IsZstd(data.view())) {
+      data.Shorten(std::min(data.size(), most));
+      return data;
+    }
+    if (most < kFirstBytes) {
+      data = ReadBlob(name, static_cast<std::int64_t>(place.offset), SIZE_MAX);
+    }
+    ByteBuffer unpacked =
+        UnpackZstd(name, data.view(),
+                   static_cast<std::size_t>(std::min<std::uint64_t>(most, kMostMessageBytes + 1)));
+    if (unpacked.size() > kMostMessageBytes) throw InputError(name + ": is too long");
+    return unpacked;
+  }
+
   // Straight into the result: a column would hold a copy of its own.
-  std::string ReadBlob(const std::string& name, std::int64_t row, std::size_t most) const {
+  ByteBuffer ReadBlob(const std::string& name, std::int64_t row, std::size_t most) const {
     const std::lock_guard<std::mutex> lock(mutex_);
     sqlite3_blob* blob = nullptr;
     const auto fail = [&] {
@@ -164,18 +175,8 @@ class Rosbag2Database final : public MessageTable {
       fail();
     }
     const auto bytes = static_cast<std::size_t>(sqlite3_blob_bytes(blob));
-    std::string data;
-    constexpr std::size_t kPiece = 1 << 20;
-    const std::size_t wanted = std::min(bytes, most < kFirstBytes ? kFirstBytes : most);
-    data.reserve(wanted);
-    while (data.size() < wanted) {
-      const std::size_t have = data.size(), more = std::min(kPiece, wanted - have);
-      data.resize(have + more);
-      if (sqlite3_blob_read(blob, data.data() + have, static_cast<int>(more),
-                            static_cast<int>(have)) != SQLITE_OK) {
-        fail();
-      }
-    }
+    ByteBuffer data(std::min(bytes, most < kFirstBytes ? kFirstBytes : most));
+    if (sqlite3_blob_read(blob, data.data(), static_cast<int>(data.size()), 0) != SQLITE_OK) fail();
     sqlite3_blob_close(blob);
     return data;
   }

@@ -6,10 +6,10 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
 #include <vector>
 
 #include "core/base/error.h"
+#include "io/file/byte_numbers.h"
 #include "io/file/text_input.h"
 #include "io/las/laz_points.h"
 #include "io/points/point_times.h"
@@ -24,13 +24,6 @@ constexpr std::array<std::size_t, 11> kRecordBytes = {20, 28, 26, 34, 57, 63, 30
 constexpr std::array<std::size_t, 11> kTimeAt = {0, 20, 0, 20, 20, 20, 22, 22, 22, 22, 22};
 constexpr std::size_t kLeastHeaderBytes = 227, kHeaderBytes14 = 375;
 constexpr std::uint8_t kFirstNewFormat = 6;
-
-template <typename T>
-T NumberAt(std::string_view bytes, std::size_t at) {
-  T value;
-  std::memcpy(&value, bytes.data() + at, sizeof(T));
-  return value;
-}
 
 struct LasHeader {
   std::uint8_t format = 0;
@@ -216,7 +209,7 @@ class LasRecords {
 
 // Adds a point, and its time if its format has one.
 void AddRecord(std::string_view record, const LasHeader& header, const std::string& path,
-               Scan* scan, std::vector<RawTime>* times) {
+               Scan* scan, std::vector<double>* times) {
   if (IsWithheld(record, header.format)) return;
   float p[3];
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -227,7 +220,7 @@ void AddRecord(std::string_view record, const LasHeader& header, const std::stri
       {p[0], p[1], p[2], static_cast<float>(NumberAt<std::uint16_t>(record, 12))});
   const std::size_t time_at = kTimeAt[header.format];
   if (time_at == 0) return;
-  times->push_back(static_cast<RawTime>(NumberAt<double>(record, time_at)));
+  times->push_back(NumberAt<double>(record, time_at));
   if (!std::isfinite(times->back())) {
     throw InputError(
         fmt::format("{}: point {} has no finite GPS time", path, scan->points.size() - 1));
@@ -241,12 +234,12 @@ Scan ReadLas(const std::string& path, PointTimeField* times) {
   const LasHeader header = ParseHeader(bytes, path);
   LasRecords records(header, bytes, path);
   Scan scan;
-  std::vector<RawTime> raw;
+  std::vector<double> raw;
   records.ForEach([&](std::string_view record) { AddRecord(record, header, path, &scan, &raw); });
   if (scan.points.empty()) throw InputError(fmt::format("{}: is empty: holds no points", path));
   CheckFrame(scan, path);
   if (raw.empty()) return scan;
-  PointTimes read = ConvertPointTimes(raw, false, PointTimeUnit::kSeconds, path + ": GPS time");
+  PointTimes read = ConvertPointTimes(raw, PointTimeUnit::kSeconds, path + ": GPS time");
   if (times != nullptr) {
     *times = {"GPS time", read.unit, read.stamp_ns != 0, !read.time_s.empty()};
   }

@@ -6,31 +6,42 @@
 #include <array>
 #include <cctype>
 #include <cmath>
-#include <cstring>
 #include <initializer_list>
+#include <type_traits>
+#include <utility>
 
 #include "core/base/error.h"
+#include "io/file/byte_numbers.h"
 
 namespace lamina {
 namespace {
 
 constexpr std::array<std::uint64_t, 11> kBytesOf = {0, 1, 1, 2, 2, 4, 4, 4, 8, 8, 8};
 constexpr std::uint32_t kFloat32 = 7, kFloat64 = 8;
-constexpr std::size_t kLeftOut = SIZE_MAX;
+
+// The cells of a cloud whose points are kept: all, or those at these bytes of its data.
+struct KeptCells {
+  bool all = true;
+  std::vector<std::size_t> at;
+};
+
+bool IsReturn(const ScanPoint& p) {
+  return std::isfinite(p.x + p.y + p.z) && (p.x != 0.0F || p.y != 0.0F || p.z != 0.0F);
+}
+
+// In one pass without a branch a point: of most clouds they all are.
+bool AreAllReturns(const std::vector<ScanPoint>& points) {
+  bool all = true;
+  for (const ScanPoint& p : points) {
+    all &= std::isfinite(p.x + p.y + p.z) & ((p.x != 0.0F) | (p.y != 0.0F) | (p.z != 0.0F));
+  }
+  return all;
+}
 
 std::string PlainName(std::string name) {
   std::transform(name.begin(), name.end(), name.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   return name.rfind("scalar_", 0) == 0 ? name.substr(7) : name;
-}
-
-template <typename T>
-T ByteSwapped(T value) {
-  char bytes[sizeof(T)];
-  std::memcpy(bytes, &value, sizeof(T));
-  std::reverse(bytes, bytes + sizeof(T));
-  std::memcpy(&value, bytes, sizeof(T));
-  return value;
 }
 
 // A cloud and what goes on reading it.
@@ -60,7 +71,9 @@ class CloudReader {
     if (layout.height - 1 > (size - row) / row_step_) too_few("too few data");
   }
 
-  std::size_t points() const { return static_cast<std::size_t>(layout_.width * layout_.height); }
+  const std::string& name() const { return name_; }
+  // Of points, which may hold no return.
+  std::size_t cells() const { return static_cast<std::size_t>(layout_.width * layout_.height); }
 
   // The first of `names` that the cloud has; null if it has none.
   const PointCloudField* Find(std::initializer_list<const char*> names) const {
@@ -72,32 +85,86 @@ class CloudReader {
     return nullptr;
   }
 
-  // Calls set(i, value) with the field's value of each point i.
-  template <typename Set>
-  void ForEachValue(const PointCloudField& field, const Set& set) const {
+  // Hands use() the field's values in these cells, as a vector of float, double, std::uint32_t,
+  // std::int64_t or std::uint64_t: of the one that holds all values of the field's type.
+  template <typename Use>
+  void UseColumn(const PointCloudField& field, const KeptCells& cells, const Use& use) const {
     Check(field);
     switch (field.datatype) {
       case 1:
-        return ForEach<std::int8_t>(field, set);
+        return use(Column<std::int8_t, std::int64_t>(field, cells));
       case 2:
-        return ForEach<std::uint8_t>(field, set);
+        return use(Column<std::uint8_t, std::uint32_t>(field, cells));
       case 3:
-        return ForEach<std::int16_t>(field, set);
+        return use(Column<std::int16_t, std::int64_t>(field, cells));
       case 4:
-        return ForEach<std::uint16_t>(field, set);
+        return use(Column<std::uint16_t, std::uint32_t>(field, cells));
       case 5:
-        return ForEach<std::int32_t>(field, set);
+        return use(Column<std::int32_t, std::int64_t>(field, cells));
       case 6:
-        return ForEach<std::uint32_t>(field, set);
+        return use(Column<std::uint32_t, std::uint32_t>(field, cells));
       case kFloat32:
-        return ForEach<float>(field, set);
+        return use(Column<float, float>(field, cells));
       case kFloat64:
-        return ForEach<double>(field, set);
+        return use(Column<double, double>(field, cells));
       case 9:
-        return ForEach<std::int64_t>(field, set);
+        return use(Column<std::int64_t, std::int64_t>(field, cells));
       default:
-        return ForEach<std::uint64_t>(field, set);
+        return use(Column<std::uint64_t, std::uint64_t>(field, cells));
     }
+  }
+
+  // The points that x, y and z make, without intensity. Most clouds have them as float32 in the
+  // order of bytes of this machine: these are read in one pass.
+  std::vector<ScanPoint> Points(const std::array<const PointCloudField*, 3>& axes) const {
+    std::vector<ScanPoint> points(cells());
+    std::size_t floats = 0;
+    for (const PointCloudField* axis : axes) {
+      Check(*axis);
+      floats += axis->datatype == kFloat32 ? 1U : 0U;
+    }
+    if (floats == axes.size() && !layout_.big_endian) {
+      const std::size_t x = axes[0]->offset, y = axes[1]->offset, z = axes[2]->offset;
+      ForEachCell([&, to = points.data()](const char* from) mutable {
+        *to++ = {LoadNumber<float>(from + x), LoadNumber<float>(from + y),
+                 LoadNumber<float>(from + z), 0.0F};
+      });
+      return points;
+    }
+    constexpr std::array<float ScanPoint::*, 3> kMembers = {&ScanPoint::x, &ScanPoint::y,
+                                                            &ScanPoint::z};
+    for (std::size_t a = 0; a < axes.size(); ++a) {
+      UseColumn(*axes[a], {}, [&](const auto& column) {
+        for (std::size_t i = 0; i < column.size(); ++i) {
+          points[i].*kMembers[a] = static_cast<float>(column[i]);
+        }
+      });
+    }
+    return points;
+  }
+
+  // Leaves those out that are no returns.
+  KeptCells KeepReturns(std::vector<ScanPoint>* points) const {
+    if (AreAllReturns(*points)) return {};
+    KeptCells kept;
+    kept.all = false;
+    kept.at.reserve(points->size());
+    std::size_t i = 0;
+    ForEachCell([&](const char* cell) {
+      const ScanPoint point = (*points)[i++];
+      if (!IsReturn(point)) return;
+      (*points)[kept.at.size()] = point;
+      kept.at.push_back(static_cast<std::size_t>(cell - data_.data()));
+    });
+    points->resize(kept.at.size());
+    return kept;
+  }
+
+  // The number of the i-th of these cells among all.
+  std::size_t NumberOf(std::size_t i, const KeptCells& cells) const {
+    if (cells.all) return i;
+    const std::uint64_t at = cells.at[i], in_row = at % row_step_;
+    return static_cast<std::size_t>(at / row_step_ * layout_.width + in_row / layout_.point_step);
   }
 
  private:
@@ -113,17 +180,34 @@ class CloudReader {
     }
   }
 
-  template <typename T, typename Set>
-  void ForEach(const PointCloudField& field, const Set& set) const {
-    std::size_t i = 0;
+  // Calls use() with the first byte of each.
+  template <typename Use>
+  void ForEachCell(Use use) const {
     for (std::uint64_t row = 0; row < layout_.height; ++row) {
-      const char* from = data_.data() + row * row_step_ + field.offset;
-      for (std::uint64_t k = 0; k < layout_.width; ++k, from += layout_.point_step) {
-        T value;
-        std::memcpy(&value, from, sizeof(T));
-        set(i++, layout_.big_endian ? ByteSwapped(value) : value);
-      }
+      const char* from = data_.data() + row * row_step_;
+      for (std::uint64_t k = 0; k < layout_.width; ++k) use(from + k * layout_.point_step);
     }
+  }
+
+  template <typename T, typename Wide>
+  std::vector<Wide> Column(const PointCloudField& field, const KeptCells& cells) const {
+    return layout_.big_endian ? Gathered<T, true, Wide>(field.offset, cells)
+                              : Gathered<T, false, Wide>(field.offset, cells);
+  }
+
+  template <typename T, bool kSwapped, typename Wide>
+  std::vector<Wide> Gathered(std::size_t offset, const KeptCells& kept) const {
+    std::vector<Wide> column(kept.all ? cells() : kept.at.size());
+    Wide* to = column.data();
+    const auto take = [&](const char* cell) {
+      *to++ = static_cast<Wide>(LoadNumber<T>(cell + offset, kSwapped));
+    };
+    if (kept.all) {
+      ForEachCell(take);
+    } else {
+      for (const std::size_t at : kept.at) take(data_.data() + at);
+    }
+    return column;
   }
 
   const PointCloudLayout& layout_;
@@ -132,60 +216,32 @@ class CloudReader {
   std::uint64_t row_step_ = 0;
 };
 
-// The points of the scan, and for each of the cloud its place among them (nothing if all are kept).
-std::vector<std::size_t> TakePoints(const CloudReader& cloud, KeptPoints kept,
-                                    const std::string& name, std::vector<ScanPoint>* points) {
-  points->resize(cloud.points());
-  const struct {
-    const char* name;
-    float ScanPoint::*member;
-  } axes[] = {{"x", &ScanPoint::x}, {"y", &ScanPoint::y}, {"z", &ScanPoint::z}};
-  for (const auto& axis : axes) {
-    const PointCloudField* field = cloud.Find({axis.name});
-    if (field == nullptr) throw InputError(fmt::format("{}: has no field '{}'", name, axis.name));
-    if (field->datatype != kFloat32 && field->datatype != kFloat64) {
-      throw InputError(fmt::format("{}: field '{}' must be float or double", name, axis.name));
+std::array<const PointCloudField*, 3> FindAxes(const CloudReader& cloud, const std::string& name) {
+  std::array<const PointCloudField*, 3> axes{};
+  constexpr std::array<const char*, 3> kNames = {"x", "y", "z"};
+  for (std::size_t a = 0; a < axes.size(); ++a) {
+    axes[a] = cloud.Find({kNames[a]});
+    if (axes[a] == nullptr) {
+      throw InputError(fmt::format("{}: has no field '{}'", name, kNames[a]));
     }
-    cloud.ForEachValue(*field, [&](std::size_t i, auto value) {
-      (*points)[i].*axis.member = static_cast<float>(value);
-    });
+    if (axes[a]->datatype != kFloat32 && axes[a]->datatype != kFloat64) {
+      throw InputError(fmt::format("{}: field '{}' must be float or double", name, kNames[a]));
+    }
   }
-  const auto is_return = [](const ScanPoint& p) {
-    return std::isfinite(p.x + p.y + p.z) && (p.x != 0.0F || p.y != 0.0F || p.z != 0.0F);
-  };
-  if (kept == KeptPoints::kAll || std::all_of(points->begin(), points->end(), is_return)) return {};
-  std::vector<std::size_t> places(points->size(), kLeftOut);
-  std::size_t count = 0;
-  for (std::size_t i = 0; i < places.size(); ++i) {
-    if (!is_return((*points)[i])) continue;
-    (*points)[count] = (*points)[i];
-    places[i] = count++;
-  }
-  points->resize(count);
-  return places;
+  return axes;
 }
 
-void TakeTimes(const CloudReader& cloud, const PointCloudField& field,
-               const std::vector<std::size_t>& places, PointTimeUnit unit, const std::string& name,
-               Scan* scan, PointTimeField* told) {
-  std::vector<RawTime> raw(scan->points.size());
-  cloud.ForEachValue(field, [&](std::size_t i, auto value) {
-    const std::size_t at = places.empty() ? i : places[i];
-    if (at == kLeftOut) return;
-    raw[at] = static_cast<RawTime>(value);
-    const ScanPoint& p = scan->points[at];
-    if (!std::isfinite(raw[at]) && std::isfinite(p.x + p.y + p.z)) {
-      throw InputError(
-          fmt::format("{}: point {} has a place but no finite '{}'", name, i, field.name));
+template <typename T>
+void CheckTimes(const std::vector<T>& times, const CloudReader& cloud, const KeptCells& cells,
+                const std::vector<ScanPoint>& points, const std::string& field) {
+  if constexpr (std::is_floating_point_v<T>) {
+    for (std::size_t i = 0; i < times.size(); ++i) {
+      const ScanPoint& p = points[i];
+      if (std::isfinite(times[i]) || !std::isfinite(p.x + p.y + p.z)) continue;
+      throw InputError(fmt::format("{}: point {} has a place but no finite '{}'", cloud.name(),
+                                   cloud.NumberOf(i, cells), field));
     }
-  });
-  PointTimes times = ConvertPointTimes(raw, field.datatype == kFloat32, unit,
-                                       fmt::format("{}: field '{}'", name, field.name));
-  if (told != nullptr) {
-    *told = {field.name, times.unit, times.stamp_ns != 0, !times.time_s.empty()};
   }
-  scan->stamp_ns = times.stamp_ns;
-  scan->time_s = std::move(times.time_s);
 }
 
 }  // namespace
@@ -194,16 +250,28 @@ Scan ScanFromCloud(const PointCloudLayout& layout, std::string_view data, KeptPo
                    PointTimeUnit unit, const std::string& name, PointTimeField* times) {
   const CloudReader cloud(layout, data, name);
   Scan scan;
-  const std::vector<std::size_t> places = TakePoints(cloud, kept, name, &scan.points);
+  scan.points = cloud.Points(FindAxes(cloud, name));
+  const KeptCells cells = kept == KeptPoints::kAll ? KeptCells() : cloud.KeepReturns(&scan.points);
   if (const auto* intensity = cloud.Find({"intensity", "reflectivity", "i"})) {
-    cloud.ForEachValue(*intensity, [&](std::size_t i, auto value) {
-      const std::size_t at = places.empty() ? i : places[i];
-      if (at != kLeftOut) scan.points[at].intensity = static_cast<float>(value);
+    cloud.UseColumn(*intensity, cells, [&](const auto& column) {
+      for (std::size_t i = 0; i < column.size(); ++i) {
+        scan.points[i].intensity = static_cast<float>(column[i]);
+      }
     });
   }
   const PointCloudField* time = cloud.Find({"t", "time", "timestamp", "time_stamp", "offset_time",
                                             "time_offset", "point_time_offset", "ts"});
-  if (time != nullptr) TakeTimes(cloud, *time, places, unit, name, &scan, times);
+  if (time == nullptr) return scan;
+  cloud.UseColumn(*time, cells, [&](const auto& column) {
+    CheckTimes(column, cloud, cells, scan.points, time->name);
+    PointTimes read =
+        ConvertPointTimes(column, unit, fmt::format("{}: field '{}'", name, time->name));
+    if (times != nullptr) {
+      *times = {time->name, read.unit, read.stamp_ns != 0, !read.time_s.empty()};
+    }
+    scan.stamp_ns = read.stamp_ns;
+    scan.time_s = std::move(read.time_s);
+  });
   return scan;
 }
 

@@ -5,6 +5,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <limits>
+#include <type_traits>
 
 #include "core/base/error.h"
 
@@ -13,23 +16,39 @@ namespace {
 
 using TimeUnit = PointTimeUnit;
 
+// What is decided of a field is decided in numbers that hold every int64, uint64 and double without
+// loss (80 bits on x86, 128 on ARM): nanoseconds since an epoch do not fit a double.
+using RawTime = long double;
+static_assert(std::numeric_limits<RawTime>::digits >= 64, "stamps in ns need 64 bits");
+
 constexpr std::array<RawTime, 4> kNsPerUnit = {1e9L, 1e6L, 1e3L, 1.0L};  // from kSeconds on
 constexpr RawTime kNsPerS = 1e9L;
 constexpr RawTime kOffsetLimitNs = 60.0L * kNsPerS;
 
+// Of the finite values; low > high if there is none.
 struct Range {
   RawTime low = std::numeric_limits<RawTime>::infinity();
   RawTime high = -std::numeric_limits<RawTime>::infinity();
 };
 
-Range FiniteRange(const std::vector<RawTime>& values) {
-  Range range;
-  for (const RawTime v : values) {
-    if (!std::isfinite(v)) continue;
-    range.low = std::min(range.low, v);
-    range.high = std::max(range.high, v);
+template <typename T>
+bool IsFinite([[maybe_unused]] T value) {
+  if constexpr (std::is_floating_point_v<T>) return std::isfinite(value);
+  return true;
+}
+
+template <typename T>
+Range FiniteRange(const std::vector<T>& values) {
+  T low = std::numeric_limits<T>::max(), high = std::numeric_limits<T>::lowest();
+  bool any = false;
+  for (const T v : values) {
+    const bool finite = IsFinite(v);
+    low = finite && v < low ? v : low;
+    high = finite && v > high ? v : high;
+    any |= finite;
   }
-  return range;
+  if (!any) return {};
+  return {static_cast<RawTime>(low), static_cast<RawTime>(high)};
 }
 
 bool SinceUnixEpoch(RawTime ns) { return ns > 1e9L * kNsPerS && ns < 3e9L * kNsPerS; }
@@ -54,16 +73,29 @@ RawTime DetectNsPerUnit(const Range& range, const std::string& field) {
   return best;
 }
 
+// Seconds from `origin`, a value of the field, plus `rest_s`. The difference of two values is
+// exact, or as exact as they are themselves.
+template <typename T>
+std::vector<float> Seconds(const std::vector<T>& raw, T origin, double rest_s, double per_s) {
+  std::vector<float> time_s(raw.size());
+  for (std::size_t i = 0; i < raw.size(); ++i) {
+    const double s = static_cast<double>(raw[i] - origin) / per_s + rest_s;
+    time_s[i] = IsFinite(raw[i]) ? static_cast<float>(s) : 0.0F;
+  }
+  return time_s;
+}
+
 }  // namespace
 
-PointTimes ConvertPointTimes(const std::vector<RawTime>& raw, bool is_float32, TimeUnit unit,
-                             const std::string& field) {
+template <typename T>
+PointTimes ConvertPointTimes(const std::vector<T>& raw, TimeUnit unit, const std::string& field) {
   PointTimes times;
   const Range range = FiniteRange(raw);
   const RawTime span = range.high - range.low;
   if (!(range.low <= range.high)) return times;  // no finite value
   const RawTime magnitude = std::max(std::abs(range.low), std::abs(range.high));
-  if (is_float32 && span < 16.0L * magnitude * std::numeric_limits<float>::epsilon()) return times;
+  const bool coarse = std::is_same_v<T, float>;
+  if (coarse && span < 16.0L * magnitude * std::numeric_limits<float>::epsilon()) return times;
 
   const RawTime ns_per_unit = unit == TimeUnit::kAuto
                                   ? DetectNsPerUnit(range, field)
@@ -81,13 +113,25 @@ PointTimes ConvertPointTimes(const std::vector<RawTime>& raw, bool is_float32, T
     times.unit = kUnits[static_cast<std::size_t>(place - kNsPerUnit.begin())];
   }
   if (span == 0.0L) return times;
-  const RawTime origin_ns = static_cast<RawTime>(times.stamp_ns);
-  times.time_s.reserve(raw.size());
-  for (const RawTime v : raw) {
-    const RawTime ns = std::isfinite(v) ? v * ns_per_unit - origin_ns : 0.0L;
-    times.time_s.push_back(static_cast<float>(ns / kNsPerS));
+  const auto per_s = static_cast<double>(kNsPerS / ns_per_unit);
+  if (!clock) {
+    times.time_s = Seconds(raw, T{0}, 0.0, per_s);
+    return times;
   }
+  // Both are near to each other: in seconds an epoch does not fit a double to the nanosecond.
+  const RawTime rest_ns = range.low * ns_per_unit - static_cast<RawTime>(times.stamp_ns);
+  times.time_s =
+      Seconds(raw, static_cast<T>(range.low), static_cast<double>(rest_ns / kNsPerS), per_s);
   return times;
 }
+
+template PointTimes ConvertPointTimes(const std::vector<float>&, TimeUnit, const std::string&);
+template PointTimes ConvertPointTimes(const std::vector<double>&, TimeUnit, const std::string&);
+template PointTimes ConvertPointTimes(const std::vector<std::uint32_t>&, TimeUnit,
+                                      const std::string&);
+template PointTimes ConvertPointTimes(const std::vector<std::int64_t>&, TimeUnit,
+                                      const std::string&);
+template PointTimes ConvertPointTimes(const std::vector<std::uint64_t>&, TimeUnit,
+                                      const std::string&);
 
 }  // namespace lamina

@@ -1,18 +1,12 @@
 // Per-point time fields of point files, which come in any unit and on any clock.
 #pragma once
 
-#include <limits>
 #include <string>
 #include <vector>
 
 #include "core/geometry/scan_source.h"
 
 namespace lamina {
-
-// Holds every int64, uint64 and double without loss (80 bits on x86, 128 on ARM): nanoseconds since
-// an epoch do not fit a double.
-using RawTime = long double;
-static_assert(std::numeric_limits<RawTime>::digits >= 64, "stamps in ns need 64 bits");
 
 // Unit of a field of times. kAuto: the one that makes the scan last about as long as scans do.
 enum class PointTimeUnit { kAuto, kSeconds, kMilliseconds, kMicroseconds, kNanoseconds };
@@ -39,8 +33,10 @@ struct PointTimes {
 // The field tells nothing if all its values are the same (drivers write zeros; the stamp of a clock
 // is kept) or if it is float32 too coarse for its span (epoch seconds in a float32 step by 128 s).
 //
-// Values that are not finite get time 0. `field` names file and field in errors.
-PointTimes ConvertPointTimes(const std::vector<RawTime>& raw, bool is_float32, PointTimeUnit unit,
+// Values that are not finite get time 0. `field` names file and field in errors. T: float, double,
+// std::uint32_t, std::int64_t or std::uint64_t.
+template <typename T>
+PointTimes ConvertPointTimes(const std::vector<T>& raw, PointTimeUnit unit,
                              const std::string& field);
 
 }  // namespace lamina

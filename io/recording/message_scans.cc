@@ -65,16 +65,21 @@ StampNs MessageScans::Stamp(std::size_t i) const {
 }
 
 Scan MessageScans::Read(std::size_t i) const {
-  const std::string name = Name(i), bytes = container_->Read(places_[i]);
-  if (header_stamps_) stamps_[i] = LidarMessageStamp(topic_, bytes, name);
-  Scan scan = ScanFromMessage(topic_, bytes, unit_, name, nullptr);
+  const std::string name = Name(i);
+  Scan scan;
+  container_->With(places_[i], [&](std::string_view bytes) {
+    if (header_stamps_) stamps_[i] = LidarMessageStamp(topic_, bytes, name);
+    scan = ScanFromMessage(topic_, bytes, unit_, name, nullptr);
+  });
   GiveStamp(Stamp(i), true, &scan);
   return scan;
 }
 
 PointTimeField MessageScans::PointTimes(std::size_t i) const {
   LidarMessageInfo info;
-  ScanFromMessage(topic_, container_->Read(places_.at(i)), unit_, Name(i), &info);
+  container_->With(places_.at(i), [&](std::string_view bytes) {
+    ScanFromMessage(topic_, bytes, unit_, Name(i), &info);
+  });
   return info.times;
 }
 

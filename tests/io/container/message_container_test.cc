@@ -3,6 +3,7 @@
 #include "io/container/message_container.h"
 
 #include <algorithm>
+#include <filesystem>
 #include <fstream>
 #include <functional>
 
@@ -29,6 +30,16 @@ std::size_t StatusKb(const char* name) {
   return 0;
 }
 void ResetPeak() { std::ofstream("/proc/self/clear_refs") << "5"; }
+
+// Bytes that this process has asked the system for so far.
+std::size_t BytesRead() {
+  std::ifstream status("/proc/self/io");
+  for (std::string word; status >> word;) {
+    std::size_t value = 0;
+    if (word == "rchar:" && status >> value) return value;
+  }
+  return 0;
+}
 
 // Clouds on one topic, beside many small messages on another. Bytes do not repeat.
 RecordedMessages Drive(std::size_t clouds, std::size_t cloud_bytes = 3000) {
@@ -145,6 +156,65 @@ TEST_F(ContainerTest, Ros2BagsPlainAndCompressedAndSplit) {
   Write("split/metadata.yaml", Metadata({"s_0.db3", "s_1.db3", "s_2.db3"}));
   EXPECT_THAT(OpenMessageContainer(Path("split"), IsCloud)->doubts(),
               ElementsAre(AllOf(HasSubstr("s_2.db3"), HasSubstr("left out"))));
+}
+
+// A recording of 100 GB is opened in the time that its index takes.
+TEST_F(ContainerTest, WithAnIndexNoMoreThanThatIsRead) {
+  if (BytesRead() == 0) GTEST_SKIP() << "/proc/self/io cannot be read";
+  const RecordedMessages drive = Drive(100, 100'000);
+  std::vector<std::string> paths;
+  for (const char* compression : {"none", "lz4", "bz2"}) {
+    paths.push_back(
+        Write(std::string(compression) + ".bag", BagBytes(drive, {compression, 5, true})));
+  }
+  for (const char* compression : {"", "lz4", "zstd"}) {
+    McapOptions options;
+    options.compression = compression;
+    paths.push_back(Write(std::string("a") + compression + ".mcap", McapBytes(drive, options)));
+  }
+  paths.push_back(Path("a.db3"));
+  WriteDatabase(paths.back(), drive);
+  for (const std::string& path : paths) {
+    SCOPED_TRACE(path);
+    const std::size_t whole = std::filesystem::file_size(path), before = BytesRead();
+    const auto container = OpenMessageContainer(path, IsCloud);
+    EXPECT_LT(BytesRead() - before, whole / 10);
+    const std::vector<MessagePlace>& places = container->Messages(CloudTopic(*container));
+    ASSERT_THAT(places, SizeIs(100));
+    container->Read(places[50]);
+    EXPECT_LT(BytesRead() - before, whole / 5) << "and of the rest what one message needs";
+    EXPECT_THAT(container->doubts(), IsEmpty());
+  }
+}
+
+// Bytes in a chunk in memory, in one that is read piece by piece, and in a database.
+TEST_F(ContainerTest, MessagesInPlaceAreTheOnesThatAreRead) {
+  const RecordedMessages drive = Drive(10);
+  const auto expect = [&](const std::string& path) {
+    SCOPED_TRACE(path);
+    const auto container = OpenMessageContainer(path, IsCloud);
+    for (const MessagePlace& place : container->Messages(CloudTopic(*container))) {
+      std::string there;
+      container->With(place, [&](std::string_view bytes) { there = bytes; });
+      EXPECT_TRUE(there == container->Read(place));
+      EXPECT_TRUE(container->Read(place, 7) == there.substr(0, 7));
+      EXPECT_THROW(container->With(place, [](std::string_view) { throw InputError("mine"); }),
+                   InputError);
+    }
+  };
+  for (const char* compression : {"none", "bz2"}) {
+    expect(Write("a.bag", BagBytes(drive, {compression})));
+  }
+  for (const char* compression : {"", "zstd"}) {
+    McapOptions options;
+    options.compression = compression;
+    expect(Write("a.mcap", McapBytes(drive, options)));
+  }
+  for (const bool packed : {false, true}) {
+    const std::string path = Path(packed ? "b.db3" : "a.db3");
+    WriteDatabase(path, drive, packed);
+    expect(path);
+  }
 }
 
 TEST_F(ContainerTest, ADamagedIndexIsNotBelieved) {
