@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <tuple>
 
 #include "core/base/error.h"
 #include "io/container/byte_stream.h"
@@ -63,48 +62,22 @@ class SplitContainer final : public MessageTable {
  public:
   SplitContainer(std::vector<std::unique_ptr<MessageContainer>> parts, std::string kind)
       : MessageTable(std::move(kind)), parts_(std::move(parts)) {
-    for (std::size_t p = 0; p < parts_.size(); ++p) AddPart(static_cast<std::uint32_t>(p));
-    for (std::vector<MessagePlace>& places : messages_) {
-      std::stable_sort(
-          places.begin(), places.end(),
-          [](const MessagePlace& a, const MessagePlace& b) { return a.log_ns < b.log_ns; });
+    for (std::size_t p = 0; p < parts_.size(); ++p) {
+      AddPart(*parts_[p], static_cast<std::uint32_t>(p));
     }
+    SortMessages();
   }
 
   std::string Read(const MessagePlace& place, std::size_t most) const override {
     return parts_.at(place.part)->Read(place, most);
   }
+  void With(const MessagePlace& place,
+            const std::function<void(std::string_view)>& use) const override {
+    parts_.at(place.part)->With(place, use);
+  }
   void Doubt(std::string text) { doubts_.push_back(std::move(text)); }
 
  private:
-  void AddPart(std::uint32_t p) {
-    const MessageContainer& part = *parts_[p];
-    doubts_.insert(doubts_.end(), part.doubts().begin(), part.doubts().end());
-    for (std::size_t t = 0; t < part.topics().size(); ++t) {
-      const MessageTopic& topic = part.topics()[t];
-      const std::size_t at = PlaceOf(topic);
-      if (at == topics_.size()) {
-        topics_.push_back(topic);
-        messages_.emplace_back();
-      } else {
-        MessageTopic& all = topics_[at];
-        if (topic.messages > 0) {
-          const bool first = all.messages == 0;
-          all.first_log_ns =
-              first ? topic.first_log_ns : std::min(all.first_log_ns, topic.first_log_ns);
-          all.last_log_ns =
-              first ? topic.last_log_ns : std::max(all.last_log_ns, topic.last_log_ns);
-          all.log_times_known = topic.log_times_known && (first || all.log_times_known);
-        }
-        all.messages += topic.messages;
-      }
-      for (MessagePlace place : part.Messages(t)) {
-        place.part = p;
-        messages_[at].push_back(place);
-      }
-    }
-  }
-
   std::vector<std::unique_ptr<MessageContainer>> parts_;
 };
 

@@ -36,6 +36,10 @@ class MessageTable : public MessageContainer {
     while (at < topics_.size() && !SameTopic(topics_[at], topic)) ++at;
     return at;
   }
+  // Takes up topics, messages and doubts of a container whose messages are among those of this one,
+  // as its part `number`. SortMessages() comes after the last.
+  void AddPart(const MessageContainer& part, std::uint32_t number);
+  void SortMessages();
   static bool SameTopic(const MessageTopic& a, const MessageTopic& b) {
     return a.name == b.name && a.type == b.type && a.encoding == b.encoding;
   }

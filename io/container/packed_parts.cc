@@ -86,14 +86,16 @@ class PackedFile final : public MessageTable {
         path_(path),
         files_(std::move(files)),
         open_(open) {
-    const auto inside = files_->Get(path_, open_);
-    topics_ = inside->topics();
-    for (const std::string& doubt : inside->doubts()) doubts_.push_back(path + ": " + doubt);
-    for (std::size_t t = 0; t < topics_.size(); ++t) messages_.push_back(inside->Messages(t));
+    AddPart(*files_->Get(path_, open_), 0);
+    for (std::string& doubt : doubts_) doubt = path + ": " + doubt;
   }
 
   std::string Read(const MessagePlace& place, std::size_t most) const override {
     return files_->Get(path_, open_)->Read(place, most);
+  }
+  void With(const MessagePlace& place,
+            const std::function<void(std::string_view)>& use) const override {
+    files_->Get(path_, open_)->With(place, use);
   }
 
  private:

@@ -5,17 +5,14 @@
 #include <map>
 #include <tuple>
 
+#include "io/file/byte_numbers.h"
+
 namespace lamina {
 namespace {
 
 constexpr char kUser[] = "copc";
 constexpr std::uint16_t kInfoRecord = 1, kHierarchyRecord = 1000;
 constexpr std::size_t kPlaceBytes = sizeof(std::int64_t);  // of the table of the chunks
-
-template <typename T>
-void Put(T value, std::string* bytes) {
-  bytes->append(reinterpret_cast<const char*>(&value), sizeof(T));
-}
 
 auto OrderOf(const CopcKey& key) { return std::tuple(key.level, key.x, key.y, key.z); }
 
@@ -27,10 +24,10 @@ CopcKey Above(const CopcKey& key, int level) {
 
 void PutEntry(const CopcKey& key, std::uint64_t place, std::int32_t bytes, std::int32_t points,
               std::string* page) {
-  for (const std::int32_t number : {key.level, key.x, key.y, key.z}) Put(number, page);
-  Put(place, page);
-  Put(bytes, page);
-  Put(points, page);
+  for (const std::int32_t number : {key.level, key.x, key.y, key.z}) AppendNumber(number, page);
+  AppendNumber(place, page);
+  AppendNumber(bytes, page);
+  AppendNumber(points, page);
 }
 
 }  // namespace
@@ -59,14 +56,14 @@ std::string CopcFile::Info() const {
   std::string info;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const double least = points_.count() > 0 ? kLasScaleM * points_.least(axis) : 0.0;
-    Put(points_.offset(axis) + least + half_m, &info);
+    AppendNumber(points_.offset(axis) + least + half_m, &info);
   }
-  Put(half_m, &info);
-  Put(2.0 * half_m / (1 << CopcNodes::kCellBits), &info);
-  Put(root_page_at_, &info);
-  Put(root_page_bytes_, &info);
-  Put(points_.first_s(), &info);
-  Put(points_.last_s(), &info);
+  AppendNumber(half_m, &info);
+  AppendNumber(2.0 * half_m / (1 << CopcNodes::kCellBits), &info);
+  AppendNumber(root_page_at_, &info);
+  AppendNumber(root_page_bytes_, &info);
+  AppendNumber(points_.first_s(), &info);
+  AppendNumber(points_.last_s(), &info);
   info.append(11 * 8, '\0');
   return info;
 }

@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "core/base/error.h"
+#include "io/file/byte_numbers.h"
 
 namespace lamina {
 namespace {
@@ -14,11 +15,6 @@ namespace {
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "LAS is little-endian");
 
 constexpr std::uint8_t kFormat = 6;
-
-template <typename T>
-void Put(T value, std::string* bytes) {
-  bytes->append(reinterpret_cast<const char*>(&value), sizeof(T));
-}
 
 // Padded with zeros to `length`, the last of which stays.
 void PutText(std::string_view text, std::size_t length, std::string* bytes) {
@@ -32,10 +28,10 @@ template <typename Length>
 std::string Record(std::string_view user, std::uint16_t number, std::string_view what,
                    std::string_view content) {
   std::string bytes;
-  Put<std::uint16_t>(0, &bytes);
+  AppendNumber<std::uint16_t>(0, &bytes);
   PutText(user, 16, &bytes);
-  Put(number, &bytes);
-  Put(static_cast<Length>(content.size()), &bytes);
+  AppendNumber(number, &bytes);
+  AppendNumber(static_cast<Length>(content.size()), &bytes);
   PutText(what, 32, &bytes);
   bytes += content;
   return bytes;
@@ -83,13 +79,13 @@ void LasPoints::Append(const std::vector<CloudPoint>& points, std::string* recor
       const std::int32_t units = Coordinate(point.p, axis);
       least_[a] = std::min(least_[a], units);
       most_[a] = std::max(most_[a], units);
-      Put(units, records);
+      AppendNumber(units, records);
     }
     const float intensity = std::isfinite(point.intensity) ? point.intensity : 0.0F;
-    Put(SixteenBits(intensity_factor_ * intensity), records);
-    Put(kOnlyReturn, records);
+    AppendNumber(SixteenBits(intensity_factor_ * intensity), records);
+    AppendNumber(kOnlyReturn, records);
     records->append(7, '\0');  // flags, class, user data, angle, source
-    Put(point.stamp_s, records);
+    AppendNumber(point.stamp_s, records);
     first_s_ = std::min(first_s_, point.stamp_s);
     last_s_ = std::max(last_s_, point.stamp_s);
   }
@@ -100,31 +96,31 @@ std::string LasHeader(const LasPoints& points, const LasLayout& layout) {
   constexpr std::uint16_t kHasWellKnownText = 1 << 4;
   constexpr std::uint8_t kPacked = 0x80;
   std::string h = "LASF";
-  Put<std::uint16_t>(0, &h);
-  Put(kHasWellKnownText, &h);
+  AppendNumber<std::uint16_t>(0, &h);
+  AppendNumber(kHasWellKnownText, &h);
   h.append(16, '\0');  // project
   h += std::string("\1\4", 2);
   PutText("Lamina", 32, &h);
   PutText("Lamina", 32, &h);
-  Put<std::uint32_t>(0, &h);  // day and year
-  Put(static_cast<std::uint16_t>(kLasHeaderBytes), &h);
-  Put(static_cast<std::uint32_t>(layout.points_at), &h);
-  Put(layout.variable_records, &h);
-  Put(static_cast<std::uint8_t>(layout.packed ? kPacked | kFormat : kFormat), &h);
-  Put(static_cast<std::uint16_t>(kLasPointBytes), &h);
+  AppendNumber<std::uint32_t>(0, &h);  // day and year
+  AppendNumber(static_cast<std::uint16_t>(kLasHeaderBytes), &h);
+  AppendNumber(static_cast<std::uint32_t>(layout.points_at), &h);
+  AppendNumber(layout.variable_records, &h);
+  AppendNumber(static_cast<std::uint8_t>(layout.packed ? kPacked | kFormat : kFormat), &h);
+  AppendNumber(static_cast<std::uint16_t>(kLasPointBytes), &h);
   h.append(24, '\0');  // counts in 32 bits, which are not for this format
-  for (int i = 0; i < 3; ++i) Put(kLasScaleM, &h);
-  for (std::size_t i = 0; i < 3; ++i) Put(points.offset(i), &h);
+  for (int i = 0; i < 3; ++i) AppendNumber(kLasScaleM, &h);
+  for (std::size_t i = 0; i < 3; ++i) AppendNumber(points.offset(i), &h);
   for (std::size_t i = 0; i < 3; ++i) {
     const bool any = points.count() > 0;
-    Put(any ? points.offset(i) + kLasScaleM * points.most(i) : 0.0, &h);
-    Put(any ? points.offset(i) + kLasScaleM * points.least(i) : 0.0, &h);
+    AppendNumber(any ? points.offset(i) + kLasScaleM * points.most(i) : 0.0, &h);
+    AppendNumber(any ? points.offset(i) + kLasScaleM * points.least(i) : 0.0, &h);
   }
-  Put<std::uint64_t>(0, &h);  // waveforms
-  Put(layout.extended_at, &h);
-  Put(layout.extended_records, &h);
-  Put(points.count(), &h);
-  Put(points.count(), &h);  // of the first return
+  AppendNumber<std::uint64_t>(0, &h);  // waveforms
+  AppendNumber(layout.extended_at, &h);
+  AppendNumber(layout.extended_records, &h);
+  AppendNumber(points.count(), &h);
+  AppendNumber(points.count(), &h);  // of the first return
   h.append(14 * 8, '\0');
   return h;
 }

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "core/base/error.h"
+#include "io/file/byte_numbers.h"
 #include "io/las/arithmetic_coder.h"
 #include "io/las/laz_point14.h"
 
@@ -14,8 +15,7 @@ namespace lamina {
 namespace {
 
 void PutLength(std::size_t length, std::string* bytes) {
-  const auto value = static_cast<std::uint32_t>(length);
-  bytes->append(reinterpret_cast<const char*>(&value), sizeof(value));
+  AppendNumber(static_cast<std::uint32_t>(length), bytes);
 }
 
 std::size_t LayersOf(const LazItem& item) {
@@ -91,10 +91,8 @@ void UnpackLayeredChunk(const LazLayout& layout, std::string_view chunk, std::ui
     fail("compressed points end early");
   }
   const auto next = [&chunk, &at] {
-    std::uint32_t value;
-    std::memcpy(&value, chunk.data() + at, sizeof(value));
-    at += sizeof(value);
-    return value;
+    at += sizeof(std::uint32_t);
+    return NumberAt<std::uint32_t>(chunk, at - sizeof(std::uint32_t));
   };
   if (const std::uint32_t found = next(); found != points) {
     fail(fmt::format("a chunk of {} compressed points, {} wanted", found, points));

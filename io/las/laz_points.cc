@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "core/base/error.h"
+#include "io/file/byte_numbers.h"
 #include "io/las/arithmetic_coder.h"
 #include "io/las/laz_layers.h"
 #include "io/las/laz_point10.h"
@@ -18,18 +19,6 @@ namespace lamina {
 namespace {
 
 constexpr std::uint16_t kPointwise = 2, kLayered = 3;  // both in chunks
-
-template <typename T>
-T NumberAt(std::string_view bytes, std::size_t at) {
-  T value;
-  std::memcpy(&value, bytes.data() + at, sizeof(T));
-  return value;
-}
-
-template <typename T>
-void Put(T value, std::string* bytes) {
-  bytes->append(reinterpret_cast<const char*>(&value), sizeof(T));
-}
 
 // Colours, which are read past.
 class Rgb12Model {
@@ -219,19 +208,19 @@ LazLayout LazLayoutOfFormat6(std::uint32_t chunk_points) {
 
 std::string LazRecord(const LazLayout& layout) {
   std::string record;
-  Put(layout.layered ? kLayered : kPointwise, &record);
-  Put<std::uint16_t>(0, &record);  // the arithmetic coder
+  AppendNumber(layout.layered ? kLayered : kPointwise, &record);
+  AppendNumber<std::uint16_t>(0, &record);  // the arithmetic coder
   const char version = layout.layered ? 3 : 2;
   record += std::string{version, version, 0, 0};
-  Put<std::uint32_t>(0, &record);
-  Put(layout.chunk_points, &record);
-  Put<std::int64_t>(-1, &record);
-  Put<std::int64_t>(-1, &record);
-  Put(static_cast<std::uint16_t>(layout.items.size()), &record);
+  AppendNumber<std::uint32_t>(0, &record);
+  AppendNumber(layout.chunk_points, &record);
+  AppendNumber<std::int64_t>(-1, &record);
+  AppendNumber<std::int64_t>(-1, &record);
+  AppendNumber(static_cast<std::uint16_t>(layout.items.size()), &record);
   for (const LazItem& item : layout.items) {
-    Put(item.type, &record);
-    Put(item.bytes, &record);
-    Put(item.version, &record);
+    AppendNumber(item.type, &record);
+    AppendNumber(item.bytes, &record);
+    AppendNumber(item.version, &record);
   }
   return record;
 }
@@ -269,8 +258,8 @@ void UnpackLazChunk(const LazLayout& layout, std::string_view chunk, std::uint64
 
 std::string LazChunkTable(const LazLayout& layout, const std::vector<LazChunk>& chunks) {
   std::string table;
-  Put<std::uint32_t>(0, &table);
-  Put(static_cast<std::uint32_t>(chunks.size()), &table);
+  AppendNumber<std::uint32_t>(0, &table);
+  AppendNumber(static_cast<std::uint32_t>(chunks.size()), &table);
   ArithmeticEncoder coder(&table);
   NumberModel numbers(32, 2);
   const bool any = layout.chunk_points == kLazAnyPoints;

@@ -23,17 +23,12 @@
 #include <iterator>
 #include <utility>
 
+#include "io/file/byte_numbers.h"
+
 namespace lamina {
 namespace {
 
 constexpr double kRadPerDeg = M_PI / 180.0;
-
-template <typename T>
-T NumberAt(std::string_view bytes, std::size_t at) {
-  T value;
-  std::memcpy(&value, bytes.data() + at, sizeof(T));
-  return value;
-}
 
 struct OusterReturn {
   std::size_t range_at = 0, intensity_at = 0;

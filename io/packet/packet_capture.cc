@@ -4,9 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 
 #include "core/base/error.h"
+#include "io/file/byte_numbers.h"
 
 namespace lamina {
 namespace {
@@ -16,16 +16,6 @@ constexpr std::uint32_t kSectionHeader = 0x0A0D0D0A, kByteOrder = 0x1A2B3C4D;
 constexpr std::uint32_t kInterface = 1, kSimplePacket = 3, kEnhancedPacket = 6;
 constexpr std::uint32_t kMostPacketBytes = 1 << 20;
 constexpr std::size_t kMostInterfaces = 1000;
-
-std::uint32_t Swapped(std::uint32_t value) { return __builtin_bswap32(value); }
-std::uint16_t Swapped(std::uint16_t value) { return __builtin_bswap16(value); }
-
-template <typename T>
-T NumberAt(std::string_view bytes, std::size_t at, bool swapped = false) {
-  T value;
-  std::memcpy(&value, bytes.data() + at, sizeof(T));
-  return swapped ? Swapped(value) : value;
-}
 
 // Numbers in headers of the network are big-endian.
 std::uint16_t BigAt(std::string_view bytes, std::size_t at) {

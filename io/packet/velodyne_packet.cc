@@ -4,9 +4,9 @@
 
 #include <array>
 #include <cmath>
-#include <cstring>
 
 #include "core/base/error.h"
+#include "io/file/byte_numbers.h"
 
 namespace lamina {
 namespace {
@@ -19,13 +19,6 @@ constexpr std::size_t kReturnBytes = 3, kTimeAt = 1200, kModeAt = 1204, kModelAt
 constexpr std::uint8_t kDual = 0x39;
 constexpr std::uint32_t kTurn = 36000;
 constexpr double kUsPerHour = 3600e6;
-
-template <typename T>
-T NumberAt(std::string_view packet, std::size_t at) {
-  T value;
-  std::memcpy(&value, packet.data() + at, sizeof(T));
-  return value;
-}
 
 const VelodyneModel* FindModel(std::uint8_t id) {
   for (const VelodyneModel* model : kModels) {

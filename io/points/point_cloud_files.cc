@@ -10,17 +10,13 @@
 #include <vector>
 
 #include "core/base/error.h"
+#include "io/file/byte_numbers.h"
 #include "io/file/text_input.h"
 #include "io/points/point_cloud.h"
 #include "io/points/point_file_check.h"
 
 namespace lamina {
 namespace {
-
-template <typename T>
-void Append(T value, std::string* bytes) {
-  bytes->append(reinterpret_cast<const char*>(&value), sizeof(T));
-}
 
 // Whole numbers of 64 bits have no room in a double; a decimal point is cut off behind them.
 template <typename T>
@@ -35,7 +31,7 @@ void AppendWhole(std::string_view word, std::string* bytes) {
     const bool fits = real > -9.2e18 && real < 9.2e18;
     value = static_cast<T>(fits ? static_cast<std::int64_t>(real) : 0);
   }
-  Append(value, bytes);
+  AppendNumber(value, bytes);
 }
 
 // The word of a column as a value of its field's type (PointCloudField::datatype).
@@ -60,10 +56,10 @@ void AppendWord(std::string_view word, std::uint32_t datatype, std::string* byte
       return AppendWhole<std::uint64_t>(word, bytes);
     case 7:
       ParseNumber(word, &real);
-      return Append(static_cast<float>(real), bytes);
+      return AppendNumber(static_cast<float>(real), bytes);
     default:
       ParseNumber(word, &real);
-      return Append(real, bytes);
+      return AppendNumber(real, bytes);
   }
 }
 

@@ -11,8 +11,6 @@ namespace lamina {
 namespace {
 
 constexpr std::size_t kMostSweeps = 1'000'000, kMostSensors = 100;
-// More than any sensor sends in a turn: of one that stands still, sweeps end here.
-constexpr std::uint32_t kMostPackets = 10'000;
 
 }  // namespace
 
@@ -29,11 +27,11 @@ bool HoldsPackets(const std::string& path) {
 }
 
 CaptureScans::CaptureScans(const std::string& path, const ScanSourceOptions& options)
-    : file_(path), sensors_(path) {
+    : SweepScans(path), file_(path), sensors_(path) {
   std::map<std::string, Source> sources = FindSources();
   std::string all;
   for (const auto& [name, source] : sources) {
-    all += fmt::format("{}{} ({} packets)", all.empty() ? "" : ", ", name, source.packets);
+    all += fmt::format("{}{} ({} packets)", all.empty() ? "" : ", ", name, source.found.packets());
   }
   const auto chosen =
       options.topic.empty() && sources.size() == 1 ? sources.begin() : sources.find(options.topic);
@@ -45,18 +43,11 @@ CaptureScans::CaptureScans(const std::string& path, const ScanSourceOptions& opt
   }
   source_ = chosen->first;
   sensor_ = chosen->second.sensor;
-  sweeps_ = std::move(chosen->second.sweeps);
+  sweeps_ = std::move(chosen->second.found.sweeps());
   CheckFirstPackets();
-  std::string described;
-  try {
-    Decode(0, &described);
-  } catch (const InputError&) {
-    // Reading the scans tells.
-  }
   described_.stamps = "the times of capture";
-  described_.scans =
-      fmt::format("{} sweeps of {} packets{}{} from {}", sweeps_.size(), chosen->second.packets,
-                  described.empty() ? "" : " of ", described, source_);
+  described_.scans = fmt::format("{} sweeps of {} packets{} from {}", sweeps_.size(),
+                                 chosen->second.found.packets(), OfSensor(), source_);
 }
 
 std::map<std::string, CaptureScans::Source> CaptureScans::FindSources() {
@@ -74,14 +65,11 @@ std::map<std::string, CaptureScans::Source> CaptureScans::FindSources() {
     Source& source = sources[packet.source];
     if (source.sensor == nullptr) source.sensor = sensor;
     if (source.sensor != sensor) continue;
-    const std::uint32_t place = *sensor->PlaceOf(packet.payload);
-    if (source.packets++ == 0 || sensor->BeginsSweep(source.place, place) ||
-        source.sweeps.back().packets >= kMostPackets) {
-      if (source.sweeps.size() >= kMostSweeps) break;
-      source.sweeps.push_back({reader.place(), 0, packet.stamp_ns});
+    source.found.Add(*sensor, *sensor->PlaceOf(packet.payload), reader.place(), packet.stamp_ns);
+    if (source.found.sweeps().size() > kMostSweeps) {
+      source.found.sweeps().pop_back();
+      break;
     }
-    ++source.sweeps.back().packets;
-    source.place = place;
   }
   format_ = reader.format();
   if (reader.cut()) {
@@ -114,36 +102,14 @@ void CaptureScans::CheckFirstPackets() const {
   }
 }
 
-std::string CaptureScans::Name(std::size_t i) const {
-  if (i >= size()) throw std::out_of_range(fmt::format("scan {} of {}", i, size()));
-  return fmt::format("{}#{}", file_.path(), i);
-}
-
-Scan CaptureScans::Decode(std::size_t i, std::string* described) const {
-  const Sweep& sweep = sweeps_.at(i);
+void CaptureScans::ForEachPacket(const Sweep& sweep, const UsePacket& use) const {
   PacketReader reader(file_, format_, sweep.place);
-  const std::unique_ptr<SweepDecoder> decoder = sensor_->NewSweep();
   UdpPacket packet;
-  Scan scan;
   for (std::uint32_t seen = 0; seen < sweep.packets && reader.Next(&packet);) {
     if (packet.source != source_ || !sensor_->PlaceOf(packet.payload)) continue;
     ++seen;
-    decoder->Add(packet.payload, packet.stamp_ns, Name(i), &scan);
+    use(packet.payload, packet.stamp_ns);
   }
-  *described = decoder->Describe();
-  if (scan.points.empty()) throw InputError(fmt::format("{}: holds no returns", Name(i)));
-  return scan;
-}
-
-Scan CaptureScans::Read(std::size_t i) const {
-  std::string ignored;
-  Scan scan = Decode(i, &ignored);
-  scan.stamp_ns = Stamp(i);
-  return scan;
-}
-
-PointTimeField CaptureScans::PointTimes(std::size_t) const {
-  return {"packets", sensor_->unit_of_times(), false, true};
 }
 
 }  // namespace lamina

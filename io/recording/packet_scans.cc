@@ -44,28 +44,21 @@ bool HoldsPointPackets(const MessageContainer& container, std::size_t topic) {
 
 PacketScans::PacketScans(const std::string& path, std::shared_ptr<const MessageContainer> container,
                          std::size_t topic)
-    : path_(path),
+    : SweepScans(path),
       container_(std::move(container)),
       topic_(container_->topics()[topic]),
       sensor_(FindSensor(topic)),
       messages_(container_->Messages(topic)) {
-  FindSweeps();
-  std::string sensor;
-  try {
-    Decode(0, &sensor);
-  } catch (const InputError&) {
-    // Reading the scans tells.
-  }
-  described_.scans =
-      fmt::format("{} sweeps of {} packets{}{} on {} of {}", sweeps_.size(), packets_,
-                  sensor.empty() ? "" : " of ", sensor, topic_.name, container_->kind());
+  const std::uint64_t packets = FindSweeps();
+  described_.scans = fmt::format("{} sweeps of {} packets{} on {} of {}", sweeps_.size(), packets,
+                                 OfSensor(), topic_.name, container_->kind());
   described_.stamps = "the times of recording";
   described_.doubts = container_->doubts();
-  if (packets_ < messages_.size()) {
+  if (packets < messages_.size()) {
     described_.doubts.push_back(
         fmt::format("{} messages on {} hold no packet of the sensor that "
                     "its metadata describes: passed over",
-                    messages_.size() - packets_, topic_.name));
+                    messages_.size() - packets, topic_.name));
   }
 }
 
@@ -79,17 +72,17 @@ std::unique_ptr<OusterSensor> PacketScans::FindSensor(std::size_t topic) const {
   }
   if (best) {
     const MessageTopic& told = container_->topics()[*best];
-    const std::string name = fmt::format("{}: {}", path_, told.name);
+    const std::string name = fmt::format("{}: {}", path(), told.name);
     const std::string bytes = container_->Read(container_->Messages(*best).front());
     return std::make_unique<OusterSensor>(
         ParseOusterMetadata(TextInMessage(told, bytes, name), name));
   }
-  const std::string json = FindOusterMetadata(path_);
+  const std::string json = FindOusterMetadata(path());
   if (json.empty()) {
     throw InputError(
         fmt::format("{}: packets on {} need the sensor's metadata: a topic called metadata, or a "
                     "metadata.json beside the recording",
-                    path_, topic_.name));
+                    path(), topic_.name));
   }
   return std::make_unique<OusterSensor>(ParseOusterMetadata(ReadSmallFile(json), json));
 }
@@ -105,60 +98,36 @@ std::string_view PacketScans::PacketOf(std::string_view message) const {
   }
 }
 
-void PacketScans::FindSweeps() {
-  // More than any sensor sends in a turn: of one that stands still, sweeps end here.
-  constexpr std::size_t kMostPackets = 10'000;
-  std::uint32_t before = 0;
+std::uint64_t PacketScans::FindSweeps() {
+  SweepFinder finder;
   for (std::size_t i = 0; i < messages_.size(); ++i) {
     std::string head;
     try {
       head = container_->Read(messages_[i], kPacketHeadBytes);
     } catch (const InputError&) {
-      continue;  // counted below
+      continue;  // counted by the caller
     }
     const std::string_view packet = PacketOf(head);
     if (packet.size() < OusterSensor::kHeadBytes) continue;
-    const std::uint32_t place = sensor_->PlaceInHead(packet);
-    if (sweeps_.empty() || sensor_->BeginsSweep(before, place) ||
-        i - sweeps_.back().begin >= kMostPackets) {
-      sweeps_.push_back({i, i, messages_[i].log_ns});
-    }
-    sweeps_.back().end = i + 1;
-    ++packets_;
-    before = place;
+    finder.Add(*sensor_, sensor_->PlaceInHead(packet), i, messages_[i].log_ns);
   }
+  sweeps_ = std::move(finder.sweeps());
   if (sweeps_.empty()) {
     throw InputError(
         fmt::format("{}: topic {} holds no packets of the sensor that its metadata "
                     "describes",
-                    path_, topic_.name));
+                    path(), topic_.name));
   }
+  return finder.packets();
 }
 
-std::string PacketScans::Name(std::size_t i) const {
-  if (i >= size()) throw std::out_of_range(fmt::format("scan {} of {}", i, size()));
-  return fmt::format("{}#{}", path_, i);
-}
-
-Scan PacketScans::Decode(std::size_t i, std::string* described) const {
-  const Sweep& sweep = sweeps_.at(i);
-  const std::unique_ptr<SweepDecoder> decoder = sensor_->NewSweep();
-  Scan scan;
-  for (std::size_t k = sweep.begin; k < sweep.end; ++k) {
-    const std::string bytes = container_->Read(messages_[k]);
-    const std::string_view packet = PacketOf(bytes);
-    if (!packet.empty()) decoder->Add(packet, messages_[k].log_ns, Name(i), &scan);
+void PacketScans::ForEachPacket(const Sweep& sweep, const UsePacket& use) const {
+  for (std::size_t i = sweep.place; i <= sweep.last; ++i) {
+    container_->With(messages_[i], [&](std::string_view message) {
+      const std::string_view packet = PacketOf(message);
+      if (!packet.empty()) use(packet, messages_[i].log_ns);
+    });
   }
-  *described = decoder->Describe();
-  if (scan.points.empty()) throw InputError(fmt::format("{}: holds no returns", Name(i)));
-  return scan;
-}
-
-Scan PacketScans::Read(std::size_t i) const {
-  std::string ignored;
-  Scan scan = Decode(i, &ignored);
-  scan.stamp_ns = Stamp(i);
-  return scan;
 }
 
 }  // namespace lamina
