@@ -48,9 +48,10 @@ endif()
 
 if(TARGET lamina_python)
   set(LAMINA_PYTHON_DIR lib/python3/dist-packages CACHE STRING "Where the Python module is installed")
-  install(TARGETS lamina_python DESTINATION ${LAMINA_PYTHON_DIR} COMPONENT python)
-  install(FILES ${PROJECT_SOURCE_DIR}/tools/python/lamina.pyi DESTINATION ${LAMINA_PYTHON_DIR}
-    COMPONENT python)
+  install(TARGETS lamina_python DESTINATION ${LAMINA_PYTHON_DIR}/lamina COMPONENT python)
+  install(FILES ${PROJECT_BINARY_DIR}/python/lamina/__init__.pyi
+    ${PROJECT_BINARY_DIR}/python/lamina/py.typed
+    DESTINATION ${LAMINA_PYTHON_DIR}/lamina COMPONENT python)
 endif()
 
 if(NOT PROJECT_IS_TOP_LEVEL)

@@ -39,6 +39,18 @@ run(${lamina} run --scans ${SCRATCH}/room --out ${SCRATCH}/run --config livox_av
 if(NOT EXISTS ${SCRATCH}/run/map_surfels.ply)
   message(FATAL_ERROR "the run has left no map:\n${output}")
 endif()
+if(PACKAGES EQUAL 3)
+  run(${CMAKE_COMMAND} -E env PYTHONPATH=${SCRATCH}/root/usr/lib/python3/dist-packages
+    python3 -c "import lamina; print(lamina.__file__, lamina.__version__)")
+  if(NOT output MATCHES "${SCRATCH}/root/usr/lib/python3/dist-packages/lamina/.* ${VERSION}")
+    message(FATAL_ERROR "import lamina: ${output}")
+  endif()
+  foreach(file __init__.pyi py.typed)
+    if(NOT EXISTS ${SCRATCH}/root/usr/lib/python3/dist-packages/lamina/${file})
+      message(FATAL_ERROR "python3-lamina lacks ${file}")
+    endif()
+  endforeach()
+endif()
 foreach(file include/lamina/backend/mapping/mapping.h include/lamina/backend/session/session.h
     share/lamina/config/default.yaml)
   if(NOT EXISTS ${SCRATCH}/root/usr/${file})

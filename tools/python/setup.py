@@ -24,15 +24,17 @@ class CMakeBuild(build_ext):
         subprocess.check_call(["cmake", "--build", str(build), "--target", "lamina_python"])
         target = Path(self.get_ext_fullpath(ext.name))
         target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(next((build / "python").glob("lamina.*.so")), target)
-        shutil.copy(ROOT / "tools/python/lamina.pyi", target.parent / "lamina.pyi")
+        package = build / "python" / "lamina"
+        shutil.copy(next(package.glob("__init__.*.so")), target)
+        for types in ("__init__.pyi", "py.typed"):
+            shutil.copy(package / types, target.parent / types)
 
 
 setup(
     name="lamina",
     version="0.1.0",
     description="Streaming LiDAR mapping: poses and a map from scans",
-    ext_modules=[Extension("lamina", [])],
+    ext_modules=[Extension("lamina.__init__", [])],
     cmdclass={"build_ext": CMakeBuild},
     install_requires=["numpy"],
     python_requires=">=3.9",

@@ -1,16 +1,20 @@
-"""The Python module: module_test.py PROGRAM STUBS."""
+"""The Python module: module_test.py PROGRAM FOLDER, that of its sources."""
 import ast
+import re
 import subprocess
 import sys
 import tempfile
+import types
 import unittest
+import warnings
+from unittest import mock
 from pathlib import Path
 
 import numpy as np
 
 import lamina
 
-PROGRAM, STUBS = sys.argv[1:3]
+PROGRAM, SOURCES = sys.argv[1:3]
 SCANS = 20
 
 
@@ -27,6 +31,71 @@ def room_scan(x):
 
 def add_all(mapping, dtype=np.float32):
     return [mapping.add(room_scan(0.1 * i).astype(dtype), 100_000_000 * i) for i in range(SCANS)]
+
+
+def rotation(axis, angle):
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def pose(R, t):
+    return np.block([[R, np.reshape(t, (3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]])
+
+
+def some_drive(count, random):
+    """A way of 0.8 m a pose through all directions, and an estimate that drifts from it."""
+    truth, estimate = [np.eye(4)], [pose(rotation(np.array([1, 2, 3.0]), 0.7), [5, -3, 2])]
+    for _ in range(count - 1):
+        step = pose(rotation(random.normal(size=3), 0.05), [0.8, 0.02, 0.01])
+        error = pose(rotation(random.normal(size=3), 0.002), random.normal(size=3) * 0.01)
+        truth.append(truth[-1] @ step)
+        estimate.append(estimate[-1] @ step @ error)
+    return np.array(truth), np.array(estimate)
+
+
+def aligned(estimate, truth):
+    """Estimate moved onto the truth by the least squares of its positions (Horn 1987, by SVD)."""
+    a, b = estimate[:, :3, 3], truth[:, :3, 3]
+    u, _, vt = np.linalg.svd((b - b.mean(0)).T @ (a - a.mean(0)))
+    R = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
+    return pose(R, b.mean(0) - R @ a.mean(0)) @ estimate
+
+
+def errors_of(estimate, truth):
+    """What lamina.evaluate tells, from the definitions and with NumPy alone."""
+    apart = np.linalg.norm(aligned(estimate, truth)[:, :3, 3] - truth[:, :3, 3], axis=1)
+    inverse = np.linalg.inv
+    relative = [inverse(inverse(t0) @ t1) @ (inverse(e0) @ e1) for t0, t1, e0, e1 in
+                zip(truth[:-1], truth[1:], estimate[:-1], estimate[1:])]
+    angles = [np.arccos(np.clip((np.trace(E[:3, :3]) - 1) / 2, -1, 1)) for E in relative]
+    way = np.r_[0, np.cumsum(np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1))]
+    segments = {}
+    for length in (5.0, 10.0, 20.0, 50.0):
+        found = []
+        for i in range(len(truth)):
+            j = np.searchsorted(way, way[i] + length)
+            if j < len(truth):
+                E = inverse(inverse(truth[i]) @ truth[j]) @ (inverse(estimate[i]) @ estimate[j])
+                found.append(100 * np.linalg.norm(E[:3, 3]) / length)
+        segments[length] = np.mean(found)
+    return {"poses": len(truth), "length_m": way[-1],
+            "ape_rmse_m": np.sqrt(np.mean(apart ** 2)), "ape_max_m": apart.max(),
+            "rpe_rmse_m": np.sqrt(np.mean([E[:3, 3] @ E[:3, 3] for E in relative])),
+            "rpe_rmse_deg": np.degrees(np.sqrt(np.mean(np.square(angles))))}, segments
+
+
+class Drawing(types.ModuleType):
+    """In the place of matplotlib.pyplot where that is not installed: keeps what is drawn."""
+
+    def __init__(self):
+        super().__init__("matplotlib.pyplot")
+        self.calls = []
+
+    def __getattr__(self, name):
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return lambda *args, **options: self.calls.append((name, args))
 
 
 class ModuleTest(unittest.TestCase):
@@ -128,8 +197,62 @@ class ModuleTest(unittest.TestCase):
         with self.assertRaisesRegex(lamina.InputError, "not/there"):
             lamina.Recording("not/there")
 
+    def test_errors_are_those_of_their_definitions(self):
+        for seed in range(3):
+            truth, estimate = some_drive(120, np.random.default_rng(seed))
+            told, (expected, segments) = lamina.evaluate(estimate, truth), errors_of(estimate, truth)
+            for name, value in expected.items():
+                self.assertAlmostEqual(told[name] / value, 1.0, places=6, msg=name)
+            self.assertEqual(set(told["short_segments_percent"]), set(segments))
+            for length, percent in segments.items():
+                self.assertAlmostEqual(told["short_segments_percent"][length], percent, places=6)
+
+    def test_examples_of_pages_run_as_they_are_printed(self):
+        modules = {}
+        try:
+            import matplotlib.pyplot as plt
+            plt.switch_backend("Agg")
+        except ImportError:
+            plt, package = Drawing(), types.ModuleType("matplotlib")
+            package.pyplot = plt
+            modules = {"matplotlib": package, "matplotlib.pyplot": plt}
+        with tempfile.TemporaryDirectory() as folder:
+            kitti = Path(folder) / "data/kitti"
+            scans = kitti / "sequences/07"
+            subprocess.run([PROGRAM, "synth", "--out", scans, "--scene", "street", "--sensor", "vlp16",
+                            "--frames", "12"], check=True, capture_output=True)
+            (kitti / "poses").mkdir()
+            (scans / "poses.txt").rename(kitti / "poses/07.txt")
+            truth = lamina.read_trajectory(str(kitti / "poses/07.txt")).poses
+            for page, lines in (("../../README.md", 20), ("README.md", 22)):
+                text = (Path(SOURCES) / page).read_text()
+                code = re.search(r"```python\n(.*?)```", text, re.S)[1]
+                self.assertIn('"/data/kitti/', code)
+                self.assertLessEqual(len(code.splitlines()), lines)
+                shown = {}
+                with mock.patch.dict(sys.modules, modules), mock.patch("builtins.print") as said, \
+                        warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # nobody sees what Agg shows
+                    exec(code.replace("/data/kitti", str(kitti)), shown)
+                self.assertEqual(shown["poses"].shape, (12, 4, 4))
+                np.testing.assert_allclose(shown["poses"][:, :3, 3], truth[:, :3, 3], atol=0.05)
+                if "evaluate" in code:
+                    self.assertLess(said.call_args.args[0], 0.05)  # the error, in metres
+                else:
+                    said.assert_not_called()
+                if isinstance(plt, Drawing):
+                    self.assertEqual((plt.calls[0][0], plt.calls[-1][0]), ("plot", "show"))
+                    continue
+                drawn = plt.gca().lines[0].get_xydata()
+                np.testing.assert_allclose(drawn, shown["poses"][:, :2, 3])
+                plt.close("all")
+
+    def test_it_is_a_package_with_types(self):
+        for name in ("__init__.pyi", "py.typed"):
+            self.assertTrue((Path(lamina.__file__).parent / name).is_file(), name)
+
     def test_everything_is_typed(self):
-        tree = ast.parse(Path(STUBS).read_text())
+        tree = ast.parse((Path(SOURCES) / "lamina.pyi").read_text())
         told = {}
         for node in tree.body:
             if isinstance(node, ast.ClassDef):
