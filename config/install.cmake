@@ -85,6 +85,6 @@ set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "libjs-three, gnuplot-nox")
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME lamina-dev)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS "libeigen3-dev, libtbb-dev, libceres-dev, libsuitesparse-dev")
 string(CONCAT CPACK_DEBIAN_DEVELOPMENT_PACKAGE_RECOMMENDS
-  "libsqlitecpp-dev, libspdlog-dev, libfmt-dev, zlib1g-dev, "
+  "libsqlitecpp-dev, libspdlog-dev, libfmt-dev, libdeflate-dev, "
   "libbz2-dev, liblzf-dev, liblz4-dev, libzstd-dev, pkg-config")
 include(CPack)

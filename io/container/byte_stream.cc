@@ -26,6 +26,41 @@ void ThrowIfGivenUp(const std::string& path) {
   }
 }
 
+void ByteBuffer::Reset(std::size_t bytes) {
+  if (bytes > capacity_) {
+    data_.reset();
+    capacity_ = 0;
+    data_.reset(new char[bytes]);
+    capacity_ = bytes;
+  }
+  size_ = bytes;
+}
+
+ByteBuffer SpareBuffers::Take(std::size_t bytes) {
+  ByteBuffer buffer;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const auto fits = std::find_if(spare_.begin(), spare_.end(),
+                                   [&](const ByteBuffer& b) { return b.capacity() >= bytes; });
+    if (fits != spare_.end()) {
+      buffer = std::move(*fits);
+      spare_.erase(fits);
+    }
+  }
+  // Those of the next scans will be a little longer or shorter.
+  if (bytes > buffer.capacity()) buffer.Reset(bytes + bytes / 8);
+  buffer.Reset(bytes);
+  return buffer;
+}
+
+void SpareBuffers::Give(ByteBuffer buffer) {
+  constexpr std::size_t kMostBytes = 8 << 20, kMostBuffers = 2;
+  if (buffer.capacity() == 0 || buffer.capacity() > kMostBytes) return;
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (spare_.size() >= kMostBuffers) spare_.erase(spare_.begin());
+  spare_.push_back(std::move(buffer));
+}
+
 RandomFile::RandomFile(const std::string& path) : path_(path) {
   const auto fail = [&](const char* reason) {
     throw InputError(fmt::format("{}: cannot be read: {}", path, reason));
@@ -107,7 +142,7 @@ std::string_view ByteStream::View(std::uint64_t bytes, std::uint64_t most, ByteB
     position_ += bytes;
     return {there, count};
   }
-  *room = ByteBuffer(count);
+  room->Reset(count);
   Read(room->data(), count);
   return room->view();
 }

@@ -9,8 +9,10 @@
 #include <cstdint>
 #include <cstring>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace lamina {
 
@@ -33,15 +35,30 @@ void ThrowIfGivenUp(const std::string& path);
 class ByteBuffer {
  public:
   ByteBuffer() = default;
-  explicit ByteBuffer(std::size_t bytes) : data_(new char[bytes]), size_(bytes) {}
+  explicit ByteBuffer(std::size_t bytes) { Reset(bytes); }
   char* data() { return data_.get(); }
   std::size_t size() const { return size_; }
+  std::size_t capacity() const { return capacity_; }
   void Shorten(std::size_t bytes) { size_ = bytes; }
+  // What was in it is lost.
+  void Reset(std::size_t bytes);
   std::string_view view() const { return {data_.get(), size_}; }
 
  private:
   std::unique_ptr<char[]> data_;
-  std::size_t size_ = 0;
+  std::size_t size_ = 0, capacity_ = 0;
+};
+
+// Buffers that were used and will be again: the system hands out memory page by page, which for
+// that of a scan costs as much as to read it. Thread-safe.
+class SpareBuffers {
+ public:
+  ByteBuffer Take(std::size_t bytes);
+  void Give(ByteBuffer buffer);
+
+ private:
+  std::mutex mutex_;
+  std::vector<ByteBuffer> spare_;
 };
 
 // A regular file that is read at any place. Thread-safe.

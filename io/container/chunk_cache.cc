@@ -18,6 +18,7 @@ bool ChunkCache::MakeRoom(std::size_t bytes) {
     }
     if (oldest == entries_.end()) return used_ == 0;
     used_ -= oldest->second.bytes;
+    spare_.Give(std::move(oldest->second.data));
     entries_.erase(oldest);
   }
   return true;

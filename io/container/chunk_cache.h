@@ -22,6 +22,8 @@ class ChunkCache {
 
   // A number for the first half of a key; the other is a chunk's place in its file.
   std::uint32_t NextFile();
+  // For what is read beside the chunks.
+  SpareBuffers& spare() { return spare_; }
 
   // Hands `use` the chunk, unpacked by `unpack` if it is not there; what that throws goes on to the
   // caller. `bytes`, its unpacked size, is at most the budget. `use` must not come back here.
@@ -56,6 +58,7 @@ class ChunkCache {
   std::size_t used_ = 0;
   std::uint64_t uses_ = 0;
   std::uint32_t files_ = 0;
+  SpareBuffers spare_;
 };
 
 }  // namespace lamina

@@ -1,13 +1,13 @@
 #include "io/container/chunked_file.h"
 
 #include <fmt/format.h>
-#include <zlib.h>
 
 #include <algorithm>
 #include <limits>
 #include <tuple>
 
 #include "core/base/error.h"
+#include "io/file/checksum.h"
 
 namespace lamina {
 namespace {
@@ -19,11 +19,6 @@ constexpr std::uint64_t kMostRatio = 1000;
 // Chunks that are packed to more are read piece by piece.
 constexpr std::uint64_t kMostPackedBytes = 4 << 20;
 constexpr std::size_t kPiece = 1 << 20;
-
-std::uint32_t AddToSum(std::uint32_t sum, std::string_view bytes) {
-  return static_cast<std::uint32_t>(
-      crc32_z(sum, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
-}
 
 }  // namespace
 
@@ -172,17 +167,18 @@ std::unique_ptr<ByteStream> ChunkedFile::Stream(const Chunk& chunk) const {
 }
 
 ByteBuffer ChunkedFile::Unpack(const Chunk& chunk) const {
-  ByteBuffer bytes(static_cast<std::size_t>(chunk.bytes));
+  ByteBuffer bytes = cache_->spare().Take(static_cast<std::size_t>(chunk.bytes));
   const std::uint64_t packed = chunk.end - chunk.begin;
   if (chunk.compression == Compression::kNone || packed > kMostPackedBytes) {
     Stream(chunk)->Read(bytes.data(), bytes.size());
   } else {
     // All at once: decoders then write to where the bytes are wanted, and nowhere before.
-    ByteBuffer in(static_cast<std::size_t>(packed));
+    ByteBuffer in = cache_->spare().Take(static_cast<std::size_t>(packed));
     FileStream(file_, chunk.begin, chunk.end).Read(in.data(), in.size());
     PackedStream(NameOf(chunk), chunk.compression, in.view()).Read(bytes.data(), bytes.size());
+    cache_->spare().Give(std::move(in));
   }
-  if (chunk.crc != 0 && AddToSum(0, bytes.view()) != chunk.crc) {
+  if (chunk.crc != 0 && Crc32(bytes.view()) != chunk.crc) {
     Fail(chunk.begin, "this chunk is damaged: its checksum is another");
   }
   return bytes;
@@ -197,7 +193,7 @@ void ChunkedFile::CheckSum(const Chunk& chunk) const {
   std::uint32_t sum = 0;
   while (stream->position() < chunk.bytes) {
     const std::uint64_t piece = std::min<std::uint64_t>(kPiece, chunk.bytes - stream->position());
-    sum = AddToSum(sum, stream->Text(piece, piece));
+    sum = Crc32(stream->Text(piece, piece), sum);
   }
   if (sum != chunk.crc) Fail(chunk.begin, "this chunk is damaged: its checksum is another");
   const std::lock_guard<std::mutex> lock(summed_mutex_);
@@ -237,8 +233,9 @@ void ChunkedFile::WithRecord(const MessagePlace& place, std::size_t most,
                              const std::function<void(std::string_view)>& use) const {
   WithChunk(place.chunk, [&](ByteStream* stream) {
     stream->Skip(place.offset);
-    ByteBuffer room;
+    ByteBuffer room = cache_->spare().Take(0);
     use(ReadRecord(stream, most, &room));
+    cache_->spare().Give(std::move(room));
   });
 }
 

@@ -8,7 +8,6 @@
 // All but header and data may be missing. Sums of chunks and of the summary are checked; that of
 // the whole data section, which most files leave at 0, is not.
 #include <fmt/format.h>
-#include <zlib.h>
 
 #include <algorithm>
 #include <map>
@@ -16,6 +15,7 @@
 
 #include "core/base/error.h"
 #include "io/container/chunked_file.h"
+#include "io/file/checksum.h"
 
 namespace lamina {
 namespace {
@@ -25,6 +25,7 @@ constexpr std::uint64_t kRecordHead = 9;  // opcode and length
 constexpr std::uint64_t kFooterBytes = 20;
 constexpr std::uint64_t kMostRecordBytes = 64 << 20;  // of those that are read into memory
 constexpr std::uint64_t kMessageHead = 22;            // channel, sequence, two times
+constexpr std::uint64_t kChannelEntryBytes = sizeof(std::uint16_t) + sizeof(std::uint64_t);
 
 enum Opcode : unsigned char {
   kHeader = 0x01,
@@ -62,6 +63,14 @@ class Content {
   std::uint64_t left() const {
     if (stream_->position() > end_) stream_->Fail("a record is shorter than what is in it");
     return end_ - stream_->position();
+  }
+  // Runs `read` for each entry of a list that stands behind its length in bytes.
+  template <typename Read>
+  void ForEachEntry(std::uint64_t entry_bytes, const Read& read) const {
+    std::uint64_t list = stream_->Number<std::uint32_t>();
+    if (list > left()) stream_->Fail("a record is shorter than what is in it");
+    for (; list >= entry_bytes; list -= entry_bytes) read();
+    stream_->Skip(list);
   }
   // Further fields may be there, of later versions.
   void SkipRest() const { stream_->Skip(left()); }
@@ -136,13 +145,13 @@ class Mcap final : public ChunkedFile {
 
   void CheckSummary(std::uint64_t begin, std::uint64_t end, std::uint32_t expected) const {
     char piece[1 << 14];
-    auto sum = static_cast<std::uint32_t>(crc32_z(0, nullptr, 0));
+    std::uint32_t sum = 0;
     while (begin < end) {
       const std::size_t got = file().ReadAt(
           begin, piece,
           static_cast<std::size_t>(std::min<std::uint64_t>(end - begin, sizeof(piece))));
       if (got == 0) break;
-      sum = static_cast<std::uint32_t>(crc32_z(sum, reinterpret_cast<const Bytef*>(piece), got));
+      sum = Crc32({piece, got}, sum);
       begin += got;
     }
     if (sum != expected) Fail(end, "the checksum of the summary is another");
@@ -191,17 +200,13 @@ class Mcap final : public ChunkedFile {
     content->Skip(2 * sizeof(std::uint64_t));
     index.place = content->Number<std::uint64_t>();
     content->Skip(sizeof(std::uint64_t));
-    std::uint64_t left = content->Number<std::uint32_t>();
-    if (left > content.left()) content->Fail("a record is shorter than what is in it");
-    constexpr std::uint64_t kEntryBytes = sizeof(std::uint16_t) + sizeof(std::uint64_t);
-    for (; left >= kEntryBytes; left -= kEntryBytes) {
+    content.ForEachEntry(kChannelEntryBytes, [&] {
       const auto channel = content->Number<std::uint16_t>();
       const auto place = content->Number<std::uint64_t>();
       const Connection* connection = Find(channel);
       if (connection == nullptr) content->Fail("a chunk has messages of an unknown channel");
       if (connection->wanted) index.message_indices[channel] = place;
-    }
-    content->Skip(left);
+    });
     if (chunk_indices_.size() >= kMostMessages) content->Fail("too many chunks");
     chunk_indices_.push_back(std::move(index));
   }
@@ -212,14 +217,10 @@ class Mcap final : public ChunkedFile {
     content->Skip(sizeof(std::uint16_t) + 3 * sizeof(std::uint32_t));
     statistics.chunks = content->Number<std::uint32_t>();
     content->Skip(2 * sizeof(std::uint64_t));
-    std::uint64_t left = content->Number<std::uint32_t>();
-    if (left > content.left()) content->Fail("a record is shorter than what is in it");
-    constexpr std::uint64_t kEntryBytes = sizeof(std::uint16_t) + sizeof(std::uint64_t);
-    for (; left >= kEntryBytes; left -= kEntryBytes) {
+    content.ForEachEntry(kChannelEntryBytes, [&] {
       const auto channel = content->Number<std::uint16_t>();
       statistics.of_channel[channel] = content->Number<std::uint64_t>();
-    }
-    content->Skip(left);
+    });
     return statistics;
   }
 
@@ -238,16 +239,13 @@ class Mcap final : public ChunkedFile {
       if (entries.opcode != kMessageIndex) stream.Fail("there is no index where one should be");
       const Content content(&stream, entries.bytes);
       if (content->Number<std::uint16_t>() != channel) stream.Fail("an index of another channel");
-      std::uint64_t left = content->Number<std::uint32_t>();
-      if (left > content.left()) stream.Fail("a record is shorter than what is in it");
-      constexpr std::uint64_t kEntryBytes = 2 * sizeof(std::uint64_t);
-      for (; left >= kEntryBytes; left -= kEntryBytes) {
+      content.ForEachEntry(2 * sizeof(std::uint64_t), [&, of = channel] {
         const auto log = LogTime(stream.Number<std::uint64_t>());
         const auto offset = stream.Number<std::uint64_t>();
         if (!log || offset >= chunk.bytes) stream.Fail("the index of a chunk points beyond it");
-        AddMessage(*Find(channel), *log, number, offset);
+        AddMessage(*Find(of), *log, number, offset);
         ++found;
-      }
+      });
     }
     return found;
   }

@@ -1,12 +1,12 @@
 #include "io/file/checksum.h"
 
-#include <zlib.h>
+#include <libdeflate.h>
 
 namespace lamina {
 
+// The sum of zlib takes five times as long: a tenth of the time in which a bag is read.
 std::uint32_t Crc32(std::string_view bytes, std::uint32_t before) {
-  return static_cast<std::uint32_t>(
-      crc32_z(before, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
+  return libdeflate_crc32(before, bytes.data(), bytes.size());
 }
 
 }  // namespace lamina

@@ -26,16 +26,7 @@ struct KeptCells {
 };
 
 bool IsReturn(const ScanPoint& p) {
-  return std::isfinite(p.x + p.y + p.z) && (p.x != 0.0F || p.y != 0.0F || p.z != 0.0F);
-}
-
-// In one pass without a branch a point: of most clouds they all are.
-bool AreAllReturns(const std::vector<ScanPoint>& points) {
-  bool all = true;
-  for (const ScanPoint& p : points) {
-    all &= std::isfinite(p.x + p.y + p.z) & ((p.x != 0.0F) | (p.y != 0.0F) | (p.z != 0.0F));
-  }
-  return all;
+  return std::isfinite(p.x + p.y + p.z) & ((p.x != 0.0F) | (p.y != 0.0F) | (p.z != 0.0F));
 }
 
 std::string PlainName(std::string name) {
@@ -43,6 +34,12 @@ std::string PlainName(std::string name) {
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   return name.rfind("scalar_", 0) == 0 ? name.substr(7) : name;
 }
+
+// Axes of a cloud, and its intensity if it has one.
+struct PointFields {
+  std::array<const PointCloudField*, 3> axes{};
+  const PointCloudField* intensity = nullptr;
+};
 
 // A cloud and what goes on reading it.
 class CloudReader {
@@ -114,50 +111,31 @@ class CloudReader {
     }
   }
 
-  // The points that x, y and z make, without intensity. Most clouds have them as float32 in the
-  // order of bytes of this machine: these are read in one pass.
-  std::vector<ScanPoint> Points(const std::array<const PointCloudField*, 3>& axes) const {
-    std::vector<ScanPoint> points(cells());
-    std::size_t floats = 0;
-    for (const PointCloudField* axis : axes) {
-      Check(*axis);
-      floats += axis->datatype == kFloat32 ? 1U : 0U;
+  // The points that are kept, and of which cells they are.
+  KeptCells TakePoints(const PointFields& fields, KeptPoints kept,
+                       std::vector<ScanPoint>* points) const {
+    for (const PointCloudField* axis : fields.axes) Check(*axis);
+    points->resize(cells());
+    // Of most clouds all are float32 in the order of bytes of this machine: one pass takes them.
+    const auto is_plain = [this](const PointCloudField* field) {
+      return field->datatype == kFloat32 && !layout_.big_endian;
+    };
+    const bool plain_axes = std::all_of(fields.axes.begin(), fields.axes.end(), is_plain);
+    const PointCloudField* intensity = fields.intensity;
+    if (intensity != nullptr) Check(*intensity);
+    if (plain_axes && intensity != nullptr && is_plain(intensity)) {
+      TakeFloats<true>(fields, points);
+      intensity = nullptr;
+    } else if (plain_axes) {
+      TakeFloats<false>(fields, points);
+    } else {
+      TakeColumn(*fields.axes[0], {}, &ScanPoint::x, points);
+      TakeColumn(*fields.axes[1], {}, &ScanPoint::y, points);
+      TakeColumn(*fields.axes[2], {}, &ScanPoint::z, points);
     }
-    if (floats == axes.size() && !layout_.big_endian) {
-      const std::size_t x = axes[0]->offset, y = axes[1]->offset, z = axes[2]->offset;
-      ForEachCell([&, to = points.data()](const char* from) mutable {
-        *to++ = {LoadNumber<float>(from + x), LoadNumber<float>(from + y),
-                 LoadNumber<float>(from + z), 0.0F};
-      });
-      return points;
-    }
-    constexpr std::array<float ScanPoint::*, 3> kMembers = {&ScanPoint::x, &ScanPoint::y,
-                                                            &ScanPoint::z};
-    for (std::size_t a = 0; a < axes.size(); ++a) {
-      UseColumn(*axes[a], {}, [&](const auto& column) {
-        for (std::size_t i = 0; i < column.size(); ++i) {
-          points[i].*kMembers[a] = static_cast<float>(column[i]);
-        }
-      });
-    }
-    return points;
-  }
-
-  // Leaves those out that are no returns.
-  KeptCells KeepReturns(std::vector<ScanPoint>* points) const {
-    if (AreAllReturns(*points)) return {};
-    KeptCells kept;
-    kept.all = false;
-    kept.at.reserve(points->size());
-    std::size_t i = 0;
-    ForEachCell([&](const char* cell) {
-      const ScanPoint point = (*points)[i++];
-      if (!IsReturn(point)) return;
-      (*points)[kept.at.size()] = point;
-      kept.at.push_back(static_cast<std::size_t>(cell - data_.data()));
-    });
-    points->resize(kept.at.size());
-    return kept;
+    KeptCells cells = kept == KeptPoints::kAll ? KeptCells() : KeepReturns(points);
+    if (intensity != nullptr) TakeColumn(*intensity, cells, &ScanPoint::intensity, points);
+    return cells;
   }
 
   // The number of the i-th of these cells among all.
@@ -178,6 +156,47 @@ class CloudReader {
       throw InputError(fmt::format("{}: field '{}' at byte {} of points of {} bytes", name_,
                                    field.name, field.offset, layout_.point_step));
     }
+  }
+
+  template <bool kIntensity>
+  void TakeFloats(const PointFields& fields, std::vector<ScanPoint>* points) const {
+    const std::size_t x = fields.axes[0]->offset, y = fields.axes[1]->offset,
+                      z = fields.axes[2]->offset;
+    const std::size_t intensity = kIntensity ? fields.intensity->offset : 0;
+    ForEachCell([&, to = points->data()](const char* from) mutable {
+      *to++ = {LoadNumber<float>(from + x), LoadNumber<float>(from + y),
+               LoadNumber<float>(from + z),
+               kIntensity ? LoadNumber<float>(from + intensity) : 0.0F};
+    });
+  }
+
+  void TakeColumn(const PointCloudField& field, const KeptCells& cells, float ScanPoint::*member,
+                  std::vector<ScanPoint>* points) const {
+    UseColumn(field, cells, [&](const auto& column) {
+      for (std::size_t i = 0; i < column.size(); ++i) {
+        (*points)[i].*member = static_cast<float>(column[i]);
+      }
+    });
+  }
+
+  // Leaves those out that are no returns.
+  KeptCells KeepReturns(std::vector<ScanPoint>* points) const {
+    // Without a branch a point: of most clouds they all are.
+    bool all = true;
+    for (const ScanPoint& p : *points) all &= IsReturn(p);
+    if (all) return {};
+    KeptCells kept;
+    kept.all = false;
+    kept.at.reserve(points->size());
+    std::size_t i = 0;
+    ForEachCell([&](const char* cell) {
+      const ScanPoint point = (*points)[i++];
+      if (!IsReturn(point)) return;
+      (*points)[kept.at.size()] = point;
+      kept.at.push_back(static_cast<std::size_t>(cell - data_.data()));
+    });
+    points->resize(kept.at.size());
+    return kept;
   }
 
   // Calls use() with the first byte of each.
@@ -250,15 +269,9 @@ Scan ScanFromCloud(const PointCloudLayout& layout, std::string_view data, KeptPo
                    PointTimeUnit unit, const std::string& name, PointTimeField* times) {
   const CloudReader cloud(layout, data, name);
   Scan scan;
-  scan.points = cloud.Points(FindAxes(cloud, name));
-  const KeptCells cells = kept == KeptPoints::kAll ? KeptCells() : cloud.KeepReturns(&scan.points);
-  if (const auto* intensity = cloud.Find({"intensity", "reflectivity", "i"})) {
-    cloud.UseColumn(*intensity, cells, [&](const auto& column) {
-      for (std::size_t i = 0; i < column.size(); ++i) {
-        scan.points[i].intensity = static_cast<float>(column[i]);
-      }
-    });
-  }
+  const PointFields fields = {FindAxes(cloud, name),
+                              cloud.Find({"intensity", "reflectivity", "i"})};
+  const KeptCells cells = cloud.TakePoints(fields, kept, &scan.points);
   const PointCloudField* time = cloud.Find({"t", "time", "timestamp", "time_stamp", "offset_time",
                                             "time_offset", "point_time_offset", "ts"});
   if (time == nullptr) return scan;

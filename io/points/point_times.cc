@@ -39,16 +39,25 @@ bool IsFinite([[maybe_unused]] T value) {
 
 template <typename T>
 Range FiniteRange(const std::vector<T>& values) {
-  T low = std::numeric_limits<T>::max(), high = std::numeric_limits<T>::lowest();
-  bool any = false;
-  for (const T v : values) {
+  // Several beside each other: the next comparison need not wait for the last one.
+  constexpr std::size_t kLanes = 8;
+  std::array<T, kLanes> low, high;
+  low.fill(std::numeric_limits<T>::max());
+  high.fill(std::numeric_limits<T>::lowest());
+  const auto take = [&](std::size_t lane, T v) {
     const bool finite = IsFinite(v);
-    low = finite && v < low ? v : low;
-    high = finite && v > high ? v : high;
-    any |= finite;
+    low[lane] = finite & (v < low[lane]) ? v : low[lane];
+    high[lane] = finite & (v > high[lane]) ? v : high[lane];
+  };
+  const std::size_t whole = values.size() - values.size() % kLanes;
+  for (std::size_t i = 0; i < whole; i += kLanes) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) take(lane, values[i + lane]);
   }
-  if (!any) return {};
-  return {static_cast<RawTime>(low), static_cast<RawTime>(high)};
+  for (std::size_t i = whole; i < values.size(); ++i) take(i - whole, values[i]);
+  const T least = *std::min_element(low.begin(), low.end());
+  const T most = *std::max_element(high.begin(), high.end());
+  if (least > most) return {};
+  return {static_cast<RawTime>(least), static_cast<RawTime>(most)};
 }
 
 bool SinceUnixEpoch(RawTime ns) { return ns > 1e9L * kNsPerS && ns < 3e9L * kNsPerS; }
