@@ -71,9 +71,9 @@ Points StrokesThroughFoliage(int strokes, int per_stroke, Draws* draws) {
     const Eigen::Vector3d from = pattern.Direction(), to = pattern.Direction();
     for (int k = 0; k < per_stroke; ++k) {
       const Eigen::Vector3d along = from + draws->Uniform(0.0, 1.0) * (to - from);
-      points.push_back(draws->Uniform(2.0, 4.5) * along.normalized() +
-                       Eigen::Vector3d(draws->Normal(0.005), draws->Normal(0.005),
-                                       draws->Normal(0.005)));
+      points.push_back(
+          draws->Uniform(2.0, 4.5) * along.normalized() +
+          Eigen::Vector3d(draws->Normal(0.005), draws->Normal(0.005), draws->Normal(0.005)));
     }
   }
   return points;

@@ -207,8 +207,8 @@ TEST(AdverseCarPark, IsTrackedWhereTwoScansAreMistaken) {
   }
 }
 
-// In foliage the sheets that beams sweep are planes which move along with the sensor: with this seed
-// they had it stand still while it walked.
+// In foliage the sheets that beams sweep are planes which move along with the sensor: with this
+// seed they had it stand still while it walked.
 TEST(AdverseForest, WalksOnBetweenPlanesOfItsOwnBeams) {
   for (const Promise& promise : ReadPromises(kPromises)) {
     if (promise.name != "forest-mid360") continue;
