@@ -118,7 +118,7 @@ void Count(const BenchArguments& arguments, EventCounter counter, CaseRuns* runs
   const auto count = [&](std::size_t frames) {
     return CountEvents(
         counter,
-        RunArguments(arguments.program, runs->bench_case, 1, frames, OutPath(arguments, "run")),
+        RunCommandLine(arguments.program, runs->bench_case, 1, frames, OutPath(arguments, "run")),
         arguments.out);
   };
   const EventCounts first = count(half), both = count(all);

@@ -68,8 +68,8 @@ StageTimes StageCpu(const std::vector<StageTimes>& scans, std::size_t first, dou
   return stages;
 }
 
-std::vector<std::string> RunArguments(const std::string& lamina, const BenchCase& bench_case,
-                                      int threads, std::size_t frames, const std::string& out) {
+std::vector<std::string> RunCommandLine(const std::string& lamina, const BenchCase& bench_case,
+                                        int threads, std::size_t frames, const std::string& out) {
   std::vector<std::string> argv{lamina,       "run",
                                 "--scans",    bench_case.scans,
                                 "--out",      out,
@@ -86,7 +86,7 @@ MeasuredRun MeasureRun(const std::string& lamina, const BenchCase& bench_case, i
   MakeDirectory(out);
   const fs::path folder(out);
   MeasuredRun run;
-  run.usage = RunChildWell(RunArguments(lamina, bench_case, threads, frames, out),
+  run.usage = RunChildWell(RunCommandLine(lamina, bench_case, threads, frames, out),
                            (folder / "log.txt").string(), kProbablyWrong);
   const std::string path = (folder / "summary.json").string();
   run.summary = nlohmann::json::parse(ReadFile(path), nullptr, false);

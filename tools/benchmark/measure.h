@@ -33,8 +33,8 @@ struct MeasuredRun {
 };
 
 // The command line that maps the first `frames` scans of the case into `out`.
-std::vector<std::string> RunArguments(const std::string& lamina, const BenchCase& bench_case,
-                                      int threads, std::size_t frames, const std::string& out);
+std::vector<std::string> RunCommandLine(const std::string& lamina, const BenchCase& bench_case,
+                                        int threads, std::size_t frames, const std::string& out);
 
 // Throws OutputError if the run fails, InputError if its results cannot be read.
 MeasuredRun MeasureRun(const std::string& lamina, const BenchCase& bench_case, int threads,
