@@ -76,17 +76,22 @@ std::vector<MapResiduals::Block> MapResiduals::Blocks(const SE3& T, double kerne
 
 Matrix6d MapResiduals::SurfaceScatter(const SE3& T, double kernel_sigma, VoxelKey block) const {
   const Eigen::Matrix3d R = T.R();
-  std::map<VoxelMap::NodeId, Vector6d> gradients;
+  // In the order of the clusters: ids of surfaces are others once a map was saved and loaded, and
+  // the sum has the same bits.
+  std::map<VoxelMap::NodeId, std::size_t> places;
+  std::vector<Vector6d> gradients;
   NormalEquations one;
   for (std::size_t i = 0; i < clusters_.size(); ++i) {
     if (surfaces_[i] == VoxelMap::kNoNode || BlockAround(R * clusters_[i].mean + T.t) != block)
       continue;
     one.g.setZero();
     AddCluster(i, R, T.t, kernel_sigma, &one);
-    gradients.try_emplace(surfaces_[i], Vector6d::Zero()).first->second += one.g;
+    const std::size_t place = places.try_emplace(surfaces_[i], gradients.size()).first->second;
+    if (place == gradients.size()) gradients.emplace_back(Vector6d::Zero());
+    gradients[place] += one.g;
   }
   Matrix6d scatter = Matrix6d::Zero();
-  for (const auto& [surface, g] : gradients) scatter += g * g.transpose();
+  for (const Vector6d& g : gradients) scatter += g * g.transpose();
   return scatter;
 }
 

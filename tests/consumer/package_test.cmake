@@ -41,7 +41,7 @@ if(NOT EXISTS ${SCRATCH}/run/map_surfels.ply)
 endif()
 if(PACKAGES EQUAL 3)
   run(${CMAKE_COMMAND} -E env PYTHONPATH=${SCRATCH}/root/usr/lib/python3/dist-packages
-    python3 -c "import lamina; print(lamina.__file__, lamina.__version__)")
+    python3 -c "print(__import__('lamina').__file__, __import__('lamina').__version__)")
   if(NOT output MATCHES "${SCRATCH}/root/usr/lib/python3/dist-packages/lamina/.* ${VERSION}")
     message(FATAL_ERROR "import lamina: ${output}")
   endif()
