@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <map>
+#include <string>
 
 #include "core/map/voxel_key.h"
 #include "tests/support/bay_street.h"
@@ -59,6 +61,46 @@ TEST(ScanMatcher, RecoversThePoseInACornerOfThreePlanes) {
     EXPECT_LT((result.T_world_lidar.t - truth.t).norm(), 0.01);
     EXPECT_GT(result.inlier_share, 0.6);
     EXPECT_LT(result.residual_rms_m, 0.03);
+  }
+}
+
+// Ids of nodes follow the order in which roots were made; loaded, that in which they were touched.
+TEST(ScanMatcher, CovarianceHasTheSameBitsInAMapThatWasLoaded) {
+  World small = World::Corner();  // most of a pose is held by one block of space
+  for (auto& facet : small.facets) {
+    facet.centre *= 0.3;
+    facet.edge1 *= 0.3;
+    facet.edge2 *= 0.3;
+  }
+  VoxelMapOptions options;
+  options.root_size_m = 0.8;
+  Draws draws(3);
+  VoxelMap map(options), loaded(options);
+  FillMap(small, 5, 3000, 0.005, &draws, &map);
+  // Touched in another order than made.
+  Points corner = small.Sample(40, 0.0, &draws);
+  std::sort(corner.begin(), corner.end(),
+            [](const Eigen::Vector3d& a, const Eigen::Vector3d& b) { return a.z() < b.z(); });
+  for (const Eigen::Vector3d& p : corner) map.LeafAt(p);
+  map.Refresh();
+  std::string records;
+  map.BeginSnapshot();
+  for (bool more = true; more;) {
+    std::string part;
+    more = map.ContinueSnapshot(std::size_t{1} << 20, &part);
+    records += part;
+  }
+  loaded.Load(records);
+  loaded.FinishLoading();
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  for (int i = 0; i < 20; ++i) {
+    const SE3 truth = draws.Offset(0.05, 0.1);
+    const auto scan = Untimed(ScanFrom(truth, small.Sample(800, 0.01, &draws), options.LeafSize()));
+    const MatchResult made = matcher.Match(scan, Predicted(truth), map);
+    const MatchResult again = matcher.Match(scan, Predicted(truth), loaded);
+    ASSERT_NE(made.status, Status::kTooFewMatches);
+    EXPECT_EQ(made.covariance, again.covariance) << i;
+    EXPECT_EQ(made.T_world_lidar.t, again.T_world_lidar.t) << i;
   }
 }
 
