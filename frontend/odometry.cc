@@ -6,6 +6,7 @@
 #include <cmath>
 #include <vector>
 
+#include "core/base/angle.h"
 #include "core/base/median.h"
 #include "frontend/degeneracy.h"
 
@@ -228,7 +229,7 @@ OdometryFrame Odometry::FindAgain(StampNs stamp_ns, const LostTrack& track, cons
   PosePrediction prediction = motion_.Predict(track.first_stamp_ns());
   const SE3 T_first_newest = track.T_first_newest();
   const double turn2 = std::min(prediction.covariance.diagonal().head<3>().maxCoeff(),
-                                std::pow(options_.search.range_deg * M_PI / 180.0, 2));
+                                std::pow(Radians(options_.search.range_deg), 2));
   prediction.covariance.diagonal().tail<3>().array() += turn2 * T_first_newest.t.squaredNorm();
   prediction.T_world_lidar = prediction.T_world_lidar * T_first_newest;
   frame.T_world_predicted = frame.T_world_lidar = prediction.T_world_lidar;
@@ -321,7 +322,7 @@ bool Odometry::Surprising(const MatchResult& match, const PosePrediction& predic
 bool Odometry::Leaps(const MatchResult& match, const PosePrediction& prediction) const {
   const SE3& a = prediction.T_world_lidar;
   const SE3& b = match.T_world_lidar;
-  return RotationAngle(a, b) > options_.search.trigger_rotation_deg * M_PI / 180.0 ||
+  return RotationAngle(a, b) > Radians(options_.search.trigger_rotation_deg) ||
          (a.t - b.t).norm() > options_.search.trigger_translation_m;
 }
 

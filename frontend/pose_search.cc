@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 
+#include "core/base/angle.h"
 #include "core/base/parallel.h"
 
 namespace lamina {
@@ -62,7 +63,7 @@ std::vector<SE3> PoseSearch::TurnsAbout(const std::vector<SE3>& centres) const {
     for (int x = -steps; x <= steps; ++x) {
       for (int y = -steps; y <= steps; ++y) {
         for (int z = -steps; z <= steps; ++z) {
-          const Eigen::Vector3d w = options_.step_deg * M_PI / 180.0 * Eigen::Vector3d(x, y, z);
+          const Eigen::Vector3d w = Radians(options_.step_deg) * Eigen::Vector3d(x, y, z);
           hypotheses.emplace_back(centre.q * ExpSO3(w), centre.t);
         }
       }
@@ -103,7 +104,7 @@ std::vector<SE3> PoseSearch::OffsetsAround(const PosePrediction& prediction) con
 
 std::vector<SE3> PoseSearch::AlongTheWay(const PosePrediction& prediction,
                                          const Eigen::Vector3d& way, double way_m) const {
-  constexpr double kTurn = 6.0 * M_PI / 180.0;
+  constexpr double kTurn = Radians(6.0);
   // What a turn does not explain: a part of the way.
   constexpr double kSideways = 0.05;
   const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
@@ -116,8 +117,7 @@ std::vector<SE3> PoseSearch::AlongTheWay(const PosePrediction& prediction,
   const Eigen::Vector3d side = up.cross(way).normalized();
   const int steps = static_cast<int>(std::ceil(reach / kStepM));
   const int sides = static_cast<int>(std::ceil(std::min(reach, kSideways * way_m) / kStepM));
-  const int turns =
-      StepsIn(std::min(kSigmas * turn_sigma, options_.range_deg * M_PI / 180.0), kTurn);
+  const int turns = StepsIn(std::min(kSigmas * turn_sigma, Radians(options_.range_deg)), kTurn);
   for (int along = -steps; along <= steps; ++along) {
     for (int about = -turns; about <= turns; ++about) {
       const double on_m = kStepM * along, turn = kTurn * about;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/angle.h"
 #include "frontend/map_residuals.h"
 #include "frontend/plane_score.h"
 
@@ -59,7 +60,7 @@ class Descent {
       step = DividedByArm(step);
       T_ = Retract(T_, step);
       kernel = std::max(options_.kernel_end_sigma, 0.5 * kernel);
-      if (narrow && step.head<3>().norm() < options_.min_rotation_step_deg * M_PI / 180.0 &&
+      if (narrow && step.head<3>().norm() < Radians(options_.min_rotation_step_deg) &&
           step.tail<3>().norm() < options_.min_translation_step_m) {
         result->status = MatchResult::Status::kConverged;
         break;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/angle.h"
 #include "core/base/median.h"
 #include "core/base/processor.h"
 
@@ -177,7 +178,7 @@ PreparedScan PrepareScan(const Scan& scan, const ScanPreparationOptions& options
       !scan.time_s.empty() && (options.deskew == Deskew::kTime || options.deskew == Deskew::kAuto);
   const AzimuthClock clock(options,
                            options.sweep_period_s > 0.0 ? options.sweep_period_s : sweep_period_s);
-  const double correction = options.vertical_correction_deg * M_PI / 180.0;
+  const double correction = Radians(options.vertical_correction_deg);
   const auto sine = static_cast<float>(std::sin(correction));
   const auto cosine = static_cast<float>(std::cos(correction));
   const auto range_offset = static_cast<float>(options.range_offset_m);

@@ -9,6 +9,7 @@
 #include "core/map/voxel_key.h"
 #include "tests/support/bay_street.h"
 #include "tests/support/random_rooms.h"
+#include "tests/support/saved_map.h"
 
 namespace lamina {
 namespace {
@@ -83,13 +84,7 @@ TEST(ScanMatcher, CovarianceHasTheSameBitsInAMapThatWasLoaded) {
             [](const Eigen::Vector3d& a, const Eigen::Vector3d& b) { return a.z() < b.z(); });
   for (const Eigen::Vector3d& p : corner) map.LeafAt(p);
   map.Refresh();
-  std::string records;
-  map.BeginSnapshot();
-  for (bool more = true; more;) {
-    std::string part;
-    more = map.ContinueSnapshot(std::size_t{1} << 20, &part);
-    records += part;
-  }
+  const std::string records = Saved(&map);
   loaded.Load(records);
   loaded.FinishLoading();
   const ScanMatcher matcher{ScanMatcherOptions()};

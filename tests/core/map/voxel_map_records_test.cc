@@ -7,6 +7,7 @@
 #include "core/map/voxel_map.h"
 #include "tests/support/memory_voxel_store.h"
 #include "tests/support/random_scenes.h"
+#include "tests/support/saved_map.h"
 
 namespace lamina {
 namespace {
@@ -43,17 +44,6 @@ class Filler {
   Draws draws_;
   std::int64_t frame_ = 0;
 };
-
-std::string Saved(VoxelMap* map, std::size_t piece = 10000) {
-  map->BeginSnapshot();
-  std::string all, records;
-  bool more = true;
-  while (more) {
-    more = map->ContinueSnapshot(piece, &records);
-    all += records;
-  }
-  return all;
-}
 
 void Load(const std::string& records, VoxelMap* saved, VoxelMap* map) {
   StateArchive writer;

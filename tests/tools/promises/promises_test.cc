@@ -4,6 +4,7 @@
 
 #include <fstream>
 #include <random>
+#include <stdexcept>
 
 #include "core/base/error.h"
 #include "tests/support/run_helpers.h"
@@ -173,16 +174,19 @@ class AdverseCommandTest : public RunTest {
 };
 
 // The short form of `tools/adverse`: a few that take little time.
+// What a shipped promise comes to with one seed.
+Verdict Tried(const std::string& name, int seed) {
+  for (const Promise& promise : ReadPromises(kPromises)) {
+    if (promise.name == name) return JudgeTrial(MapTrial(promise, seed, {}).frames, promise);
+  }
+  throw std::invalid_argument("no promise of the name " + name);
+}
+
 class AdverseShortForm : public ::testing::TestWithParam<std::string> {};
 
 TEST_P(AdverseShortForm, KeepsThePromise) {
-  for (const Promise& promise : ReadPromises(kPromises)) {
-    if (promise.name != GetParam()) continue;
-    const Verdict verdict = JudgeTrial(MapTrial(promise, 1, {}).frames, promise);
-    EXPECT_TRUE(verdict.kept) << verdict.broken;
-    return;
-  }
-  ADD_FAILURE() << "no promise of that name";
+  const Verdict verdict = Tried(GetParam(), 1);
+  EXPECT_TRUE(verdict.kept) << verdict.broken;
 }
 
 INSTANTIATE_TEST_SUITE_P(Few, AdverseShortForm,
@@ -198,26 +202,18 @@ INSTANTIATE_TEST_SUITE_P(Few, AdverseShortForm,
 
 // Vans drive about the sensor. With these seeds two scans fit one of them better than what stands.
 TEST(AdverseCarPark, IsTrackedWhereTwoScansAreMistaken) {
-  for (const Promise& promise : ReadPromises(kPromises)) {
-    if (promise.name != "carpark") continue;
-    for (const int seed : {2, 7}) {
-      const Verdict verdict = JudgeTrial(MapTrial(promise, seed, {}).frames, promise);
-      EXPECT_TRUE(verdict.kept) << seed << ": " << verdict.broken;
-    }
+  for (const int seed : {2, 7}) {
+    const Verdict verdict = Tried("carpark", seed);
+    EXPECT_TRUE(verdict.kept) << seed << ": " << verdict.broken;
   }
 }
 
 // In foliage the sheets that beams sweep are planes which move along with the sensor: with this
 // seed they had it stand still while it walked.
 TEST(AdverseForest, WalksOnBetweenPlanesOfItsOwnBeams) {
-  for (const Promise& promise : ReadPromises(kPromises)) {
-    if (promise.name != "forest-mid360") continue;
-    const Verdict verdict = JudgeTrial(MapTrial(promise, 2, {}).frames, promise);
-    EXPECT_LT(verdict.worst_m, 0.15);
-    EXPECT_EQ(verdict.lost, 0u);
-    return;
-  }
-  ADD_FAILURE() << "no promise of that name";
+  const Verdict verdict = Tried("forest-mid360", 2);
+  EXPECT_LT(verdict.worst_m, 0.15);
+  EXPECT_EQ(verdict.lost, 0u);
 }
 
 struct WeakScene {
@@ -231,11 +227,7 @@ class AdverseWeakDirection : public ::testing::TestWithParam<WeakScene> {};
 // A handful of surfaces hold the way, and the sharpest minimum is not always the right one.
 TEST_P(AdverseWeakDirection, WhatIsCalledTrackedIsRight) {
   const auto& [name, seed, within_m] = GetParam();
-  for (const Promise& promise : ReadPromises(kPromises)) {
-    if (promise.name != name) continue;
-    const Verdict verdict = JudgeTrial(MapTrial(promise, seed, {}).frames, promise);
-    EXPECT_LT(verdict.worst_m, within_m);
-  }
+  EXPECT_LT(Tried(name, seed).worst_m, within_m);
 }
 
 INSTANTIATE_TEST_SUITE_P(
