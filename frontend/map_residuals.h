@@ -63,13 +63,18 @@ class MapResiduals {
   // over blocks of space, without H^-1 on both sides.
   Matrix6d GradientScatter(const SE3& T, double kernel_sigma);
 
-  // sum w J'J and sum w share J'J, with one share for each cluster.
-  struct SharedInformation {
-    Matrix6d H = Matrix6d::Zero(), shared = Matrix6d::Zero();
-    SharedInformation& operator+=(const SharedInformation& o);
+  // Normal equations of a step of the pose and of another at once, a cluster having a share p of
+  // the one and q of the other: sum w p^2 J'J, sum w p q J'J, sum w q^2 J'J, sum w p e J and
+  // sum w q e J.
+  struct StepShares {
+    double pose = 1.0, other = 0.0;
   };
-  SharedInformation InformationShares(const SE3& T, double kernel_sigma,
-                                      const std::vector<double>& shares);
+  struct TwoSteps {
+    Matrix6d H_pose = Matrix6d::Zero(), H_across = Matrix6d::Zero(), H_other = Matrix6d::Zero();
+    Vector6d g_pose = Vector6d::Zero(), g_other = Vector6d::Zero();
+    TwoSteps& operator+=(const TwoSteps& o);
+  };
+  TwoSteps TwoStepsAt(const SE3& T, double kernel_sigma, const std::vector<StepShares>& shares);
 
  private:
   // H and gradient of the clusters in a block of space, where errors are alike.

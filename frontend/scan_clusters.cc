@@ -94,7 +94,7 @@ class SweepPoses {
     Eigen::Vector3d t;
   };
 
-  SweepPoses(const std::vector<TimedCluster>& clusters, const Vector6d& twist) {
+  SweepPoses(const std::vector<TimedCluster>& clusters, const SweepMotion& motion) {
     const auto [first, last] = std::minmax_element(
         clusters.begin(), clusters.end(),
         [](const TimedCluster& a, const TimedCluster& b) { return a.mean_time_s < b.mean_time_s; });
@@ -104,7 +104,7 @@ class SweepPoses {
     per_second_ = span_s > 0.0 ? (kInstants - 1) / span_s : 0.0;
     for (int i = 0; i < count; ++i) {
       const double time_s = start_s_ + (span_s > 0.0 ? i / per_second_ : 0.0);
-      const SE3 T = TwistExp(time_s * twist);
+      const SE3 T = motion.PoseAt(time_s);
       instants_.push_back({time_s, T.R(), T.t});
     }
   }
@@ -162,17 +162,30 @@ std::vector<std::vector<TimedPoint>> GroupByCluster(const std::vector<TimedPoint
 }
 
 std::vector<PointCluster> DeskewClusters(const std::vector<TimedCluster>& clusters,
-                                         const Vector6d& twist) {
+                                         const SweepMotion& motion) {
   std::vector<PointCluster> result(clusters.size());
   if (clusters.empty()) return result;
-  const SweepPoses sweep(clusters, twist);
+  const SweepPoses sweep(clusters, motion);
   ParallelChunks(clusters.size(), 2048, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const auto& [time_s, R, t] = sweep.NearestTo(clusters[i].mean_time_s);
-      result[i] = clusters[i].DeskewedTo(time_s, twist).Moved(R, t);
+      result[i] = clusters[i].DeskewedTo(time_s, motion).Moved(R, t);
     }
   });
   return result;
+}
+
+StampNs CentreTimes(std::vector<TimedCluster>* clusters) {
+  if (clusters->empty()) return 0;
+  const auto [first, last] = std::minmax_element(
+      clusters->begin(), clusters->end(),
+      [](const TimedCluster& a, const TimedCluster& b) { return a.mean_time_s < b.mean_time_s; });
+  const double middle_s = 0.5 * (first->mean_time_s + last->mean_time_s);
+  constexpr double kNsPerS = 1e9;
+  const auto middle_ns = static_cast<StampNs>(std::llround(kNsPerS * middle_s));
+  for (TimedCluster& cluster : *clusters)
+    cluster.mean_time_s -= static_cast<double>(middle_ns) / kNsPerS;
+  return middle_ns;
 }
 
 bool AnyTimed(const std::vector<TimedCluster>& clusters) {

@@ -74,6 +74,10 @@ struct MapperScan {
   StampNs stamp_ns = 0;
   bool stamp_made_up = false;                     // Scan::stamp_made_up
   std::vector<TimedCluster>* clusters = nullptr;  // taken if the scan becomes a keyframe
+  // The instant after the stamp from which the clusters' times count. Poses in the window are those
+  // at that instant, the middle of a sweep: motion within the scan that is not steady shifts a
+  // point by acceleration * time^2 / 2, which is four times as much from one end.
+  StampNs middle_ns = 0;
 };
 
 struct RegisteredScan {
@@ -88,12 +92,13 @@ struct RegisteredScan {
 // A frame whose pose bundle adjustment may still move.
 struct OpenFrame {
   std::int64_t scan = 0;
-  StampNs stamp_ns = 0;
+  StampNs stamp_ns = 0, middle_ns = 0;  // MapperScan
   // The keyframe that it hangs on (itself, if it is one). kNoKeyframe: none, T_keyframe_lidar is
   // T_world_lidar.
   static constexpr std::int64_t kNoKeyframe = -1;
   std::int64_t keyframe_id = kNoKeyframe;
-  SE3 T_keyframe_lidar;
+  SE3 T_keyframe_lidar;  // in the middle of the sweep
+  SE3 T_middle_stamp;    // what the sensor moved between
 };
 
 class Mapper {
@@ -169,7 +174,12 @@ class Mapper {
   bool RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar);
   // Brings back what the map had where this scan is expected.
   void RecallAround(const SE3& T_world_lidar, const std::vector<TimedCluster>& clusters);
+  // In the middle of its sweep, and at its stamp.
+  StampedPose MiddleOf(const OpenFrame& frame) const;
   StampedPose PoseOf(const OpenFrame& frame) const;
+  // A frame that was registered becomes an open one; what moved the sensor within the one before is
+  // better known now.
+  void Open(const MapperScan& scan, const OdometryFrame& frame);
   SE3& Keyframe(std::int64_t id) { return keyframes_[static_cast<std::size_t>(id - first_id_)]; }
   const SE3& Keyframe(std::int64_t id) const {
     return keyframes_[static_cast<std::size_t>(id - first_id_)];

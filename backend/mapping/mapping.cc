@@ -248,7 +248,7 @@ void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedClu
 RegisteredScan Mapping::Register(Recording* recording, MappedScan* report,
                                  std::vector<TimedCluster>* clusters) {
   const MapperScan scan{static_cast<std::int64_t>(report->index), report->stamp_ns,
-                        report->stamp_made_up, clusters};
+                        report->stamp_made_up, clusters, CentreTimes(clusters)};
   PieceMapper* const mapper = recording->mapper.get();
   const std::vector<SolveReport> solves = mapper->TakeSolves();
   for (const SolveReport& solve : solves) report->solve_ms = solve.result.solve_ms;

@@ -8,8 +8,8 @@
 #include "backend/mapping/observation_weights.h"
 #include "core/base/median.h"
 #include "core/base/parallel.h"
-#include "core/geometry/central_twist.h"
 #include "core/geometry/robust_kernel.h"
+#include "core/geometry/sweep_motion.h"
 
 namespace lamina {
 namespace {
@@ -142,7 +142,7 @@ void SlidingWindow::UpdateClusters(const SE3& T, WindowFrame* frame) const {
 }
 
 void SlidingWindow::Push(WindowFrame frame) {
-  frame.deskewed = DeskewClusters(frame.measured, frame.twist);
+  frame.deskewed = DeskewClusters(frame.measured, frame.sweep);
   if (!AnyTimed(frame.measured)) frame.measured.clear();
   UpdateClusters(frame.T_world_lidar, &frame);
   frame.leaves.assign(frame.in_map.size(), VoxelMap::kNoNode);
@@ -196,12 +196,12 @@ double SlidingWindow::MarginalWeight(const WindowFrame& frame, std::size_t i) co
                                      (options_.kernel_sigma * options_.kernel_sigma * variance)));
 }
 
-void SlidingWindow::Move(std::size_t i, const SE3& T_world_lidar, const Vector6d& twist) {
+void SlidingWindow::Move(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep) {
   WindowFrame& frame = frames_[i];
   frame.T_world_lidar = T_world_lidar;
   if (!frame.measured.empty()) {
-    frame.twist = twist;
-    frame.deskewed = DeskewClusters(frame.measured, twist);
+    frame.sweep = sweep;
+    frame.deskewed = DeskewClusters(frame.measured, sweep);
   }
   const std::vector<PointCluster> before = std::move(frame.in_map);
   UpdateClusters(T_world_lidar, &frame);
@@ -211,15 +211,16 @@ void SlidingWindow::Move(std::size_t i, const SE3& T_world_lidar, const Vector6d
   }
 }
 
-Vector6d SlidingWindow::CentralTwist(std::size_t i) const {
+SweepMotion SlidingWindow::MotionAt(std::size_t i, const StampedPose* next) const {
   const std::size_t begin = i == 0 ? 0 : i - 1;
   Trajectory poses;
-  for (std::size_t k = begin; k < std::min(i + 2, frames_.size()); ++k) {
+  for (std::size_t k = begin; k < std::min(i + 3, frames_.size()); ++k) {
     poses.push_back({frames_[k].stamp_ns, frames_[k].T_world_lidar});
   }
-  Vector6d twist = frames_[i].twist;
-  lamina::CentralTwist(poses, i - begin, kMaxTwistGapS, &twist);
-  return twist;
+  if (next != nullptr) poses.push_back(*next);
+  SweepMotion motion = frames_[i].sweep;
+  MotionThrough(poses, i - begin, kMaxTwistGapS, &motion);
+  return motion;
 }
 
 BundleProblem SlidingWindow::BuildProblem(Sides sides, std::vector<std::vector<ClusterUse>>* uses) {
@@ -288,14 +289,14 @@ void SlidingWindow::FindLeaves(WindowFrame* frame) const {
 void SlidingWindow::Archive(StateArchive& a) {
   frames_.resize(a.Size(frames_.size(), 1));
   for (WindowFrame& frame : frames_) {
-    a(&frame.id, &frame.stamp_ns, &frame.T_world_lidar, &frame.twist, &frame.held,
-      &frame.held_information, &frame.T_previous_this, &frame.alone, &frame.weights,
-      &frame.measured);
+    a(&frame.id, &frame.stamp_ns, &frame.T_world_lidar, &frame.sweep.twist,
+      &frame.sweep.acceleration, &frame.held, &frame.held_information, &frame.T_previous_this,
+      &frame.alone, &frame.weights, &frame.measured);
     // What follows from other members is made again.
     if (frame.measured.empty()) {
       a(&frame.deskewed);
     } else if (a.reading()) {
-      frame.deskewed = DeskewClusters(frame.measured, frame.twist);
+      frame.deskewed = DeskewClusters(frame.measured, frame.sweep);
     }
     a(&frame.addresses);
     if (!a.reading()) continue;

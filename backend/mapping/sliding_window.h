@@ -46,7 +46,7 @@ struct WindowFrame {
   std::int64_t id = 0;
   StampNs stamp_ns = 0;
   SE3 T_world_lidar;
-  Vector6d twist = Vector6d::Zero();     // body, per second, during the scan
+  SweepMotion sweep;                     // during the scan
   std::vector<TimedCluster> measured;    // emptied if they carry no time: nothing to deskew
   std::vector<PointCluster> deskewed;    // LiDAR frame at the stamp
   std::vector<PointCluster> in_map;      // world frame, capped weight
@@ -75,7 +75,7 @@ class SlidingWindow {
   const std::deque<WindowFrame>& frames() const { return frames_; }
   bool full() const { return static_cast<int>(frames_.size()) >= options_.frames; }
 
-  // Puts a frame into window and map. id, stamp, pose, twist and `measured` must be set.
+  // Puts a frame into window and map. id, stamp, pose, sweep and `measured` must be set.
   void Push(WindowFrame frame);
 
   // What frame i would leave to the map if it were marginalised now.
@@ -87,13 +87,12 @@ class SlidingWindow {
   void SetPose(std::size_t i, const SE3& T_world_lidar) {
     frames_[i].T_world_lidar = T_world_lidar;
   }
-  // Moves frame i to a new pose and twist. The map must be refreshed afterwards.
-  void Move(std::size_t i, const SE3& T_world_lidar, const Vector6d& twist);
+  // Moves frame i to a new pose and motion. The map must be refreshed afterwards.
+  void Move(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep);
 
-  // The twist of frame i from the poses of its neighbours in the window: the mean of the motions
-  // before and after, which is the velocity at its stamp. Neighbours more than half a second away
-  // do not count.
-  Vector6d CentralTwist(std::size_t i) const;
+  // The motion during frame i, from the poses of its neighbours in the window (sweep_motion.h):
+  // those within kMaxTwistGapS. `next`: the pose after the newest one, or null.
+  SweepMotion MotionAt(std::size_t i, const StampedPose* next = nullptr) const;
 
   // Planes of the map seen by the window's frames, with weights applied: caps and kernel on the
   // observations (the frames keep them until they are marginalised), 1 / variance on the planes,

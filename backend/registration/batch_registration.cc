@@ -10,7 +10,7 @@
 #include "core/base/angle.h"
 #include "core/base/parallel.h"
 #include "core/base/stopwatch.h"
-#include "core/geometry/central_twist.h"
+#include "core/geometry/sweep_motion.h"
 #include "frontend/scan_clusters.h"
 
 namespace lamina {
@@ -34,7 +34,7 @@ class CastFrames {
       frame.stamp_ns = frames[k].stamp_ns;
       frame.T_world_lidar = poses[k];
       frame.measured = frames[k].clusters;
-      CentralTwist(trajectory, k, SlidingWindow::kMaxTwistGapS, &frame.twist);
+      MotionThrough(trajectory, k, SlidingWindow::kMaxTwistGapS, &frame.sweep);
       window_.Push(std::move(frame));
     }
     map_.Refresh();
@@ -56,13 +56,13 @@ class CastFrames {
   // Points deskewed as their clusters are, but one by one.
   void AddPoints(std::size_t f, const std::vector<SlidingWindow::ClusterUse>& uses,
                  BundleProblem* problem) const {
-    const Vector6d& twist = window_.frames()[f].twist;
+    const SweepMotion& sweep = window_.frames()[f].sweep;
     for (std::size_t i = 0; i < uses.size(); ++i) {
       if (uses[i].observation < 0) continue;
       auto& points = problem->points[static_cast<std::size_t>(uses[i].observation)];
       for (const TimedPoint& p : frames_[f].points.at(i)) {
         const Eigen::Vector3d measured(p.x, p.y, p.z);
-        points.push_back({p.time_s == 0.0F ? measured : TwistExp(p.time_s * twist) * measured,
+        points.push_back({p.time_s == 0.0F ? measured : sweep.PoseAt(p.time_s) * measured,
                           uses[i].point_weight});
       }
     }
