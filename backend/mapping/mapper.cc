@@ -5,34 +5,11 @@
 #include <string>
 #include <utility>
 
+#include "backend/mapping/sweep_stamp.h"
 #include "core/base/angle.h"
 #include "core/base/error.h"
 
 namespace lamina {
-namespace {
-
-// From the middle of a sweep to the scan's stamp, `middle_ns` before it.
-SE3 AtStamp(const SweepMotion& sweep, StampNs middle_ns) {
-  return middle_ns == 0 ? SE3() : sweep.PoseAt(SecondsBetween(middle_ns, 0));
-}
-
-// A frame of the middle of its sweep becomes one of the scan's stamp.
-void MoveToStamp(StampNs middle_ns, OdometryFrame* frame) {
-  const SE3 T_middle_stamp = AtStamp(frame->sweep, middle_ns);
-  Eigen::Matrix3d lever;  // of the way to the stamp, world
-  const Eigen::Vector3d d = T_middle_stamp.t;
-  lever << 0.0, -d.z(), d.y(), d.z(), 0.0, -d.x(), -d.y(), d.x(), 0.0;
-  Matrix6d to_stamp = Matrix6d::Identity();
-  to_stamp.topLeftCorner<3, 3>() = T_middle_stamp.R().transpose();
-  to_stamp.bottomLeftCorner<3, 3>() = -frame->match.T_world_lidar.R() * lever;
-  frame->match.covariance = to_stamp * frame->match.covariance * to_stamp.transpose();
-  for (SE3* T : {&frame->T_world_lidar, &frame->T_world_predicted, &frame->match.T_world_lidar})
-    *T = *T * T_middle_stamp;
-  frame->stamp_ns -= middle_ns;
-}
-
-}  // namespace
-
 void BackendOptions::Visit(OptionVisitor& v) {
   v.Flag("enabled", &enabled);
   v.Integer("solve_every_keyframes", &solve_every_keyframes, 1, 1000);
@@ -137,6 +114,9 @@ void Mapper::StartOver(OdometryFrame* frame) {
   lost_track_.Clear();
   keyframes_.clear();
   keyframes_since_solve_ = frames_since_keyframe_ = 0;
+  const StartTrack::Scan& first = start_.scans().front();
+  start_.Move(T_world_start_ * AtStamp(first.twist, open_.front().middle_ns).Inverse() *
+              first.T_world_lidar.Inverse());
   OdometryFrame taken;
   for (std::size_t k = 0; k < start_.scans().size(); ++k) {
     const StartTrack::Scan& scan = start_.scans()[k];
@@ -199,12 +179,26 @@ OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>
   // known, so both are brought to agree before anything is built on them.
   constexpr int kRounds = 4;
   for (int i = 0; i < kRounds && refine(); ++i) {
+    MoveToStart(&frame);
     map_->Refresh();
     // The first scan is deskewed now: this one must be from the beginning, or lies off by the way
     // of half a sweep where the stamp is at its start.
     odometry_.Rematch(clusters, *map_, &frame);
   }
   return frame;
+}
+
+void Mapper::MoveToStart(OdometryFrame* frame) {
+  if (open_.empty() || open_.front().middle_ns == 0) return;
+  const SweepMotion sweep = window_.frames().front().sweep;
+  const SE3 T_world_middle = T_world_start_ * AtStamp(sweep, open_.front().middle_ns).Inverse();
+  const SE3 correction = T_world_middle * window_.frames().front().T_world_lidar.Inverse();
+  window_.Move(0, T_world_middle, sweep);
+  keyframes_.front() = T_world_middle;
+  odometry_.Correct(correction);
+  start_.Move(correction);
+  for (SE3* T : {&frame->T_world_lidar, &frame->T_world_predicted, &frame->match.T_world_lidar})
+    *T = correction * *T;
 }
 
 bool Mapper::IsKeyframe(const SE3& T) const {

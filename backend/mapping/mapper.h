@@ -169,6 +169,9 @@ class Mapper {
   void StartOver(OdometryFrame* frame);
   // Whether a lost scan is to begin a map anew.
   bool MayRestart() const;
+  // The first scan is at T_world_start_ at its stamp, which is known to lie elsewhere than the
+  // middle of its sweep once the motion is: moves it there, and with it *frame, the scan after it.
+  void MoveToStart(OdometryFrame* frame);
   // Deskews the last keyframe again, now that the motion after it is known too. False if it makes
   // no difference.
   bool RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar);

@@ -53,7 +53,7 @@ struct VoxelFigures {
 VoxelClusters ClustersOfScan(const PreparedScan& scan, const PosedScan& posed,
                              double voxel_size_m) {
   const double inverse_size = 1.0 / voxel_size_m;
-  const SweepDeskew deskew(posed.sweep);
+  const SweepDeskew deskew(posed.mean_twist);
   const Eigen::Matrix3d R = posed.T_world_lidar.R();
   VoxelClusters clusters;
   for (const TimedPoint& point : scan.points) {

@@ -25,6 +25,9 @@ struct PosedScan {
   std::size_t scan = 0;  // position in the ScanSource
   SE3 T_world_lidar;
   SweepMotion sweep;
+  // The mean of the motions from the pose before and to the one after, or the one that exists: what
+  // trajectories are judged by, whoever made them.
+  Vector6d mean_twist = Vector6d::Zero();
 };
 
 std::vector<StampNs> ScanStamps(const ScanSource& scans);

@@ -96,7 +96,7 @@ TEST(SlidingWindow, MovingAndMovingBackRestoresTheMap) {
     for (std::int64_t id = 0; id < 6; ++id) window.Push(RandomFrame(id, timed, &draws));
     const Aggregates before = AllAggregates(window, map);
     ASSERT_GT(before.size(), 300U);
-    std::vector<std::pair<SE3, Vector6d>> states;
+    std::vector<std::pair<SE3, SweepMotion>> states;
     for (std::size_t i = 0; i < 6; ++i) {
       const WindowFrame& frame = window.frames()[i];
       states.emplace_back(frame.T_world_lidar, frame.sweep);
