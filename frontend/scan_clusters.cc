@@ -5,6 +5,7 @@
 
 #include "core/base/parallel.h"
 #include "core/base/processor.h"
+#include "core/geometry/cluster_lanes.h"
 #include "core/map/voxel_key.h"
 
 namespace lamina {
@@ -119,6 +120,63 @@ class SweepPoses {
   std::vector<Instant> instants_;
 };
 
+// TimedCluster::DeskewedTo the nearest instant, and moved from there.
+LAMINA_FOR_EACH_PROCESSOR
+void DeskewRange(const TimedCluster* from, std::size_t count, const SweepPoses& sweep,
+                 const Vector6d& twist, PointCluster* to) {
+  const double w2 = twist.head<3>().squaredNorm();
+  const double w[3] = {twist(0), twist(1), twist(2)}, v[3] = {twist(3), twist(4), twist(5)};
+  TimedCluster rest_in[4];
+  PointCluster rest_out[4];
+  for (std::size_t i = 0; i < count; i += 4) {
+    const bool last = i + 4 > count;
+    if (last) std::fill(std::copy(from + i, from + count, rest_in), rest_in + 4, from[i]);
+    const TimedCluster* const in = last ? rest_in : from + i;
+    PointCluster* const out = last ? rest_out : to + i;
+    const SweepPoses::Instant* const near[4] = {
+        &sweep.NearestTo(in[0].mean_time_s), &sweep.NearestTo(in[1].mean_time_s),
+        &sweep.NearestTo(in[2].mean_time_s), &sweep.NearestTo(in[3].mean_time_s)};
+    const Eigen::Matrix3d* const R[4] = {&near[0]->R, &near[1]->R, &near[2]->R, &near[3]->R};
+    const Eigen::Vector3d* const t[4] = {&near[0]->t, &near[1]->t, &near[2]->t, &near[3]->t};
+    ClusterLanes lanes;
+    lanes.Load(NumbersOf(in[0].points), NumbersOf(in[1].points), NumbersOf(in[2].points),
+               NumbersOf(in[3].points));
+    const double* const times[4] = {&in[0].time_scatter, &in[1].time_scatter, &in[2].time_scatter,
+                                    &in[3].time_scatter};
+    Four time[4];  // scatter and point_time
+    LoadColumns(times, time);
+    const Four* const k = time + 1;
+    const Four offset = {in[0].mean_time_s - near[0]->time_s, in[1].mean_time_s - near[1]->time_s,
+                         in[2].mean_time_s - near[2]->time_s, in[3].mean_time_s - near[3]->time_s};
+    const Four each = 1.0 / lanes.count;
+    const Four spread2 = time[0] * each;
+    const Four second = 0.5 * (spread2 * (1.0 - 0.15 * w2 * spread2) + offset * offset);
+    Four c[3];
+#pragma GCC unroll 3
+    for (int a = 0; a < 3; ++a) {
+      const int b = (a + 1) % 3, d = (a + 2) % 3;
+      c[a] = w[b] * lanes.mean[d] - w[d] * lanes.mean[b] + v[a];
+    }
+#pragma GCC unroll 3
+    for (int a = 0; a < 3; ++a) {
+      const int b = (a + 1) % 3, d = (a + 2) % 3;
+      lanes.mean[a] +=
+          offset * c[a] + (w[b] * k[d] - w[d] * k[b]) * each + second * (w[b] * c[d] - w[d] * c[b]);
+    }
+    lanes.scatter[0] += c[0] * (2.0 * k[0] + time[0] * c[0]);
+    lanes.scatter[1] += c[0] * k[1] + c[1] * (k[0] + time[0] * c[0]);
+    lanes.scatter[2] += c[0] * k[2] + c[2] * (k[0] + time[0] * c[0]);
+    lanes.scatter[3] += c[1] * (2.0 * k[1] + time[0] * c[1]);
+    lanes.scatter[4] += c[1] * k[2] + c[2] * (k[1] + time[0] * c[1]);
+    lanes.scatter[5] += c[2] * (2.0 * k[2] + time[0] * c[2]);
+    MotionLanes motion;
+    motion.Load(R, t);
+    lanes.Move(motion);
+    lanes.Store(NumbersOf(out[0]), NumbersOf(out[1]), NumbersOf(out[2]), NumbersOf(out[3]));
+    if (last) std::copy(rest_out, rest_out + (count - i), to + i);
+  }
+}
+
 }  // namespace
 
 std::vector<TimedCluster> BuildScanClusters(const std::vector<TimedPoint>& points,
@@ -163,16 +221,19 @@ std::vector<std::vector<TimedPoint>> GroupByCluster(const std::vector<TimedPoint
 
 std::vector<PointCluster> DeskewClusters(const std::vector<TimedCluster>& clusters,
                                          const Vector6d& twist) {
-  std::vector<PointCluster> result(clusters.size());
-  if (clusters.empty()) return result;
+  std::vector<PointCluster> result;
+  DeskewClusters(clusters, twist, &result);
+  return result;
+}
+
+void DeskewClusters(const std::vector<TimedCluster>& clusters, const Vector6d& twist,
+                    std::vector<PointCluster>* result) {
+  result->resize(clusters.size());
+  if (clusters.empty()) return;
   const SweepPoses sweep(clusters, twist);
   ParallelChunks(clusters.size(), 2048, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const auto& [time_s, R, t] = sweep.NearestTo(clusters[i].mean_time_s);
-      result[i] = clusters[i].DeskewedTo(time_s, twist).Moved(R, t);
-    }
+    DeskewRange(clusters.data() + begin, end - begin, sweep, twist, result->data() + begin);
   });
-  return result;
 }
 
 bool AnyTimed(const std::vector<TimedCluster>& clusters) {

@@ -37,6 +37,9 @@ std::vector<std::vector<TimedPoint>> GroupByCluster(const std::vector<TimedPoint
 // (rad/s, m/s) during the scan. result[i] belongs to clusters[i].
 std::vector<PointCluster> DeskewClusters(const std::vector<TimedCluster>& clusters,
                                          const Vector6d& twist);
+// The same into memory that is there already.
+void DeskewClusters(const std::vector<TimedCluster>& clusters, const Vector6d& twist,
+                    std::vector<PointCluster>* result);
 
 // Whether any cluster was measured at another instant than the stamp.
 bool AnyTimed(const std::vector<TimedCluster>& clusters);
