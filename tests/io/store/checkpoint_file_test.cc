@@ -116,7 +116,7 @@ TEST_F(CheckpointFileTest, MissingAndRepeatedSectionsAreFound) {
 TEST_F(CheckpointFileTest, OtherVersionsAreNamed) {
   std::string bytes = Make(kSections);
   bytes[8] = 1;
-  EXPECT_THAT(ErrorOf(bytes), AllOf(HasSubstr("version 1"), HasSubstr("version 8")));
+  EXPECT_THAT(ErrorOf(bytes), AllOf(HasSubstr("version 1"), HasSubstr("version 9")));
 }
 
 TEST_F(CheckpointFileTest, OtherFilesAreRefused) {
