@@ -130,8 +130,8 @@ void Odometry::MatchDeskewed(const std::vector<TimedCluster>& clusters,
   const double dt = motion_.Gap(frame->stamp_ns);
   for (int pass = 0; pass < passes; ++pass) {
     frame->twist = TwistLog(motion_.T_world_last().Inverse() * frame->match.T_world_lidar) / dt;
-    *deskewed = DeskewClusters(clusters, frame->twist);
-    frame->match = matcher_.Match(*deskewed, prediction, frame->match.T_world_lidar, map);
+    DeskewClusters(clusters, frame->twist, deskewed);
+    frame->match = narrow_matcher_.Match(*deskewed, prediction, frame->match.T_world_lidar, map);
   }
   SettleWeakest(clusters, prediction, map, passes, deskewed, frame);
   if (passes > 0 && motion_.moving_known()) {
@@ -165,7 +165,7 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
   const SE3 T = profile.At(posterior.mean_m);
   if (passes > 0) {
     frame->twist = TwistLog(motion_.T_world_last().Inverse() * T) / dt;
-    *deskewed = DeskewClusters(clusters, frame->twist);
+    DeskewClusters(clusters, frame->twist, deskewed);
   }
   frame->match = matcher_.MatchKnown(*deskewed, T, {v, posterior.sigma_m}, prediction, map);
 }
