@@ -71,6 +71,10 @@ void VoxelMap::RemoveRoot(NodeId root) {
   trees_.RemoveRoot(root);
 }
 
+VoxelMap::NodeId VoxelMap::FindSurface(const Eigen::Vector3d& p) const {
+  return FindSurface(trees_.PlaceOf(p));
+}
+
 VoxelMap::NodeId VoxelMap::FindSurface(const LeafPlace& place) const {
   NodeId id = trees_.FindRoot(SlotBase(slot_) + place.key);
   if (id == kNoNode || trees_.root(id).kind == Surface::Kind::kPlane) return id;

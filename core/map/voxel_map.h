@@ -107,7 +107,7 @@ class VoxelMap {
 
   // The coarsest planar node around p or, if there is none, the leaf around p (rough or empty);
   // kNoNode where the map has nothing.
-  NodeId FindSurface(const Eigen::Vector3d& p) const { return FindSurface(PlaceOf(p)); }
+  NodeId FindSurface(const Eigen::Vector3d& p) const;
   // The same by the leaf voxel around p, on which alone it depends.
   LeafPlace PlaceOf(const Eigen::Vector3d& p) const { return trees_.PlaceOf(p); }
   NodeId FindSurface(const LeafPlace& place) const;

@@ -6,10 +6,9 @@ namespace lamina {
 
 VoxelTrees::VoxelTrees(double root_size_m, int depth)
     : root_size_m_(root_size_m),
-      inverse_root_size_(1.0 / root_size_m),
+      inverse_leaf_size_(1.0 / root_size_m * (1 << depth)),
       depth_(depth),
-      leaves_per_edge_(1 << depth),
-      most_leaf_((1U << static_cast<unsigned>(depth)) - 1U) {}
+      most_leaf_((1 << depth) - 1) {}
 
 int VoxelTrees::LevelOf(NodeId id) const {
   int level = 0;

@@ -125,14 +125,12 @@ class VoxelTrees {
   LeafPlace PlaceOf(const Eigen::Vector3d& p) const {
     LeafPlace place;
     for (int axis = 0; axis < 3; ++axis) {
-      const double x = p[axis] * inverse_root_size_;
-      auto index = static_cast<std::int64_t>(x);
-      index -= static_cast<double>(index) > x ? 1 : 0;  // floor, without a call
-      const auto leaf = static_cast<unsigned>((x - static_cast<double>(index)) * leaves_per_edge_);
-      place.key |= static_cast<VoxelKey>(index + RootKeyLayout::kOffset[axis])
+      const double x = p[axis] * inverse_leaf_size_;
+      auto leaf = static_cast<std::int64_t>(x);
+      leaf -= static_cast<double>(leaf) > x ? 1 : 0;  // floor, without a call
+      place.key |= static_cast<VoxelKey>((leaf >> depth_) + RootKeyLayout::kOffset[axis])
                    << RootKeyLayout::kShift[axis];
-      // Just below zero, rounding ends at the upper edge.
-      place.path |= kSpread[std::min(leaf, most_leaf_)] << axis;
+      place.path |= kSpread[leaf & most_leaf_] << axis;
     }
     return place;
   }
@@ -244,10 +242,9 @@ class VoxelTrees {
     visit(leaves_), visit(inner_), visit(roots_), visit(planes_), visit(windows_);
   }
 
-  double root_size_m_, inverse_root_size_;
+  double root_size_m_, inverse_leaf_size_;
   int depth_;
-  double leaves_per_edge_;
-  unsigned most_leaf_;
+  std::int64_t most_leaf_;  // along an edge
   VoxelIndex index_;
   BlockPool<MapLeaf> leaves_;
   BlockPool<MapInner> inner_;
