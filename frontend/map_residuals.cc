@@ -182,7 +182,11 @@ void MapResiduals::Associate(const SE3& T, const Eigen::Matrix3d& R) {
   ParallelChunks(clusters_.size(), 1024, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const Eigen::Vector3d p = R * clusters_[i].mean + T.t;
-      surfaces_[i] = map_.CanHold(p) ? map_.FindSurface(p) : VoxelMap::kNoNode;
+      const bool can_hold = map_.CanHold(p);
+      const LeafPlace place = can_hold ? map_.PlaceOf(p) : LeafPlace();
+      if (associated_ && place == places_[i]) continue;
+      places_[i] = place;
+      surfaces_[i] = can_hold ? map_.FindSurface(place) : VoxelMap::kNoNode;
       const bool on_plane =
           surfaces_[i] != VoxelMap::kNoNode && map_.kind(surfaces_[i]) == Surface::Kind::kPlane;
       planes_[i] = on_plane ? &map_.plane(surfaces_[i]) : nullptr;

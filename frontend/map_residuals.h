@@ -48,7 +48,8 @@ class MapResiduals {
       : options_(options),
         map_(map),
         clusters_(clusters),
-        surfaces_(clusters.size()),
+        places_(clusters.size()),
+        surfaces_(clusters.size(), VoxelMap::kNoNode),
         planes_(clusters.size()) {}
 
   const VoxelMap& map() const { return map_; }
@@ -89,7 +90,8 @@ class MapResiduals {
   // own. At the pose of the last At.
   Matrix6d SurfaceScatter(const SE3& T, double kernel_sigma, VoxelKey block) const;
   // Looks up the surface around each cluster, unless the pose is still so near the one of the last
-  // look-up that a cluster at 30 m has moved by less than a small part of a leaf.
+  // look-up that a cluster at 30 m has moved by less than a small part of a leaf. Most clusters are
+  // still in the leaf in which they were then, and have no need of another.
   void Associate(const SE3& T, const Eigen::Matrix3d& R);
   // How thick even the thin ones of the planes around the scan are. A plane that looks thinner does
   // so because few points made it, or one beam.
@@ -114,6 +116,7 @@ class MapResiduals {
   const ScanMatcherOptions& options_;
   const VoxelMap& map_;
   const std::vector<PointCluster>& clusters_;
+  std::vector<LeafPlace> places_;  // of the last look-up, where there was one
   std::vector<VoxelMap::NodeId> surfaces_;
   std::vector<const Surface*> planes_;  // of those that are planar, else null
   double floor2_ = 0.0;                 // m^2: variance that no plane is believed to have less of

@@ -138,15 +138,15 @@ void Odometry::MatchDeskewed(const std::vector<TimedCluster>& clusters,
   SweepAcceleration& unsteady = frame->acceleration;
   for (int pass = 0; pass < passes; ++pass) {
     frame->sweep = SweepTo(frame->match.T_world_lidar, Vector6d::Zero(), dt);
-    *deskewed = DeskewClusters(clusters, frame->sweep);
+    DeskewClusters(clusters, frame->sweep, deskewed);
     if (motion_.moving_known()) {
       unsteady = EstimateAcceleration(options_.matcher, *deskewed, clusters, frame->match, map, dt,
                                       accelerations_.Moment());
       frame->match.T_world_lidar = Retract(frame->match.T_world_lidar, unsteady.pose_step);
       frame->sweep = SweepTo(frame->match.T_world_lidar, unsteady.acceleration, dt);
-      *deskewed = DeskewClusters(clusters, frame->sweep);
+      DeskewClusters(clusters, frame->sweep, deskewed);
     }
-    frame->match = matcher_.Match(*deskewed, prediction, frame->match.T_world_lidar, map);
+    frame->match = narrow_matcher_.Match(*deskewed, prediction, frame->match.T_world_lidar, map);
   }
   SettleWeakest(clusters, prediction, map, passes, deskewed, frame);
   frame->match.covariance += unsteady.pose_covariance;
@@ -176,7 +176,7 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
   const SE3 T = profile.At(posterior.mean_m);
   if (passes > 0) {
     frame->sweep = SweepTo(T, frame->sweep.acceleration, dt);
-    *deskewed = DeskewClusters(clusters, frame->sweep);
+    DeskewClusters(clusters, frame->sweep, deskewed);
   }
   frame->match = matcher_.MatchKnown(*deskewed, T, {v, posterior.sigma_m}, prediction, map);
 }

@@ -37,6 +37,9 @@ std::vector<std::vector<TimedPoint>> GroupByCluster(const std::vector<TimedPoint
 // (rad/s, m/s) during the scan. result[i] belongs to clusters[i].
 std::vector<PointCluster> DeskewClusters(const std::vector<TimedCluster>& clusters,
                                          const SweepMotion& motion);
+// The same into memory that is there already.
+void DeskewClusters(const std::vector<TimedCluster>& clusters, const SweepMotion& motion,
+                    std::vector<PointCluster>* result);
 
 // Makes times count from the middle of the sweep. Returns where that is, nanoseconds after the
 // instant from which they counted; 0 if there are no clusters.

@@ -1,16 +1,17 @@
 #include "backend/bundle/condensed_cost.h"
 
+#include <algorithm>
+
 #include "backend/bundle/frame_pass.h"
 
 namespace lamina {
 namespace {
 
-void AddObservation(const FramePassItem& item, const PlaneFrame& f) {
+void AddObservation(const FramePassItem& item, const PlaneFrame& f, const Eigen::Vector3d& roots) {
   const ObservationTerms terms(item, f);
   const double n = item.cluster.count;
   terms.AddGradient(item.plane.weight, n, f.normal.dot(terms.x), item.g);
   terms.AddSquare(item.plane.weight, n, item.D);
-  const Eigen::Vector3d roots = PlaneRoots(f, item.plane.weight, 0.0);
   item.W->row(0) = (roots(0) * n * f.u1.dot(terms.x)) * terms.j;
   item.W->row(0).head<3>() -= roots(0) * terms.turn1;
   item.W->row(1) = (roots(1) * n * f.u2.dot(terms.x)) * terms.j;
@@ -20,16 +21,52 @@ void AddObservation(const FramePassItem& item, const PlaneFrame& f) {
 
 }  // namespace
 
+const std::vector<PlaneFrame>& CondensedCost::FramesAt(const std::vector<SE3>& poses,
+                                                       const PoseMatrices& matrices) const {
+  const auto same = [](const SE3& a, const SE3& b) {
+    return a.q.coeffs() == b.q.coeffs() && a.t == b.t;
+  };
+  if (frames_.empty() || !std::equal(poses.begin(), poses.end(), at_.begin(), at_.end(), same)) {
+    frames_ = MakePlaneFrames(problem_, matrices);
+    at_ = poses;
+  }
+  return frames_;
+}
+
 void CondensedCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* system) {
   const PoseMatrices matrices(poses);
+  const std::vector<PlaneFrame>& frames = FramesAt(poses, matrices);
+  std::vector<Eigen::Vector3d> roots;
+  roots.reserve(frames.size());
+  for (std::size_t p = 0; p < frames.size(); ++p) {
+    roots.push_back(PlaneRoots(frames[p], problem_.planes[p].weight, 0.0));
+  }
   LineariseEigenvalueCost(
-      problem_, index_, matrices, MakePlaneFrames(problem_, matrices),
-      [](const FramePassItem& item, const PlaneFrame& frame) { AddObservation(item, frame); },
+      problem_, index_, matrices, frames,
+      [&](const FramePassItem& item, const PlaneFrame& frame) {
+        AddObservation(item, frame, roots[item.plane_index]);
+      },
       system);
 }
 
+void CondensedCost::FindGradient(const std::vector<SE3>& poses, ReducedSystem* system) {
+  const PoseMatrices matrices(poses);
+  const std::vector<PlaneFrame>& frames = FramesAt(poses, matrices);
+  system->cost = EigenvalueCost(problem_, frames);
+  const auto add = [&](const FramePassItem& item) {
+    const PlaneFrame& f = frames[item.plane_index];
+    const Eigen::Vector3d m = item.R.transpose() * f.normal;
+    const Eigen::Vector3d& mu = item.cluster.mean;
+    const double distance = f.normal.dot(item.R * mu + item.t - f.mean);
+    const double pull = item.plane.weight * item.cluster.count * distance;
+    item.g->head<3>() += pull * mu.cross(m) - item.plane.weight * m.cross(item.cluster.scatter * m);
+    item.g->tail<3>() += pull * f.normal;
+  };
+  PassOverFrames(problem_, index_, matrices, false, add, system);
+}
+
 double CondensedCost::Value(const std::vector<SE3>& poses) const {
-  return EigenvalueCost(problem_, poses);
+  return EigenvalueCost(problem_, FramesAt(poses, PoseMatrices(poses)));
 }
 
 }  // namespace lamina

@@ -29,20 +29,29 @@
 #pragma once
 
 #include "backend/bundle/cost.h"
+#include "backend/bundle/plane_geometry.h"
 
 namespace lamina {
 
 class CondensedCost final : public BundleCost {
  public:
-  // Keeps a reference: the problem must outlive the cost. Throws as BundleIndex.
+  // Keeps a reference: the problem must outlive the cost. Throws as BundleIndex. Not thread-safe.
   explicit CondensedCost(const BundleProblem& problem) : problem_(problem), index_(problem) {}
 
   void Linearise(const std::vector<SE3>& poses, ReducedSystem* system) override;
+  void FindGradient(const std::vector<SE3>& poses, ReducedSystem* system) override;
   double Value(const std::vector<SE3>& poses) const override;
 
  private:
+  // Of the planes at these poses. Those of the last call are kept: a step that was judged by Value
+  // and taken is where the next linearisation is.
+  const std::vector<PlaneFrame>& FramesAt(const std::vector<SE3>& poses,
+                                          const PoseMatrices& matrices) const;
+
   const BundleProblem& problem_;
   BundleIndex index_;
+  mutable std::vector<SE3> at_;
+  mutable std::vector<PlaneFrame> frames_;
 };
 
 }  // namespace lamina

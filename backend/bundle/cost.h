@@ -49,6 +49,11 @@ class BundleCost {
   // during a step takes them from here.
   virtual void Linearise(const std::vector<SE3>& poses, ReducedSystem* system) = 0;
 
+  // Cost and gradient alone; what else the system has is not to be used.
+  virtual void FindGradient(const std::vector<SE3>& poses, ReducedSystem* system) {
+    Linearise(poses, system);
+  }
+
   // The cost by which a step from the poses of the last Linearise is judged. At those poses it
   // equals ReducedSystem::cost, up to rounding.
   virtual double Value(const std::vector<SE3>& poses) const = 0;

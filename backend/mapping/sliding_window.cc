@@ -8,6 +8,7 @@
 #include "backend/mapping/observation_weights.h"
 #include "core/base/median.h"
 #include "core/base/parallel.h"
+#include "core/geometry/cluster_lanes.h"
 #include "core/geometry/robust_kernel.h"
 #include "core/geometry/sweep_motion.h"
 
@@ -49,69 +50,65 @@ constexpr std::size_t kLeavesAhead = 8;
 // In the place of a path: the cluster is in no leaf.
 constexpr std::uint64_t kNoLeaf = ~std::uint64_t{0};
 
-// Collects observations by plane while frames are walked in order.
-class ProblemBuilder {
+}  // namespace
+
+// Finds the places of a problem's observations: those of a plane stand together, frames ascending;
+// planes in the order in which they are met. Frames must be walked in order.
+class ObservationPlaces {
  public:
   // `planes`: how many planes of the map there are.
-  explicit ProblemBuilder(std::size_t planes) : number_of_(2 * planes, -1) {}
+  explicit ObservationPlaces(std::size_t planes) : number_of_(2 * planes, -1) {}
 
-  // Of plane `on` of the map, seen from one side or the other. Returns a number by which MoveTo
-  // tells where the observation has gone.
-  std::int32_t Add(std::int32_t on, bool other_side, int frame, const PointCluster& cluster) {
+  // Of plane `on` of the map, seen from one side or the other. Returns a number of the observation,
+  // the same one for all that a frame sees of a plane.
+  std::int32_t Add(std::int32_t on, bool other_side, int frame) {
     std::int32_t& plane = number_of_[2 * static_cast<std::size_t>(on) + (other_side ? 1 : 0)];
     if (plane < 0) {
-      plane = static_cast<std::int32_t>(map_planes_.size());
-      map_planes_.push_back(on);
-      last_.push_back(-1);
+      plane = static_cast<std::int32_t>(planes_.size());
+      planes_.push_back({on, -1, -1, 0});
     }
-    std::int32_t& last = last_[static_cast<std::size_t>(plane)];
-    if (last >= 0 && gathered_[static_cast<std::size_t>(last)].observation.frame == frame) {
-      gathered_[static_cast<std::size_t>(last)].observation.cluster += cluster;
-      return last;
+    OfPlane& of = planes_[static_cast<std::size_t>(plane)];
+    if (of.last_frame != frame) {
+      of.last_frame = frame;
+      of.last = static_cast<std::int32_t>(plane_of_.size());
+      ++of.observations;
+      plane_of_.push_back(plane);
     }
-    last = static_cast<std::int32_t>(gathered_.size());
-    gathered_.push_back({plane, {frame, cluster}});
-    return last;
+    return of.last;
   }
 
-  // Planes in the order in which they were met; the observations of each stand together, frames
-  // ascending (a counting sort keeps their order). Returns the observation behind each number of
-  // Add.
-  std::vector<std::int32_t> MoveTo(BundleProblem* problem) const {
-    problem->planes.assign(map_planes_.size(), Plane());
-    for (const Gathered& g : gathered_) ++problem->planes[static_cast<std::size_t>(g.plane)].count;
+  // Makes planes and observations, empty. Returns the place of each number of Add.
+  std::vector<std::int32_t> MakeIn(BundleProblem* problem) const {
+    problem->planes.assign(planes_.size(), Plane());
     std::vector<std::int32_t> next;
+    next.reserve(planes_.size());
     std::int32_t first = 0;
-    for (Plane& plane : problem->planes) {
-      plane.first = first;
+    for (std::size_t p = 0; p < planes_.size(); ++p) {
+      problem->planes[p].first = first;
+      problem->planes[p].count = planes_[p].observations;
       next.push_back(first);
-      first += plane.count;
+      first += planes_[p].observations;
     }
-    problem->observations.resize(gathered_.size());
-    std::vector<std::int32_t> slots;
-    slots.reserve(gathered_.size());
-    for (const Gathered& g : gathered_) {
-      slots.push_back(next[static_cast<std::size_t>(g.plane)]++);
-      problem->observations[static_cast<std::size_t>(slots.back())] = g.observation;
+    problem->observations.resize(plane_of_.size());
+    std::vector<std::int32_t> places;
+    places.reserve(plane_of_.size());
+    for (const std::int32_t plane : plane_of_) {
+      places.push_back(next[static_cast<std::size_t>(plane)]++);
     }
-    return slots;
+    return places;
   }
 
-  // The map's plane behind each plane of the problem.
-  const std::vector<std::int32_t>& map_planes() const { return map_planes_; }
+  // The map's plane behind plane i of the problem.
+  std::int32_t MapPlane(std::size_t i) const { return planes_[i].on; }
 
  private:
-  struct Gathered {
-    std::int32_t plane;
-    PlaneObservation observation;
+  struct OfPlane {
+    std::int32_t on, last_frame, last, observations;
   };
   std::vector<std::int32_t> number_of_;  // of each side of each plane of the map; -1: none yet
-  std::vector<std::int32_t> map_planes_;
-  std::vector<std::int32_t> last_;  // for each plane, its last gathered observation
-  std::vector<Gathered> gathered_;
+  std::vector<OfPlane> planes_;
+  std::vector<std::int32_t> plane_of_;  // of each observation
 };
-
-}  // namespace
 
 void SlidingWindowOptions::Visit(OptionVisitor& v) {
   v.Integer("frames", &frames, 2, 200);
@@ -128,23 +125,22 @@ SlidingWindow::SlidingWindow(const SlidingWindowOptions& options, VoxelMap* map)
   CheckOptions(options, "backend.window");
 }
 
-void SlidingWindow::UpdateClusters(const SE3& T, WindowFrame* frame) const {
+void SlidingWindow::MoveIntoMap(const WindowFrame& frame, const SE3& T,
+                                std::vector<PointCluster>* in_map) const {
   const Eigen::Matrix3d R = T.R();
   const double most =
-      frame->alone ? std::max<double>(options_.max_cluster_weight, map_->options().min_points)
-                   : options_.max_cluster_weight;
-  frame->in_map.resize(frame->deskewed.size());
-  ParallelChunks(frame->deskewed.size(), 2048, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      frame->in_map[i] = frame->deskewed[i].Capped(most).Moved(R, T.t);
-    }
+      frame.alone ? std::max<double>(options_.max_cluster_weight, map_->options().min_points)
+                  : options_.max_cluster_weight;
+  in_map->resize(frame.deskewed.size());
+  ParallelChunks(frame.deskewed.size(), 2048, [&](std::size_t begin, std::size_t end) {
+    MoveClusters(frame.deskewed.data() + begin, end - begin, most, R, T.t, in_map->data() + begin);
   });
 }
 
 void SlidingWindow::Push(WindowFrame frame) {
   frame.deskewed = DeskewClusters(frame.measured, frame.sweep);
   if (!AnyTimed(frame.measured)) frame.measured.clear();
-  UpdateClusters(frame.T_world_lidar, &frame);
+  MoveIntoMap(frame, frame.T_world_lidar, &frame.in_map);
   frame.leaves.assign(frame.in_map.size(), VoxelMap::kNoNode);
   frame.addresses.assign(frame.in_map.size(), {0, kNoLeaf});
   const std::size_t n = frame.in_map.size();
@@ -152,6 +148,9 @@ void SlidingWindow::Push(WindowFrame frame) {
     if (i < n && map_->CanHold(frame.in_map[i].mean)) {
       frame.leaves[i] = map_->LeafAt(frame.in_map[i].mean, &frame.addresses[i]);
       map_->Prefetch(frame.leaves[i]);
+    }
+    if (i >= kLeavesAhead / 2 && i < n + kLeavesAhead / 2) {
+      map_->PrefetchAround(frame.leaves[i - kLeavesAhead / 2]);
     }
     if (i < kLeavesAhead || frame.leaves[i - kLeavesAhead] == VoxelMap::kNoNode) continue;
     map_->Hold(frame.leaves[i - kLeavesAhead]);
@@ -170,9 +169,17 @@ FinalKeyframe SlidingWindow::AsFinal(std::size_t i) const {
   return keyframe;
 }
 
+void SlidingWindow::PrefetchLeaves(const WindowFrame& frame, std::size_t i) const {
+  if (i + 2 * kLeavesAhead < frame.leaves.size()) {
+    map_->Prefetch(frame.leaves[i + 2 * kLeavesAhead]);
+  }
+  if (i + kLeavesAhead < frame.leaves.size()) map_->PrefetchAround(frame.leaves[i + kLeavesAhead]);
+}
+
 void SlidingWindow::PopOldest() {
   const WindowFrame& frame = frames_.front();
   for (std::size_t i = 0; i < frame.in_map.size(); ++i) {
+    PrefetchLeaves(frame, i);
     if (frame.leaves[i] == VoxelMap::kNoNode) continue;
     map_->FixWindow(frame.leaves[i], frame.in_map[i], MarginalWeight(frame, i), frame.id);
     map_->Release(frame.leaves[i]);
@@ -201,14 +208,15 @@ void SlidingWindow::Move(std::size_t i, const SE3& T_world_lidar, const SweepMot
   frame.T_world_lidar = T_world_lidar;
   if (!frame.measured.empty()) {
     frame.sweep = sweep;
-    frame.deskewed = DeskewClusters(frame.measured, sweep);
+    DeskewClusters(frame.measured, sweep, &frame.deskewed);
   }
-  const std::vector<PointCluster> before = std::move(frame.in_map);
-  UpdateClusters(T_world_lidar, &frame);
-  for (std::size_t k = 0; k < before.size(); ++k) {
+  MoveIntoMap(frame, T_world_lidar, &moved_);
+  for (std::size_t k = 0; k < moved_.size(); ++k) {
+    PrefetchLeaves(frame, k);
     if (frame.leaves[k] == VoxelMap::kNoNode) continue;
-    map_->ReplaceWindow(frame.leaves[k], before[k], frame.in_map[k]);
+    map_->ReplaceWindow(frame.leaves[k], frame.in_map[k], moved_[k]);
   }
+  frame.in_map.swap(moved_);
 }
 
 SweepMotion SlidingWindow::MotionAt(std::size_t i, const StampedPose* next) const {
@@ -225,42 +233,25 @@ SweepMotion SlidingWindow::MotionAt(std::size_t i, const StampedPose* next) cons
 
 BundleProblem SlidingWindow::BuildProblem(Sides sides, std::vector<std::vector<ClusterUse>>* uses) {
   BundleProblem problem;
-  if (uses != nullptr) uses->assign(frames_.size(), {});
-  const double floor2 = options_.noise_floor_m * options_.noise_floor_m;
   const ObservationWeights on_planes(
       *map_, frames_, {options_.noise_floor_m, options_.kernel_sigma, sides == Sides::kOne});
-  ProblemBuilder builder(on_planes.nodes().size());
+  ObservationPlaces numbers(on_planes.nodes().size());
+  std::vector<std::vector<std::int32_t>> of_clusters;
   for (std::size_t f = 0; f < frames_.size(); ++f) {
-    WindowFrame& frame = frames_[f];
-    frame.weights = on_planes.Weights(f);
-    problem.poses.push_back(frame.T_world_lidar);
+    frames_[f].weights = on_planes.Weights(f);
+    problem.poses.push_back(frames_[f].T_world_lidar);
     if (f > 0) problem.priors.push_back(MotionPrior(f));
-    if (uses != nullptr) (*uses)[f].resize(frame.leaves.size());
-    for (std::size_t i = 0; i < frame.leaves.size(); ++i) {
-      const std::int32_t plane = on_planes.PlaneOf(f, i);
-      if (plane == ObservationWeights::kNone) continue;
-      bool from_behind = false;
-      if (sides == Sides::kTwo) {
-        const Surface& surface = map_->plane(on_planes.nodes()[static_cast<std::size_t>(plane)]);
-        from_behind =
-            surface.normal.cast<double>().dot(frame.T_world_lidar.t - frame.in_map[i].mean) < 0.0;
-      }
-      const PointCluster weighted =
-          frame.deskewed[i].Capped(options_.max_cluster_weight).Scaled(frame.weights[i]);
-      const std::int32_t number = builder.Add(plane, from_behind, static_cast<int>(f), weighted);
-      if (uses != nullptr) (*uses)[f][i] = {number, weighted.count / frame.deskewed[i].count};
-    }
+    of_clusters.push_back(NumberObservations(f, sides, on_planes, &numbers));
   }
-  const std::vector<std::int32_t> slots = builder.MoveTo(&problem);
-  for (std::size_t f = 0; uses != nullptr && f < uses->size(); ++f) {
-    for (ClusterUse& use : (*uses)[f]) {
-      if (use.observation >= 0) use.observation = slots[static_cast<std::size_t>(use.observation)];
-    }
+  const std::vector<std::int32_t> places = numbers.MakeIn(&problem);
+  if (uses != nullptr) uses->assign(frames_.size(), {});
+  for (std::size_t f = 0; f < frames_.size(); ++f) {
+    FillObservations(f, of_clusters[f], places, &problem, uses != nullptr ? &(*uses)[f] : nullptr);
   }
+  const double floor2 = options_.noise_floor_m * options_.noise_floor_m;
   for (std::size_t i = 0; i < problem.planes.size(); ++i) {
     Plane& plane = problem.planes[i];
-    const VoxelMap::NodeId node =
-        on_planes.nodes()[static_cast<std::size_t>(builder.map_planes()[i])];
+    const VoxelMap::NodeId node = on_planes.nodes()[static_cast<std::size_t>(numbers.MapPlane(i))];
     plane.fixed = map_->FixedAggregate(node);
     plane.weight = 1.0 / (floor2 + static_cast<double>(map_->plane(node).variance));
     if (!plane.fixed.Empty()) problem.hold_first_pose = false;
@@ -269,6 +260,46 @@ BundleProblem SlidingWindow::BuildProblem(Sides sides, std::vector<std::vector<C
   KeepBinding(options_.max_planes, &problem.planes);
   DistrustThick(&problem.planes);
   return problem;
+}
+
+std::vector<std::int32_t> SlidingWindow::NumberObservations(std::size_t f, Sides sides,
+                                                            const ObservationWeights& on_planes,
+                                                            ObservationPlaces* numbers) const {
+  const WindowFrame& frame = frames_[f];
+  std::vector<std::int32_t> of_clusters(frame.leaves.size(), -1);
+  for (std::size_t i = 0; i < frame.leaves.size(); ++i) {
+    const std::int32_t plane = on_planes.PlaneOf(f, i);
+    if (plane == ObservationWeights::kNone) continue;
+    bool from_behind = false;
+    if (sides == Sides::kTwo) {
+      const Surface& surface = map_->plane(on_planes.nodes()[static_cast<std::size_t>(plane)]);
+      from_behind =
+          surface.normal.cast<double>().dot(frame.T_world_lidar.t - frame.in_map[i].mean) < 0.0;
+    }
+    of_clusters[i] = numbers->Add(plane, from_behind, static_cast<int>(f));
+  }
+  return of_clusters;
+}
+
+void SlidingWindow::FillObservations(std::size_t f, const std::vector<std::int32_t>& of_clusters,
+                                     const std::vector<std::int32_t>& places,
+                                     BundleProblem* problem, std::vector<ClusterUse>* uses) const {
+  const WindowFrame& frame = frames_[f];
+  if (uses != nullptr) uses->resize(of_clusters.size());
+  for (std::size_t i = 0; i < of_clusters.size(); ++i) {
+    if (of_clusters[i] < 0) continue;
+    const std::int32_t place = places[static_cast<std::size_t>(of_clusters[i])];
+    const PointCluster weighted =
+        frame.deskewed[i].Capped(options_.max_cluster_weight).Scaled(frame.weights[i]);
+    PlaneObservation& observation = problem->observations[static_cast<std::size_t>(place)];
+    observation.frame = static_cast<int>(f);
+    if (observation.cluster.Empty()) {
+      observation.cluster = weighted;
+    } else {
+      observation.cluster += weighted;
+    }
+    if (uses != nullptr) (*uses)[i] = {place, weighted.count / frame.deskewed[i].count};
+  }
 }
 
 void SlidingWindow::FindLeaves(WindowFrame* frame) const {
@@ -300,7 +331,7 @@ void SlidingWindow::Archive(StateArchive& a) {
     }
     a(&frame.addresses);
     if (!a.reading()) continue;
-    UpdateClusters(frame.T_world_lidar, &frame);
+    MoveIntoMap(frame, frame.T_world_lidar, &frame.in_map);
     FindLeaves(&frame);
   }
 }

@@ -1,7 +1,7 @@
 // The frames that bundle adjustment may still move, and their share of the map.
 //
-// Each frame keeps its clusters as measured (with time), as deskewed under its present twist, and
-// as they stand in the voxel map at its present pose. Moving frames or changing their twist
+// Each frame keeps its clusters as measured (with time), as deskewed under its present motion, and
+// as they stand in the voxel map at its present pose. Moving frames or changing their motion
 // exchanges exactly those clusters in the map, leaf by leaf; association to leaves is made once,
 // when the frame enters. The oldest frame leaves by marginalisation: its clusters join the fixed
 // clusters of their leaves at the final pose, with the robust weights that they had in the last
@@ -24,6 +24,9 @@
 #include "frontend/scan_matcher.h"
 
 namespace lamina {
+
+class ObservationPlaces;
+class ObservationWeights;
 
 struct SlidingWindowOptions {
   int frames = 15;
@@ -116,18 +119,30 @@ class SlidingWindow {
   void Archive(StateArchive& a);
 
  private:
+  // The number of the observation that each cluster of frame f goes into; -1: none.
+  std::vector<std::int32_t> NumberObservations(std::size_t f, Sides sides,
+                                               const ObservationWeights& on_planes,
+                                               ObservationPlaces* numbers) const;
+  // Sums frame f's clusters, weighted, into their observations.
+  void FillObservations(std::size_t f, const std::vector<std::int32_t>& of_clusters,
+                        const std::vector<std::int32_t>& places, BundleProblem* problem,
+                        std::vector<ClusterUse>* uses) const;
   void FindLeaves(WindowFrame* frame) const;
   // Along what its planes left open, the first frame stays: motion priors hold the others to it,
   // and nothing else would keep the window from sliding as a whole.
   void HoldFirst(BundleProblem* problem) const;
   RelativePrior MotionPrior(std::size_t i) const;
-  void UpdateClusters(const SE3& T, WindowFrame* frame) const;
+  // The clusters of a frame as they stand in the map when it is at T.
+  void MoveIntoMap(const WindowFrame& frame, const SE3& T, std::vector<PointCluster>* in_map) const;
+  // Has the processor fetch what a loop over the clusters of a frame, now at i, is soon to change.
+  void PrefetchLeaves(const WindowFrame& frame, std::size_t i) const;
   // Weight with which cluster i of a frame that leaves the window joins the fixed clusters.
   double MarginalWeight(const WindowFrame& frame, std::size_t i) const;
 
   SlidingWindowOptions options_;
   VoxelMap* map_;
   std::deque<WindowFrame> frames_;
+  std::vector<PointCluster> moved_;  // of a frame that is being moved: memory that is used again
 };
 
 }  // namespace lamina

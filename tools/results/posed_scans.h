@@ -26,7 +26,7 @@ struct PosedScan {
   SE3 T_world_lidar;
   SweepMotion sweep;
   // The mean of the motions from the pose before and to the one after, or the one that exists: what
-  // trajectories are judged by, whoever made them.
+  // trajectories are judged by, those of others too.
   Vector6d mean_twist = Vector6d::Zero();
 };
 
