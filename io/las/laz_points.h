@@ -22,6 +22,8 @@ namespace lamina {
 inline constexpr char kLazUser[] = "laszip encoded";
 inline constexpr std::uint16_t kLazRecord = 22204;
 inline constexpr std::uint32_t kLazChunkPoints = 50000;
+// Before the first chunk: where the table of the chunks is.
+inline constexpr std::size_t kLazTableAtBytes = sizeof(std::int64_t);
 
 // For chunks with as many points as their table says.
 inline constexpr std::uint32_t kLazAnyPoints = UINT32_MAX;

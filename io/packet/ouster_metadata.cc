@@ -76,7 +76,7 @@ class Reader {
 
 constexpr std::initializer_list<const char*> kFormat = {"lidar_data_format", "data_format"};
 constexpr std::initializer_list<const char*> kConfig = {"config_params"};
-constexpr std::initializer_list<const char*> kBeams = {"beam_intrinsics"};
+constexpr std::initializer_list<const char*> kBeamGroup = {"beam_intrinsics"};
 
 OusterProfile ProfileOf(const Reader& reader) {
   std::string name = reader.Text("udp_profile_lidar", kFormat);
@@ -103,8 +103,8 @@ std::size_t ColumnsOfMode(const Reader& reader) {
 void ReadBeams(const Reader& reader, OusterMetadata* metadata) {
   constexpr std::size_t kMostChannels = 512, kMatrix = 16;
   constexpr double kM = 0.001;
-  const Json* altitudes = reader.Find("beam_altitude_angles", kBeams);
-  const Json* azimuths = reader.Find("beam_azimuth_angles", kBeams);
+  const Json* altitudes = reader.Find("beam_altitude_angles", kBeamGroup);
+  const Json* azimuths = reader.Find("beam_azimuth_angles", kBeamGroup);
   if (altitudes == nullptr || azimuths == nullptr || altitudes->empty() ||
       altitudes->size() > kMostChannels) {
     reader.Fail("no 'beam_altitude_angles' and 'beam_azimuth_angles' of up to 512 channels");
@@ -115,11 +115,11 @@ void ReadBeams(const Reader& reader, OusterMetadata* metadata) {
   }
   metadata->altitude_deg = reader.Numbers(*altitudes, "beam_altitude_angles", channels);
   metadata->azimuth_deg = reader.Numbers(*azimuths, "beam_azimuth_angles", channels);
-  if (const Json* matrix = reader.Find("beam_to_lidar_transform", kBeams)) {
+  if (const Json* matrix = reader.Find("beam_to_lidar_transform", kBeamGroup)) {
     const auto m = reader.Numbers(*matrix, "beam_to_lidar_transform", kMatrix);
     metadata->origin_m = kM * m[3];
     metadata->origin_up_m = kM * m[11];
-  } else if (const Json* origin = reader.Find("lidar_origin_to_beam_origin_mm", kBeams)) {
+  } else if (const Json* origin = reader.Find("lidar_origin_to_beam_origin_mm", kBeamGroup)) {
     if (!origin->is_number()) reader.Fail("'lidar_origin_to_beam_origin_mm' must be a number");
     metadata->origin_m = kM * origin->get<double>();
   }

@@ -23,12 +23,11 @@
 #include <iterator>
 #include <utility>
 
+#include "core/base/angle.h"
 #include "io/file/byte_numbers.h"
 
 namespace lamina {
 namespace {
-
-constexpr double kRadPerDeg = M_PI / 180.0;
 
 struct OusterReturn {
   std::size_t range_at = 0, intensity_at = 0;
@@ -125,8 +124,8 @@ class OusterSweep final : public SweepDecoder {
   OusterSweep(const OusterMetadata& metadata, std::size_t packet_bytes)
       : metadata_(metadata), layout_(LayoutOf(metadata.profile)), packet_bytes_(packet_bytes) {
     for (const double altitude_deg : metadata.altitude_deg) {
-      sine_.push_back(std::sin(kRadPerDeg * altitude_deg));
-      cosine_.push_back(std::cos(kRadPerDeg * altitude_deg));
+      sine_.push_back(std::sin(kDegree * altitude_deg));
+      cosine_.push_back(std::cos(kDegree * altitude_deg));
     }
   }
 
@@ -170,7 +169,7 @@ class OusterSweep final : public SweepDecoder {
       const std::string_view channel =
           column.substr(layout_.column_head + i * layout_.channel_bytes, layout_.channel_bytes);
       const std::uint32_t first = RangeOf(channel, layout_.first);
-      const double azimuth = theta - kRadPerDeg * metadata_.azimuth_deg[i];
+      const double azimuth = theta - kDegree * metadata_.azimuth_deg[i];
       const Eigen::Vector3d beam(std::cos(azimuth) * cosine_[i], std::sin(azimuth) * cosine_[i],
                                  sine_[i]);
       AddReturn(first, channel, layout_.first, beam, origin, time_s, scan);

@@ -19,10 +19,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kVersion = "2";
+constexpr const char* kDatabaseVersion = "2";
 // More than is written between two checkpoints of a session: mostly Tidy() does it, beside the
 // writer.
-constexpr std::size_t kMostLogBytes = 8 << 20;
+constexpr std::size_t kMostDatabaseLogBytes = 8 << 20;
 
 // The row of `meta` behind that of a key. There is none in sessions of older programs.
 constexpr const char* kChecksum = ".crc32";
@@ -67,7 +67,7 @@ struct SessionDatabase::Impl {
                   "SELECT 1 FROM scans WHERE file = ?1 UNION ALL SELECT 1 FROM set_aside WHERE "
                   "file = ?1");
     put_aside.emplace(database, "INSERT OR REPLACE INTO set_aside VALUES(?,?)");
-    log_limit.emplace(&database, kMostLogBytes);
+    log_limit.emplace(&database, kMostDatabaseLogBytes);
   }
 
   template <typename Work>
@@ -88,11 +88,11 @@ struct SessionDatabase::Impl {
   void RefuseOtherVersion() const {
     if (!database.tableExists("meta")) return;
     SQLite::Statement get(database, "SELECT value FROM meta WHERE key = 'version'");
-    if (!get.executeStep() || get.getColumn(0).getString() == kVersion) return;
+    if (!get.executeStep() || get.getColumn(0).getString() == kDatabaseVersion) return;
     throw OtherFormatError(fmt::format(
         "{}: is of version {}, this program reads version {}: finish the session with the program "
         "that made it, or map its scans in a new one",
-        path, get.getColumn(0).getString(), kVersion));
+        path, get.getColumn(0).getString(), kDatabaseVersion));
   }
 
   // Before anything is made in it: the database of another program must stay as it is.
@@ -134,7 +134,7 @@ SessionDatabase::SessionDatabase(const std::string& path, bool check) {
     impl_ = std::make_unique<Impl>(path);
     if (check) impl_->Check();
   });
-  if (!Meta("version")) SetMeta("version", kVersion);
+  if (!Meta("version")) SetMeta("version", kDatabaseVersion);
   if (check) ForEach(0, scans(), [](const SessionScan&) {});
 }
 
