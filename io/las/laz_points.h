@@ -3,8 +3,8 @@
 //
 //   formats 0 to 3    point by point: items POINT10, GPSTIME11, RGB12 and BYTE of version 2
 //   formats 6 to 10   in layers, one a field: item POINT14 of version 3 or 4. The layers of
-//   colours,
-//                     waveforms and extra bytes are passed over, and these are zero in the records
+//                     colours, waveforms and extra bytes are passed over, and these are zero in
+//                     the records
 //
 // This is what all programs write for these formats.
 #pragma once
