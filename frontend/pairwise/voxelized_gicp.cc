@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/angle.h"
 #include "core/base/parallel.h"
 #include "core/map/voxel_key.h"
 
@@ -129,7 +130,7 @@ class VoxelizedGicp final : public PairwiseMethod {
         return;
       }
       T = Retract(T, step);
-      if (step.head<3>().norm() < options_.min_rotation_step_deg * M_PI / 180.0 &&
+      if (step.head<3>().norm() < Radians(options_.min_rotation_step_deg) &&
           step.tail<3>().norm() < options_.min_translation_step_m) {
         break;
       }
