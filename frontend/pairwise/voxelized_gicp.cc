@@ -26,10 +26,7 @@ struct ClusterGrid {
     for (const Eigen::Vector3f& point : points) {
       const Eigen::Vector3d p = point.cast<double>();
       if (!IsVoxelKeyInRange(p, inverse_m)) continue;
-      const auto next = static_cast<std::int32_t>(clusters.size());
-      const std::int32_t at = index.FindOrInsert(VoxelKeyOf(p, inverse_m), next);
-      if (at == next) clusters.emplace_back();
-      clusters[static_cast<std::size_t>(at)].AddPoint(p);
+      index.Gather(VoxelKeyOf(p, inverse_m), &clusters).AddPoint(p);
     }
   }
 

@@ -77,9 +77,7 @@ std::vector<std::vector<Eigen::Vector3f>> ReadThinned(const std::string& path,
     std::vector<Eigen::Vector3f> kept;
     constexpr double kInverseVoxel = 10.0;
     for (const Eigen::Vector3f& p : points) {
-      const auto next = static_cast<std::int32_t>(kept.size());
-      const VoxelKey key = VoxelKeyOf(p.cast<double>(), kInverseVoxel);
-      if (taken.FindOrInsert(key, next) == next) kept.push_back(p);
+      if (taken.Insert(VoxelKeyOf(p.cast<double>(), kInverseVoxel))) kept.push_back(p);
     }
     scans.push_back(std::move(kept));
   }

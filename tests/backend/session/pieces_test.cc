@@ -96,6 +96,8 @@ class PiecesTest : public SessionTest {
 TEST_F(PiecesTest, AlternatingRecordingsGiveWhatEachGivesAlone) {
   const std::vector<Recording> alone = {Named("a", 24, 4.0), Named("b", 26, 5.0, 2),
                                         Named("c", 18, 3.0, 3)};
+  std::vector<Mapped> singles;
+  for (const Recording& recording : alone) singles.push_back(MapAll(recording, "single"));
   for (const std::size_t run : {1U, 3U, 100U}) {
     SCOPED_TRACE(run);
     const Recording all = Alternating(alone, run);
@@ -104,7 +106,7 @@ TEST_F(PiecesTest, AlternatingRecordingsGiveWhatEachGivesAlone) {
     EXPECT_EQ(together.counts.lost, 0U);
     ASSERT_EQ(together.poses.size(), all.files.size());
     for (std::size_t r = 0; r < alone.size(); ++r) {
-      const Mapped single = MapAll(alone[r], "single");
+      const Mapped& single = singles[r];
       const auto piece = static_cast<std::int64_t>(r);
       EXPECT_TRUE(PosesOf(together, piece) == PosesOf(single, 0)) << "poses of " << r;
       EXPECT_TRUE(together.map.at(piece) == single.map.at(0)) << "map of " << r;
