@@ -28,7 +28,7 @@ constexpr std::size_t kMostDatabaseLogBytes = 8 << 20;
 constexpr const char* kChecksum = ".crc32";
 std::string ChecksumOf(const std::string& value) { return std::to_string(Crc32(value)); }
 
-SessionScan ReadRow(const std::string& path, SQLite::Statement* rows) {
+ScanRecord ReadRow(const std::string& path, SQLite::Statement* rows) {
   try {
     return ReadScanRow(rows);
   } catch (const InputError& error) {
@@ -38,7 +38,7 @@ SessionScan ReadRow(const std::string& path, SQLite::Statement* rows) {
 }
 
 void VisitScans(const std::string& path, const SQLite::Database& database, std::int64_t from,
-                std::int64_t to, const std::function<void(const SessionScan&)>& visit) {
+                std::int64_t to, const std::function<void(const ScanRecord&)>& visit) {
   SQLite::Statement rows(database,
                          "SELECT * FROM scans WHERE scan >= ? AND scan < ? ORDER BY scan");
   rows.bind(1, from);
@@ -106,7 +106,7 @@ struct SessionDatabase::Impl {
                                        others.getColumn(0).getString()));
   }
 
-  SessionScan Row(SQLite::Statement* rows) const { return ReadRow(path, rows); }
+  ScanRecord Row(SQLite::Statement* rows) const { return ReadRow(path, rows); }
 
   std::int64_t Number(const char* query) const {
     SQLite::Statement statement(database, query);
@@ -135,7 +135,7 @@ SessionDatabase::SessionDatabase(const std::string& path, bool check) {
     if (check) impl_->Check();
   });
   if (!Meta("version")) SetMeta("version", kDatabaseVersion);
-  if (check) ForEach(0, scans(), [](const SessionScan&) {});
+  if (check) ForEach(0, scans(), [](const ScanRecord&) {});
 }
 
 SessionDatabase::~SessionDatabase() = default;
@@ -183,7 +183,7 @@ void SessionDatabase::Commit() {
   });
 }
 
-void SessionDatabase::Put(const SessionScan& scan) {
+void SessionDatabase::Put(const ScanRecord& scan) {
   impl_->Guarded("cannot be written", [&] { PutRow(scan, &*impl_->put_scan); });
 }
 
@@ -198,7 +198,7 @@ void SessionDatabase::Finalise(const SessionPose& pose) {
       impl_->row_of->reset();
       throw std::logic_error(fmt::format("pose of unknown scan {}", pose.scan));
     }
-    SessionScan scan = impl_->Row(&*impl_->row_of);
+    ScanRecord scan = impl_->Row(&*impl_->row_of);
     impl_->row_of->reset();
     if (pose.skipped && !scan.skipped) return;
     scan.T_world_lidar = pose.T_world_lidar;
@@ -235,13 +235,13 @@ std::int64_t SessionDatabase::set_aside() const {
 }
 
 void SessionDatabase::ForEach(std::int64_t from, std::int64_t to,
-                              const std::function<void(const SessionScan&)>& visit) const {
+                              const std::function<void(const ScanRecord&)>& visit) const {
   impl_->Guarded("cannot be read",
                  [&] { VisitScans(impl_->path, impl_->database, from, to, visit); });
 }
 
 void ForEachScanOf(const std::string& path, std::int64_t to,
-                   const std::function<void(const SessionScan&)>& visit) {
+                   const std::function<void(const ScanRecord&)>& visit) {
   OnSqlite(path, "cannot be read", [&] { VisitScans(path, OpenUntouched(path), 0, to, visit); });
 }
 
@@ -256,17 +256,17 @@ std::vector<SessionDatabase::Sequence> SessionDatabase::Sequences(std::int64_t t
       Sequence sequence;
       sequence.scans = rows.getColumn(1).getInt64();
       const std::int64_t last = rows.getColumn(0).getInt64();
-      ForEach(last, last + 1, [&](const SessionScan& scan) { sequence.last = scan; });
+      ForEach(last, last + 1, [&](const ScanRecord& scan) { sequence.last = scan; });
       sequences.push_back(std::move(sequence));
     }
     return sequences;
   });
 }
 
-std::vector<SessionScan> SessionDatabase::LastOf(const std::string& sequence, std::int64_t to,
-                                                 int most) const {
+std::vector<ScanRecord> SessionDatabase::LastOf(const std::string& sequence, std::int64_t to,
+                                                int most) const {
   return impl_->Guarded("cannot be read", [&] {
-    std::vector<SessionScan> scans;
+    std::vector<ScanRecord> scans;
     SQLite::Statement rows(
         impl_->database,
         "SELECT * FROM scans WHERE sequence = ? AND scan < ? ORDER BY scan DESC LIMIT ?");
