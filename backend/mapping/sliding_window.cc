@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "backend/mapping/observation_weights.h"
+#include "core/base/angle.h"
 #include "core/base/median.h"
 #include "core/base/parallel.h"
 #include "core/geometry/cluster_lanes.h"
@@ -349,7 +350,7 @@ RelativePrior SlidingWindow::MotionPrior(std::size_t i) const {
   prior.b = static_cast<int>(i);
   prior.T_a_b = frames_[i].T_previous_this;
   Vector6d root;
-  root << Eigen::Vector3d::Constant(180.0 / M_PI / options_.prior_rotation_deg),
+  root << Eigen::Vector3d::Constant(Degrees(1.0) / options_.prior_rotation_deg),
       Eigen::Vector3d::Constant(1.0 / options_.prior_translation_m);
   Matrix6d information = root.cwiseAbs2().asDiagonal();
   // What the frontend could not see, bundle adjustment must not invent from the same scans.

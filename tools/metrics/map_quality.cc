@@ -28,10 +28,9 @@ struct Voxel {
 class VoxelClusters {
  public:
   Voxel& At(VoxelKey key) {
-    const auto next = static_cast<std::int32_t>(voxels_.size());
-    const std::int32_t index = index_.FindOrInsert(key, next);
-    if (index == next) voxels_.push_back({key, 0, {}});
-    return voxels_[static_cast<size_t>(index)];
+    Voxel& voxel = index_.Gather(key, &voxels_);
+    voxel.key = key;
+    return voxel;
   }
   const std::vector<Voxel>& voxels() const { return voxels_; }
 
