@@ -96,6 +96,8 @@ class LoopClosure {
   bool AcceptAgreeing();
   void Correct();
   AnchorEdge OdometryEdge(std::size_t to) const;
+  // Of the sensor from a submap to the next one, which it may have been carried to.
+  double WayM(std::size_t submap) const;
 
   LoopOptions options_;
   SubmapRegistration registration_;

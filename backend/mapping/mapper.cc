@@ -83,7 +83,7 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   }
   // The last keyframe's clusters may have moved though nothing new entered the map.
   map_->Refresh();
-  if (localising_) {
+  if (localising_ || keyframes_.empty()) {
     open_.push_back({scan.number, stamp_ns, OpenFrame::kNoKeyframe, frame.T_world_lidar});
   } else {
     open_.push_back(
@@ -149,7 +149,9 @@ bool Mapper::MayRestart() const {
   // After spray or a gap a few scans are needed to be found again; then the map does not have them.
   constexpr int kAgreeing = 5;
   const int after = options_.backend.restart_after_lost_frames;
-  return lost_in_a_row_ > after && lost_track_.scans() >= std::min(kAgreeing, after);
+  if (lost_track_.scans() < std::min(kAgreeing, after)) return false;
+  if (options_.pieces_are_found && !odometry_.InReach(lost_track_.first_stamp_ns())) return true;
+  return lost_in_a_row_ > after;
 }
 
 void Mapper::RecallAround(const SE3& T_world_lidar, const std::vector<TimedCluster>& clusters) {
@@ -282,6 +284,17 @@ void Mapper::StartLocalising(const SE3& T_world_lidar) {
 
 void Mapper::StartLocalising(const Trajectory& last) {
   localising_ = true;
+  AcceptLast(last);
+}
+
+void Mapper::Resume(const Trajectory& last, std::int64_t keyframe) {
+  first_id_ = keyframe;
+  matched_ = true;
+  start_.Clear();
+  AcceptLast(last);
+}
+
+void Mapper::AcceptLast(const Trajectory& last) {
   odometry_.StartOver();
   for (const StampedPose& pose : last) odometry_.Accept(pose.stamp_ns, pose.T_world_lidar);
 }
