@@ -310,8 +310,13 @@ void Mapper::Close() {
 }
 
 void Mapper::PopOldest() {
-  if (on_final_keyframe_) on_final_keyframe_(piece_, window_.AsFinal(0));
-  window_.PopOldest();
+  if (!on_final_keyframe_) {
+    window_.PopOldest();
+    return;
+  }
+  FinalKeyframe left;
+  window_.PopOldest(&left);
+  on_final_keyframe_(piece_, left);
 }
 
 void Mapper::TellWindow() const {
