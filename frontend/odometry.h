@@ -77,6 +77,8 @@ class Odometry {
 
   // Where a scan is expected, from the state alone.
   SE3 Predict(StampNs stamp_ns) const { return motion_.Predict(stamp_ns).T_world_lidar; }
+  // Whether a scan of that time, if it is lost, may be found by a search for where it is expected.
+  bool InReach(StampNs stamp_ns) const { return Searchable(motion_.Predict(stamp_ns)); }
   // Pose of a scan from the state and the map. The state stays as it is until Accept. In a map that
   // is older than the drive, one that knows no speed yet is searched for about the prediction: a
   // street looks much the same a metre on, and a match settles where it begins.

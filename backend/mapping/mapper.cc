@@ -152,7 +152,9 @@ bool Mapper::MayRestart() const {
   // After spray or a gap a few scans are needed to be found again; then the map does not have them.
   constexpr int kAgreeing = 5;
   const int after = options_.backend.restart_after_lost_frames;
-  return lost_in_a_row_ > after && lost_track_.scans() >= std::min(kAgreeing, after);
+  if (lost_track_.scans() < std::min(kAgreeing, after)) return false;
+  if (options_.pieces_are_found && !odometry_.InReach(lost_track_.first_stamp_ns())) return true;
+  return lost_in_a_row_ > after;
 }
 
 void Mapper::RecallAround(const SE3& T_world_lidar, const std::vector<TimedCluster>& clusters) {
@@ -189,7 +191,8 @@ OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>
 }
 
 void Mapper::MoveToStart(OdometryFrame* frame) {
-  if (open_.empty() || open_.front().middle_ns == 0) return;
+  // A sensor that goes on in a map that was there before is where it was found.
+  if (!window_.frames().front().alone || open_.front().middle_ns == 0) return;
   const SweepMotion sweep = window_.frames().front().sweep;
   const SE3 T_world_middle = T_world_start_ * AtStamp(sweep, open_.front().middle_ns).Inverse();
   const SE3 correction = T_world_middle * window_.frames().front().T_world_lidar.Inverse();
@@ -298,6 +301,17 @@ void Mapper::StartLocalising(const SE3& T_world_lidar) {
 
 void Mapper::StartLocalising(const Trajectory& last) {
   localising_ = true;
+  AcceptLast(last);
+}
+
+void Mapper::Resume(const Trajectory& last, std::int64_t keyframe) {
+  first_id_ = keyframe;
+  matched_ = true;
+  start_.Clear();
+  AcceptLast(last);
+}
+
+void Mapper::AcceptLast(const Trajectory& last) {
   odometry_.StartOver();
   for (const StampedPose& pose : last) odometry_.Accept(pose.stamp_ns, pose.T_world_lidar);
 }
@@ -313,8 +327,13 @@ void Mapper::Close() {
 }
 
 void Mapper::PopOldest() {
-  if (on_final_keyframe_) on_final_keyframe_(piece_, window_.AsFinal(0));
-  window_.PopOldest();
+  if (!on_final_keyframe_) {
+    window_.PopOldest();
+    return;
+  }
+  FinalKeyframe left;
+  window_.PopOldest(&left);
+  on_final_keyframe_(piece_, left);
 }
 
 void Mapper::TellWindow() const {
@@ -342,7 +361,7 @@ void Mapper::Open(const MapperScan& scan, const OdometryFrame& frame) {
   OpenFrame open{scan.number,         scan.stamp_ns,
                  scan.middle_ns,      OpenFrame::kNoKeyframe,
                  frame.T_world_lidar, AtStamp(frame.sweep, scan.middle_ns)};
-  if (!localising_) {
+  if (!localising_ && !keyframes_.empty()) {
     open.keyframe_id = NextId() - 1;
     open.T_keyframe_lidar = keyframes_.back().Inverse() * frame.T_world_lidar;
   }

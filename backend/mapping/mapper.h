@@ -66,6 +66,9 @@ struct MapperOptions {
   VoxelMapOptions map;
   OdometryOptions odometry;
   BackendOptions backend;
+  // Pieces are looked for in one another: lost where no search for the expected pose reaches, scans
+  // begin a piece as soon as they agree.
+  bool pieces_are_found = false;
 };
 
 // A scan as a mapper takes it.
@@ -133,6 +136,10 @@ class Mapper {
   // long, a scan is to begin a piece of its own.
   void StartLocalising(const Trajectory& last);
 
+  // The sensor was found in the piece, in which it had these last scans: mapping goes on there.
+  // Before any scan. `keyframe`: number of the next one, behind all that the piece has had.
+  void Resume(const Trajectory& last, std::int64_t keyframe);
+
   // No more scans come: the frames of the window join the fixed part of the map as they stand, and
   // all poses are final. Nothing is kept of a piece in which no scan was ever matched: another may
   // have its place in the map. Then this mapper is of no use any more.
@@ -156,6 +163,7 @@ class Mapper {
 
  private:
   OdometryFrame Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters);
+  void AcceptLast(const Trajectory& last);
   void DropWindow();
   void PopOldest();
   bool IsKeyframe(const SE3& T_world_lidar) const;

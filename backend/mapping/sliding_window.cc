@@ -177,12 +177,18 @@ void SlidingWindow::PrefetchLeaves(const WindowFrame& frame, std::size_t i) cons
   if (i + kLeavesAhead < frame.leaves.size()) map_->PrefetchAround(frame.leaves[i + kLeavesAhead]);
 }
 
-void SlidingWindow::PopOldest() {
+void SlidingWindow::PopOldest(FinalKeyframe* left) {
   const WindowFrame& frame = frames_.front();
+  if (left != nullptr) {
+    *left = {frame.id, frame.stamp_ns, frame.T_world_lidar, {}};
+    left->clusters.reserve(frame.in_map.size());
+  }
   for (std::size_t i = 0; i < frame.in_map.size(); ++i) {
     PrefetchLeaves(frame, i);
     if (frame.leaves[i] == VoxelMap::kNoNode) continue;
-    map_->FixWindow(frame.leaves[i], frame.in_map[i], MarginalWeight(frame, i), frame.id);
+    const double weight = MarginalWeight(frame, i);
+    if (left != nullptr) left->clusters.push_back(frame.in_map[i].Scaled(weight));
+    map_->FixWindow(frame.leaves[i], frame.in_map[i], weight, frame.id);
     map_->Release(frame.leaves[i]);
   }
   frames_.pop_front();

@@ -83,8 +83,8 @@ class SlidingWindow {
 
   // What frame i would leave to the map if it were marginalised now.
   FinalKeyframe AsFinal(std::size_t i) const;
-  // Marginalises the oldest frame.
-  void PopOldest();
+  // Marginalises the oldest frame; `left`, unless null, is what it leaves to the map.
+  void PopOldest(FinalKeyframe* left = nullptr);
 
   // Sets the pose of frame i and leaves its clusters to a later Move.
   void SetPose(std::size_t i, const SE3& T_world_lidar) {

@@ -131,12 +131,21 @@ TEST(SlidingWindow, TheMapHoldsTheSumOfTheFramesInIt) {
   }
   EXPECT_LT(LargestGap(sums, AllAggregates(window, map)), 1e-9);
   // What leaves the window becomes fixed as it stood; the sum stays.
-  window.PopOldest();
+  FinalKeyframe left, next;
+  window.PopOldest(&left);
   EXPECT_EQ(window.frames().front().id, 1);
-  window.PopOldest();
+  window.PopOldest(&next);
   EXPECT_EQ(window.frames().size(), 3U);
   Aggregates fixed, all;
   for (const auto& [leaf, cluster] : of_first) fixed[leaf] = map.FixedAggregate(leaf);
+  // Who asks is told just that.
+  EXPECT_EQ(left.id, 0);
+  left.clusters.insert(left.clusters.end(), next.clusters.begin(), next.clusters.end());
+  PointCluster told, became;
+  for (const PointCluster& cluster : left.clusters) told += cluster;
+  for (const auto& [leaf, cluster] : fixed) became += cluster;
+  EXPECT_NEAR(told.count, became.count, 1e-6 * told.count);
+  EXPECT_LT(MeanGap(told, became), 1e-6);
   for (const auto& [leaf, cluster] : sums) all[leaf] = map.Aggregate(leaf);
   // To single precision, in which fixed clusters are kept.
   EXPECT_LT(LargestGap(of_first, fixed), 1e-6);
