@@ -93,7 +93,7 @@ class SweepPoses {
     double time_s;
     Eigen::Matrix3d R;
     Eigen::Vector3d t;
-    Vector6d twist;
+    double twist[8];  // rotation in 0 to 2, translation in 4 to 6: as a vector register takes them
   };
 
   SweepPoses(const std::vector<TimedCluster>& clusters, const SweepMotion& motion) {
@@ -107,7 +107,9 @@ class SweepPoses {
     for (int i = 0; i < count; ++i) {
       const double time_s = start_s_ + (span_s > 0.0 ? i / per_second_ : 0.0);
       const SE3 T = motion.PoseAt(time_s);
-      instants_.push_back({time_s, T.R(), T.t, motion.TwistAt(time_s)});
+      const Vector6d xi = motion.TwistAt(time_s);
+      instants_.push_back(
+          {time_s, T.R(), T.t, {xi(0), xi(1), xi(2), 0.0, xi(3), xi(4), xi(5), 0.0}});
     }
   }
 
@@ -149,13 +151,12 @@ void DeskewRange(const TimedCluster* from, std::size_t count, const SweepPoses& 
     const Four* const k = time + 1;
     const Four offset = {in[0].mean_time_s - near[0]->time_s, in[1].mean_time_s - near[1]->time_s,
                          in[2].mean_time_s - near[2]->time_s, in[3].mean_time_s - near[3]->time_s};
-    Four w[3], v[3];
-#pragma GCC unroll 3
-    for (int a = 0; a < 3; ++a) {
-      w[a] = Four{near[0]->twist(a), near[1]->twist(a), near[2]->twist(a), near[3]->twist(a)};
-      v[a] = Four{near[0]->twist(a + 3), near[1]->twist(a + 3), near[2]->twist(a + 3),
-                  near[3]->twist(a + 3)};
-    }
+    const double* const twists[4] = {near[0]->twist, near[1]->twist, near[2]->twist,
+                                     near[3]->twist};
+    Four w[4], v[4];
+    LoadColumns(twists, w);
+    const double* const ways[4] = {twists[0] + 4, twists[1] + 4, twists[2] + 4, twists[3] + 4};
+    LoadColumns(ways, v);
     const Four w2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
     const Four each = 1.0 / lanes.count;
     const Four spread2 = time[0] * each;

@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kInTimeS = 5.0;
 
-struct Row {
+struct CaseRow {
   std::size_t maps = 0, on_map = 0, in_time = 0, later = 0, other = 0, wrong = 0;
   double way_m = 0.0;
   std::map<std::string, int> stages;
@@ -35,7 +35,7 @@ struct Row {
   }
 };
 
-std::string Line(const std::string& name, const Row& row) {
+std::string Line(const std::string& name, const CaseRow& row) {
   std::string stages;
   std::vector<std::pair<std::string, int>> sorted(row.stages.begin(), row.stages.end());
   std::stable_sort(sorted.begin(), sorted.end(),
@@ -53,8 +53,8 @@ std::string Line(const std::string& name, const Row& row) {
 
 std::string LocalisationTable(const std::vector<LocalisationTrial>& trials) {
   std::vector<std::string> names;
-  std::map<std::string, Row> rows;
-  Row all;
+  std::map<std::string, CaseRow> rows;
+  CaseRow all;
   for (const LocalisationTrial& trial : trials) {
     if (rows.count(trial.name) == 0) names.push_back(trial.name);
     rows[trial.name].Add(trial);

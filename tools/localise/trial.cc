@@ -41,9 +41,9 @@ struct MapPose {
   SE3 T_piece_lidar, T_scene_lidar;
 };
 
-class Trial {
+class CaseTrial {
  public:
-  Trial(const LocalisationCase& place, int seed, const LocalisationTrialOptions& options)
+  CaseTrial(const LocalisationCase& place, int seed, const LocalisationTrialOptions& options)
       : place_(place),
         seed_(seed),
         options_(options),
@@ -290,7 +290,7 @@ const char* ToString(WindowKind kind) {
 
 LocalisationTrial RunLocalisationTrial(const LocalisationCase& place, int seed,
                                        const LocalisationTrialOptions& options) {
-  return Trial(place, seed, options).Run();
+  return CaseTrial(place, seed, options).Run();
 }
 
 }  // namespace lamina
