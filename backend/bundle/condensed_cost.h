@@ -28,7 +28,11 @@
 // core/geometry/se3.h. The rows W of backend/bundle/cost.h are (P'P)^-1/2 P'J.
 #pragma once
 
+#include <memory>
+#include <vector>
+
 #include "backend/bundle/cost.h"
+#include "backend/bundle/plane_geometry.h"
 
 namespace lamina {
 
@@ -40,9 +44,16 @@ class CondensedCost final : public BundleCost {
   void Linearise(const std::vector<SE3>& poses, ReducedSystem* system) override;
   double Value(const std::vector<SE3>& poses) const override;
 
+  bool MakesRows() const override { return true; }
+  void LineariseWithoutRows(const std::vector<SE3>& poses, ReducedSystem* system) override;
+  void MakeRows(std::size_t plane, ReducedSystem::Rows* rows) const override;
+
  private:
   const BundleProblem& problem_;
   BundleIndex index_;
+  // Of the last LineariseWithoutRows.
+  std::unique_ptr<PoseMatrices> poses_;
+  std::vector<PlaneFrame> frames_;
 };
 
 }  // namespace lamina

@@ -231,6 +231,32 @@ TEST(CondensedCost, HasTheSameBitsAtAnyNumberOfThreads) {
   }
 }
 
+// The rows of some planes at a time: the same sums in the same order.
+TEST(CondensedCost, HessianInPartsHasTheSameBits) {
+  Draws draws(9);
+  BundleSceneOptions options;
+  options.poses = 30;
+  options.planes = 200;
+  options.points = 8;
+  options.seen_share = 0.2;
+  const BundleScene scene = MakeBundleScene(options, &draws);
+  const BundleIndex index(scene.problem);
+  const BlockPattern pattern(scene.problem, index);
+  CondensedCost cost(scene.problem);
+  ReducedSystem whole, parts;
+  Eigen::SparseMatrix<double> expected, H;
+  cost.Linearise(scene.problem.poses, &whole);
+  whole.Assemble(scene.problem, index, pattern, &expected);
+  cost.LineariseWithoutRows(scene.problem.poses, &parts);
+  EXPECT_TRUE(parts.rows.empty());
+  EXPECT_EQ(parts.cost, whole.cost);
+  EXPECT_EQ(parts.gradient, whole.gradient);
+  for (const std::size_t observations : {1U, 100U, 100000U}) {
+    parts.AssembleInParts(scene.problem, index, pattern, cost, observations, &H);
+    EXPECT_EQ((Eigen::MatrixXd(H) - Eigen::MatrixXd(expected)).norm(), 0.0) << observations;
+  }
+}
+
 TEST(CondensedCost, FixedClustersActAsFramesThatCannotMove) {
   Draws draws(8);
   for (int i = 0; i < 20; ++i) {
