@@ -5,44 +5,14 @@
 #include <cmath>
 #include <utility>
 
+#include "backend/bundle/plane_choice.h"
 #include "backend/mapping/observation_weights.h"
-#include "core/base/median.h"
 #include "core/base/parallel.h"
 #include "core/geometry/central_twist.h"
 #include "core/geometry/robust_kernel.h"
 
 namespace lamina {
 namespace {
-
-// A plane that one frame alone sees binds nothing; of more than `most`, those seen by most frames
-// stay.
-void KeepBinding(int most, std::vector<Plane>* planes) {
-  planes->erase(std::remove_if(planes->begin(), planes->end(),
-                               [](const Plane& p) { return p.count < 2 && p.fixed.Empty(); }),
-                planes->end());
-  if (planes->size() <= static_cast<std::size_t>(most)) return;
-  std::stable_sort(planes->begin(), planes->end(),
-                   [](const Plane& a, const Plane& b) { return a.count > b.count; });
-  planes->resize(static_cast<std::size_t>(most));
-}
-
-// Noise, which all planes share, averages out over points and frames; what thickens few of them far
-// beyond the rest is structure: stairs, furniture and edges that a coarse voxel takes for a plane.
-// Each place sees another side of it, so its error is the same for all points of a frame, and no
-// number of points makes up for that. Three quarters of the planes say what thickness is usual
-// here; beyond some times that variance the weight falls by its fourth power on top of 1/variance.
-void DistrustThick(std::vector<Plane>* planes) {
-  if (planes->empty()) return;
-  constexpr double kUsual = 0.75, kMost = 2.5;
-  std::vector<double> weights;
-  weights.reserve(planes->size());
-  for (const Plane& plane : *planes) weights.push_back(plane.weight);
-  const double usual = Quantile(&weights, 1.0 - kUsual);
-  for (Plane& plane : *planes) {
-    const double excess = std::max(1.0, usual / (kMost * plane.weight));
-    plane.weight /= excess * excess * excess * excess;
-  }
-}
 
 // Leaves are fetched so many clusters ahead.
 constexpr std::size_t kLeavesAhead = 8;
@@ -53,12 +23,11 @@ constexpr std::uint64_t kNoLeaf = ~std::uint64_t{0};
 class ProblemBuilder {
  public:
   // `planes`: how many planes of the map there are.
-  explicit ProblemBuilder(std::size_t planes) : number_of_(2 * planes, -1) {}
+  explicit ProblemBuilder(std::size_t planes) : number_of_(planes, -1) {}
 
-  // Of plane `on` of the map, seen from one side or the other. Returns a number by which MoveTo
-  // tells where the observation has gone.
-  std::int32_t Add(std::int32_t on, bool other_side, int frame, const PointCluster& cluster) {
-    std::int32_t& plane = number_of_[2 * static_cast<std::size_t>(on) + (other_side ? 1 : 0)];
+  // Of plane `on` of the map.
+  void Add(std::int32_t on, int frame, const PointCluster& cluster) {
+    std::int32_t& plane = number_of_[static_cast<std::size_t>(on)];
     if (plane < 0) {
       plane = static_cast<std::int32_t>(map_planes_.size());
       map_planes_.push_back(on);
@@ -67,17 +36,15 @@ class ProblemBuilder {
     std::int32_t& last = last_[static_cast<std::size_t>(plane)];
     if (last >= 0 && gathered_[static_cast<std::size_t>(last)].observation.frame == frame) {
       gathered_[static_cast<std::size_t>(last)].observation.cluster += cluster;
-      return last;
+      return;
     }
     last = static_cast<std::int32_t>(gathered_.size());
     gathered_.push_back({plane, {frame, cluster}});
-    return last;
   }
 
   // Planes in the order in which they were met; the observations of each stand together, frames
-  // ascending (a counting sort keeps their order). Returns the observation behind each number of
-  // Add.
-  std::vector<std::int32_t> MoveTo(BundleProblem* problem) const {
+  // ascending (a counting sort keeps their order).
+  void MoveTo(BundleProblem* problem) const {
     problem->planes.assign(map_planes_.size(), Plane());
     for (const Gathered& g : gathered_) ++problem->planes[static_cast<std::size_t>(g.plane)].count;
     std::vector<std::int32_t> next;
@@ -88,13 +55,10 @@ class ProblemBuilder {
       first += plane.count;
     }
     problem->observations.resize(gathered_.size());
-    std::vector<std::int32_t> slots;
-    slots.reserve(gathered_.size());
     for (const Gathered& g : gathered_) {
-      slots.push_back(next[static_cast<std::size_t>(g.plane)]++);
-      problem->observations[static_cast<std::size_t>(slots.back())] = g.observation;
+      const std::int32_t slot = next[static_cast<std::size_t>(g.plane)]++;
+      problem->observations[static_cast<std::size_t>(slot)] = g.observation;
     }
-    return slots;
   }
 
   // The map's plane behind each plane of the problem.
@@ -105,7 +69,7 @@ class ProblemBuilder {
     std::int32_t plane;
     PlaneObservation observation;
   };
-  std::vector<std::int32_t> number_of_;  // of each side of each plane of the map; -1: none yet
+  std::vector<std::int32_t> number_of_;  // of each plane of the map; -1: none yet
   std::vector<std::int32_t> map_planes_;
   std::vector<std::int32_t> last_;  // for each plane, its last gathered observation
   std::vector<Gathered> gathered_;
@@ -222,40 +186,25 @@ Vector6d SlidingWindow::CentralTwist(std::size_t i) const {
   return twist;
 }
 
-BundleProblem SlidingWindow::BuildProblem(Sides sides, std::vector<std::vector<ClusterUse>>* uses) {
+BundleProblem SlidingWindow::BuildProblem() {
   BundleProblem problem;
-  if (uses != nullptr) uses->assign(frames_.size(), {});
   const double floor2 = options_.noise_floor_m * options_.noise_floor_m;
-  const ObservationWeights on_planes(
-      *map_, frames_, {options_.noise_floor_m, options_.kernel_sigma, sides == Sides::kOne});
+  const ObservationWeights on_planes(*map_, frames_,
+                                     {options_.noise_floor_m, options_.kernel_sigma});
   ProblemBuilder builder(on_planes.nodes().size());
   for (std::size_t f = 0; f < frames_.size(); ++f) {
     WindowFrame& frame = frames_[f];
     frame.weights = on_planes.Weights(f);
     problem.poses.push_back(frame.T_world_lidar);
     if (f > 0) problem.priors.push_back(MotionPrior(f));
-    if (uses != nullptr) (*uses)[f].resize(frame.leaves.size());
     for (std::size_t i = 0; i < frame.leaves.size(); ++i) {
       const std::int32_t plane = on_planes.PlaneOf(f, i);
       if (plane == ObservationWeights::kNone) continue;
-      bool from_behind = false;
-      if (sides == Sides::kTwo) {
-        const Surface& surface = map_->plane(on_planes.nodes()[static_cast<std::size_t>(plane)]);
-        from_behind =
-            surface.normal.cast<double>().dot(frame.T_world_lidar.t - frame.in_map[i].mean) < 0.0;
-      }
-      const PointCluster weighted =
-          frame.deskewed[i].Capped(options_.max_cluster_weight).Scaled(frame.weights[i]);
-      const std::int32_t number = builder.Add(plane, from_behind, static_cast<int>(f), weighted);
-      if (uses != nullptr) (*uses)[f][i] = {number, weighted.count / frame.deskewed[i].count};
+      builder.Add(plane, static_cast<int>(f),
+                  frame.deskewed[i].Capped(options_.max_cluster_weight).Scaled(frame.weights[i]));
     }
   }
-  const std::vector<std::int32_t> slots = builder.MoveTo(&problem);
-  for (std::size_t f = 0; uses != nullptr && f < uses->size(); ++f) {
-    for (ClusterUse& use : (*uses)[f]) {
-      if (use.observation >= 0) use.observation = slots[static_cast<std::size_t>(use.observation)];
-    }
-  }
+  builder.MoveTo(&problem);
   for (std::size_t i = 0; i < problem.planes.size(); ++i) {
     Plane& plane = problem.planes[i];
     const VoxelMap::NodeId node =
