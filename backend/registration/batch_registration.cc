@@ -54,6 +54,21 @@ std::string Refusal(const BundleProblem& problem, const Observability& observabi
 
 // Beyond this a turn of frames against each other leaves nothing of their associations.
 constexpr double kMostTurnRad = 0.5;
+// A chain may swing as a whole while no link of it turns by more.
+constexpr double kMostSwingRad = 0.1;
+
+// Frames that a solve has carried farther than its associations can be good for.
+std::vector<int> FramesThatLeapt(const std::vector<SE3>& before, const std::vector<SE3>& after,
+                                 double root_size_m) {
+  std::vector<int> leapt;
+  for (std::size_t k = 0; k < before.size(); ++k) {
+    if ((after[k].t - before[k].t).norm() > root_size_m ||
+        RotationAngle(before[k], after[k]) > kMostTurnRad) {
+      leapt.push_back(static_cast<int>(k));
+    }
+  }
+  return leapt;
+}
 
 // Root mean square over the frames: single ones may go back and forth with their associations.
 bool MovedLess(const std::vector<SE3>& a, const std::vector<SE3>& b, double rotation_rad,
@@ -211,7 +226,7 @@ BundleProblem BatchRegistration::CastRound(const std::vector<BatchFrame>& frames
 
 BundleResult BatchRegistration::SolveRound(const RegistrationCallbacks& callbacks,
                                            const FrameLinks& links, BundleProblem* problem,
-                                           RoundReport* report,
+                                           bool* swings, RoundReport* report,
                                            std::vector<BundleFault>* faults) const {
   const BundleObserver observer = [&](const BundleStep& step, const std::vector<SE3>&) {
     if (callbacks.on_step) callbacks.on_step(*report, step);
@@ -219,16 +234,19 @@ BundleResult BatchRegistration::SolveRound(const RegistrationCallbacks& callback
   report->planes = problem->planes.size();
   report->observations = problem->observations.size();
   BundleResult solved = AdjustBundle(*problem, options_.solver, formulation_, observer);
-  for (const int frame :
-       links.Leapt(problem->poses, solved.poses, report->root_size_m, kMostTurnRad)) {
+  *swings = *swings && solved.usable() &&
+            !links.AnyFarther(solved.poses, report->root_size_m, kMostSwingRad);
+  std::vector<int> leapt;
+  if (!*swings) leapt = FramesThatLeapt(problem->poses, solved.poses, report->root_size_m);
+  for (const int frame : leapt) {
     for (int i = 0; i < 6; ++i) problem->holds.push_back({frame, Vector6d::Unit(i)});
     BundleFault fault;
     fault.kind = BundleFault::Kind::kLeapt;
     fault.frame = frame;
     faults->push_back(fault);
-    report->leapt = true;
   }
-  if (report->leapt) {
+  if (!leapt.empty()) {
+    report->leapt = true;
     solved = AdjustBundle(*problem, options_.solver, formulation_, observer);
   }
   report->initial_cost = solved.initial_cost;
@@ -288,6 +306,7 @@ RegistrationResult BatchRegistration::Solve(const std::vector<BatchFrame>& frame
   result.status = Status::kRoundLimit;
   std::vector<BatchFrame> merged;
   FrameLinks links;
+  bool swings = true;  // chains may, until a link has broken
   for (int round = 0; round < options_.rounds && result.status == Status::kRoundLimit; ++round) {
     Stopwatch watch;
     RoundReport report;
@@ -307,12 +326,12 @@ RegistrationResult BatchRegistration::Solve(const std::vector<BatchFrame>& frame
     const Slides slides = coarse ? Slides::kFree : Slides::kHeld;
     if (!HoldOpen(frames, options_, slides, problem, &result)) return result;
     report.build_ms = watch.LapMilliseconds();
-    BundleResult solved = SolveRound(callbacks, links, problem, &report, &result.faults);
+    BundleResult solved = SolveRound(callbacks, links, problem, &swings, &report, &result.faults);
     if (links.CutFarther(solved.poses, RootSize(0), kMostTurnRad) > 0) {
       report.leapt = true;
       links.Apply(problem);
       if (!HoldOpen(frames, options_, slides, problem, &result)) return result;
-      solved = SolveRound(callbacks, links, problem, &report, &result.faults);
+      solved = SolveRound(callbacks, links, problem, &swings, &report, &result.faults);
     }
     result.rounds.push_back(report);
     if (callbacks.on_round) callbacks.on_round(report);

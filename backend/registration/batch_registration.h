@@ -135,9 +135,10 @@ class BatchRegistration {
   void JudgeAgainstStart(const std::vector<BatchFrame>& frames, RegistrationResult* result) const;
   BundleProblem CastRound(const std::vector<BatchFrame>& frames, const std::vector<SE3>& poses,
                           double root_size_m) const;
-  // Solves, and once more without the frames that leapt.
+  // Solves, and once more without the frames that leapt. *swings: frames may go any way as long as
+  // no link is carried farther than a voxel; false from the first that is.
   BundleResult SolveRound(const RegistrationCallbacks& callbacks, const FrameLinks& links,
-                          BundleProblem* problem, RoundReport* report,
+                          BundleProblem* problem, bool* swings, RoundReport* report,
                           std::vector<BundleFault>* faults) const;
 
   RegistrationOptions options_;

@@ -64,26 +64,14 @@ std::size_t FrameLinks::CutFarther(const std::vector<SE3>& poses, double max_m, 
   return cut;
 }
 
-std::vector<int> FrameLinks::Leapt(const std::vector<SE3>& before, const std::vector<SE3>& after,
-                                   double max_m, double max_rad) const {
-  const auto farther = [&](double m, double rad) { return m > max_m || rad > max_rad; };
-  std::vector<bool> stays(before.size(), false);
-  for (std::size_t k = 0; k < before.size(); ++k) {
-    stays[k] = !farther((after[k].t - before[k].t).norm(), RotationAngle(before[k], after[k]));
-  }
-  for (const auto& [pair, begin] : links_) {
-    if (cut_.count(pair) > 0) continue;
-    const auto [a, b] = pair;
-    const auto i = static_cast<std::size_t>(a), k = static_cast<std::size_t>(b);
-    if (stays[i] && stays[k]) continue;
-    const Motion motion = MotionOf(At(before, a), At(before, b), At(after, a), At(after, b));
-    if (!farther(motion.m, motion.rad)) stays[i] = stays[k] = true;
-  }
-  std::vector<int> leapt;
-  for (std::size_t k = 0; k < stays.size(); ++k) {
-    if (!stays[k]) leapt.push_back(static_cast<int>(k));
-  }
-  return leapt;
+bool FrameLinks::AnyFarther(const std::vector<SE3>& poses, double max_m, double max_rad) const {
+  return std::any_of(links_.begin(), links_.end(), [&](const auto& link) {
+    const auto& [pair, begin] = link;
+    if (cut_.count(pair) > 0) return false;
+    const Motion motion =
+        MotionOf(begin.T_world_a, begin.T_world_b, At(poses, pair.first), At(poses, pair.second));
+    return motion.m > max_m || motion.rad > max_rad;
+  });
 }
 
 void FrameLinks::Apply(BundleProblem* problem) const {

@@ -13,9 +13,6 @@
 //
 // so that a chain may swing as a whole by any angle.
 //
-// A single frame leaps if a solve carries it farther than that against all that it is linked with:
-// its associations mean nothing then, while those of its neighbours do.
-//
 // Private to backend/registration.
 #pragma once
 
@@ -36,10 +33,8 @@ class FrameLinks {
   void Add(const BundleProblem& problem);
   // Cuts the links that these poses have carried farther than that. Returns how many.
   std::size_t CutFarther(const std::vector<SE3>& poses, double max_m, double max_rad);
-  // Frames that a solve has carried farther than that, and away from every frame that they are
-  // linked with.
-  std::vector<int> Leapt(const std::vector<SE3>& before, const std::vector<SE3>& after,
-                         double max_m, double max_rad) const;
+  // Whether these poses carry any link farther than that that is not cut.
+  bool AnyFarther(const std::vector<SE3>& poses, double max_m, double max_rad) const;
   // Takes what is cut out of a problem: observations of a plane that no uncut link joins go to
   // different planes, and those that are left alone go.
   void Apply(BundleProblem* problem) const;
