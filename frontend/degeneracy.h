@@ -47,6 +47,13 @@ inline Matrix6d TimesArm(Matrix6d m) {
   return m;
 }
 
+// A normal matrix (scaled) in which these directions carry that information and nothing else.
+inline Matrix6d WithHeld(const Matrix6d& H, const Matrix6d& directions,
+                         const Vector6d& information) {
+  const Matrix6d keep = Matrix6d::Identity() - directions * directions.transpose();
+  return keep * H * keep + directions * information.asDiagonal() * directions.transpose();
+}
+
 // Squared angle, rad^2, by which the normal of a plane may be wrong. `variance` and `breadth2` are
 // the smallest and the middle eigenvalue of its points, `beam2` the square of what two beams of the
 // sensor may disagree by, in range or height, all in m^2:

@@ -84,7 +84,7 @@ std::vector<PointCluster> LostTrack::Together() const {
     }
   }
   if (kept_.size() > 1) all = MergeClusters(all, map_options_.LeafSize());
-  return DeskewClusters(all, Vector6d::Zero());
+  return DeskewClusters(all, SweepMotion());
 }
 
 void LostTrack::Archive(StateArchive& a) {

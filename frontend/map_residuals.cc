@@ -139,30 +139,36 @@ Matrix6d MapResiduals::GradientScatter(const SE3& T, double kernel_sigma) {
   return scatter;
 }
 
-MapResiduals::SharedInformation& MapResiduals::SharedInformation::operator+=(
-    const SharedInformation& o) {
-  H += o.H;
-  shared += o.shared;
+MapResiduals::TwoSteps& MapResiduals::TwoSteps::operator+=(const TwoSteps& o) {
+  H_pose += o.H_pose;
+  H_across += o.H_across;
+  H_other += o.H_other;
+  g_pose += o.g_pose;
+  g_other += o.g_other;
   return *this;
 }
 
-MapResiduals::SharedInformation MapResiduals::InformationShares(const SE3& T, double kernel_sigma,
-                                                                const std::vector<double>& shares) {
+MapResiduals::TwoSteps MapResiduals::TwoStepsAt(const SE3& T, double kernel_sigma,
+                                                const std::vector<StepShares>& shares) {
   const Eigen::Matrix3d R = T.R();
   Associate(T, R);
   watching_ = false;
-  return ParallelSum(clusters_.size(), 1024, SharedInformation(),
-                     [&](std::size_t begin, std::size_t end) {
-                       SharedInformation sum;
-                       NormalEquations one;
-                       for (std::size_t i = begin; i < end; ++i) {
-                         one.H.setZero();
-                         AddCluster(i, R, T.t, kernel_sigma, &one);
-                         sum.H += one.H;
-                         sum.shared += shares[i] * one.H;
-                       }
-                       return sum;
-                     });
+  return ParallelSum(clusters_.size(), 1024, TwoSteps(), [&](std::size_t begin, std::size_t end) {
+    TwoSteps sum;
+    NormalEquations one;
+    for (std::size_t i = begin; i < end; ++i) {
+      one.H.setZero();
+      one.g.setZero();
+      AddCluster(i, R, T.t, kernel_sigma, &one);
+      const auto [p, q] = shares[i];
+      sum.H_pose += p * p * one.H;
+      sum.H_across += p * q * one.H;
+      sum.H_other += q * q * one.H;
+      sum.g_pose += p * one.g;
+      sum.g_other += q * one.g;
+    }
+    return sum;
+  });
 }
 
 void MapResiduals::Associate(const SE3& T, const Eigen::Matrix3d& R) {
@@ -176,7 +182,11 @@ void MapResiduals::Associate(const SE3& T, const Eigen::Matrix3d& R) {
   ParallelChunks(clusters_.size(), 1024, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const Eigen::Vector3d p = R * clusters_[i].mean + T.t;
-      surfaces_[i] = map_.CanHold(p) ? map_.FindSurface(p) : VoxelMap::kNoNode;
+      const bool can_hold = map_.CanHold(p);
+      const LeafPlace place = can_hold ? map_.PlaceOf(p) : LeafPlace();
+      if (associated_ && place == places_[i]) continue;
+      places_[i] = place;
+      surfaces_[i] = can_hold ? map_.FindSurface(place) : VoxelMap::kNoNode;
       const bool on_plane =
           surfaces_[i] != VoxelMap::kNoNode && map_.kind(surfaces_[i]) == Surface::Kind::kPlane;
       planes_[i] = on_plane ? &map_.plane(surfaces_[i]) : nullptr;

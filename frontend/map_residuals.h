@@ -48,7 +48,8 @@ class MapResiduals {
       : options_(options),
         map_(map),
         clusters_(clusters),
-        surfaces_(clusters.size()),
+        places_(clusters.size()),
+        surfaces_(clusters.size(), VoxelMap::kNoNode),
         planes_(clusters.size()) {}
 
   const VoxelMap& map() const { return map_; }
@@ -63,13 +64,18 @@ class MapResiduals {
   // over blocks of space, without H^-1 on both sides.
   Matrix6d GradientScatter(const SE3& T, double kernel_sigma);
 
-  // sum w J'J and sum w share J'J, with one share for each cluster.
-  struct SharedInformation {
-    Matrix6d H = Matrix6d::Zero(), shared = Matrix6d::Zero();
-    SharedInformation& operator+=(const SharedInformation& o);
+  // Normal equations of a step of the pose and of another at once, a cluster having a share p of
+  // the one and q of the other: sum w p^2 J'J, sum w p q J'J, sum w q^2 J'J, sum w p e J and
+  // sum w q e J.
+  struct StepShares {
+    double pose = 1.0, other = 0.0;
   };
-  SharedInformation InformationShares(const SE3& T, double kernel_sigma,
-                                      const std::vector<double>& shares);
+  struct TwoSteps {
+    Matrix6d H_pose = Matrix6d::Zero(), H_across = Matrix6d::Zero(), H_other = Matrix6d::Zero();
+    Vector6d g_pose = Vector6d::Zero(), g_other = Vector6d::Zero();
+    TwoSteps& operator+=(const TwoSteps& o);
+  };
+  TwoSteps TwoStepsAt(const SE3& T, double kernel_sigma, const std::vector<StepShares>& shares);
 
  private:
   // H and gradient of the clusters in a block of space, where errors are alike.
@@ -84,7 +90,8 @@ class MapResiduals {
   // own. At the pose of the last At.
   Matrix6d SurfaceScatter(const SE3& T, double kernel_sigma, VoxelKey block) const;
   // Looks up the surface around each cluster, unless the pose is still so near the one of the last
-  // look-up that a cluster at 30 m has moved by less than a small part of a leaf.
+  // look-up that a cluster at 30 m has moved by less than a small part of a leaf. Most clusters are
+  // still in the leaf in which they were then, and have no need of another.
   void Associate(const SE3& T, const Eigen::Matrix3d& R);
   // How thick even the thin ones of the planes around the scan are. A plane that looks thinner does
   // so because few points made it, or one beam.
@@ -109,6 +116,7 @@ class MapResiduals {
   const ScanMatcherOptions& options_;
   const VoxelMap& map_;
   const std::vector<PointCluster>& clusters_;
+  std::vector<LeafPlace> places_;  // of the last look-up, where there was one
   std::vector<VoxelMap::NodeId> surfaces_;
   std::vector<const Surface*> planes_;  // of those that are planar, else null
   double floor2_ = 0.0;                 // m^2: variance that no plane is believed to have less of

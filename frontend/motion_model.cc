@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/angle.h"
+
 namespace lamina {
 namespace {
 
@@ -46,7 +48,6 @@ Vector6d MotionModel::Twist(StampNs stamp_ns) const {
 }
 
 PosePrediction MotionModel::Predict(StampNs stamp_ns) const {
-  constexpr double kRadPerDeg = M_PI / 180.0;
   // Of a clock that says nothing, as after another recording.
   constexpr double kUnknownGapS = 1.0;
   const double dt = Gap(stamp_ns);
@@ -58,9 +59,8 @@ PosePrediction MotionModel::Predict(StampNs stamp_ns) const {
   const bool timed = dt > 0.0 && (clock_trusted_ || moving_known());
   const double open_s = timed ? dt : std::max(dt, kUnknownGapS);
   const bool known = moving_known();
-  const double turn =
-      Sigma(kRadPerDeg * options_.turn_acceleration_sigma_deg_s2,
-            kRadPerDeg * options_.start_turn_sigma_deg_s, known, last_gap_s_, open_s);
+  const double turn = Sigma(kDegree * options_.turn_acceleration_sigma_deg_s2,
+                            kDegree * options_.start_turn_sigma_deg_s, known, last_gap_s_, open_s);
   const double way = Sigma(options_.acceleration_sigma_m_s2, options_.start_speed_sigma_m_s, known,
                            last_gap_s_, open_s);
   // What steps without recorded stamps may differ by.
@@ -80,13 +80,13 @@ Matrix6d MotionModel::Drift(StampNs stamp_ns) const {
 }
 
 void MotionModel::UpdateCovariances(double dt, const Matrix6d& covariance) {
-  constexpr double kRadPerDeg = M_PI / 180.0, kLeast = 1e-12;
+  constexpr double kLeast = 1e-12;
   const bool before = velocity_known_ && !interrupted_;
   const Matrix6d least = kLeast * Matrix6d::Identity();
   const Matrix6d measured = (covariance + pose_covariance_) / (dt * dt) + least;
   if (before) {
     Matrix6d kept = velocity_covariance_ + least;
-    const double turn = kRadPerDeg * options_.turn_acceleration_sigma_deg_s2 * dt;
+    const double turn = kDegree * options_.turn_acceleration_sigma_deg_s2 * dt;
     const double way = options_.acceleration_sigma_m_s2 * dt;
     kept.diagonal().head<3>().array() += turn * turn;
     kept.diagonal().tail<3>().array() += way * way;

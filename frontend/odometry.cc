@@ -70,7 +70,8 @@ Odometry::Odometry(const OdometryOptions& options)
       matcher_(options.matcher),
       narrow_matcher_(WithNarrowKernel(options.matcher)),
       search_(options.search, &matcher_),
-      motion_(options.motion) {
+      motion_(options.motion),
+      accelerations_(options.motion) {
   CheckOptions(options, "frontend");
 }
 
@@ -81,8 +82,8 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
   if (!started()) return frame;
   const PosePrediction prediction = motion_.Predict(stamp_ns);
   frame.T_world_predicted = prediction.T_world_lidar;
-  frame.twist = motion_.Twist(stamp_ns);
-  std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.twist);
+  frame.sweep = motion_.Twist(stamp_ns);
+  std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.sweep);
   const int passes = DeskewPasses(stamp_ns, clusters);
   frame.match = passes > 0 ? matcher_.MatchPose(deskewed, prediction, map)
                            : matcher_.Match(deskewed, prediction, map);
@@ -116,6 +117,12 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
   return frame;
 }
 
+SweepMotion Odometry::SweepTo(const SE3& T_world_lidar, const Vector6d& acceleration,
+                              double dt) const {
+  const Vector6d mean = TwistLog(motion_.T_world_last().Inverse() * T_world_lidar) / dt;
+  return SweepMotion::WithMean(mean, dt, acceleration);
+}
+
 int Odometry::DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const {
   const double dt = motion_.Gap(stamp_ns);
   // The way since a scan long ago says little of the motion during this one.
@@ -128,17 +135,21 @@ void Odometry::MatchDeskewed(const std::vector<TimedCluster>& clusters,
                              const PosePrediction& prediction, const VoxelMap& map, int passes,
                              std::vector<PointCluster>* deskewed, OdometryFrame* frame) const {
   const double dt = motion_.Gap(frame->stamp_ns);
+  SweepAcceleration& unsteady = frame->acceleration;
   for (int pass = 0; pass < passes; ++pass) {
-    frame->twist = TwistLog(motion_.T_world_last().Inverse() * frame->match.T_world_lidar) / dt;
-    *deskewed = DeskewClusters(clusters, frame->twist);
-    frame->match = matcher_.Match(*deskewed, prediction, frame->match.T_world_lidar, map);
+    frame->sweep = SweepTo(frame->match.T_world_lidar, Vector6d::Zero(), dt);
+    DeskewClusters(clusters, frame->sweep, deskewed);
+    if (motion_.moving_known()) {
+      unsteady = EstimateAcceleration(options_.matcher, *deskewed, clusters, frame->match, map, dt,
+                                      accelerations_.Moment());
+      frame->match.T_world_lidar = Retract(frame->match.T_world_lidar, unsteady.pose_step);
+      frame->sweep = SweepTo(frame->match.T_world_lidar, unsteady.acceleration, dt);
+      DeskewClusters(clusters, frame->sweep, deskewed);
+    }
+    frame->match = narrow_matcher_.Match(*deskewed, prediction, frame->match.T_world_lidar, map);
   }
   SettleWeakest(clusters, prediction, map, passes, deskewed, frame);
-  if (passes > 0 && motion_.moving_known()) {
-    frame->match.covariance +=
-        matcher_.SweepCovariance(*deskewed, clusters, frame->match, map, dt,
-                                 acceleration_.MomentWith(frame->twist - motion_.velocity(), dt));
-  }
+  frame->match.covariance += unsteady.pose_covariance;
 }
 
 void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
@@ -164,8 +175,8 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
   const DirectionProfile::Posterior posterior = profile.With(v.dot(off), sigma_m);
   const SE3 T = profile.At(posterior.mean_m);
   if (passes > 0) {
-    frame->twist = TwistLog(motion_.T_world_last().Inverse() * T) / dt;
-    *deskewed = DeskewClusters(clusters, frame->twist);
+    frame->sweep = SweepTo(T, frame->sweep.acceleration, dt);
+    DeskewClusters(clusters, frame->sweep, deskewed);
   }
   frame->match = matcher_.MatchKnown(*deskewed, T, {v, posterior.sigma_m}, prediction, map);
 }
@@ -209,7 +220,7 @@ void Odometry::DoubtWeakest(const DirectionProfile& profile, OdometryFrame* fram
 void Odometry::Rematch(const std::vector<TimedCluster>& clusters, const VoxelMap& map,
                        OdometryFrame* frame) const {
   const PosePrediction prediction = motion_.Predict(frame->stamp_ns);
-  std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame->twist);
+  std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame->sweep);
   frame->match = matcher_.Match(deskewed, prediction, frame->match.T_world_lidar, map);
   MatchDeskewed(clusters, prediction, map, DeskewPasses(frame->stamp_ns, clusters), &deskewed,
                 frame);
@@ -233,7 +244,7 @@ OdometryFrame Odometry::FindAgain(StampNs stamp_ns, const LostTrack& track, cons
   prediction.covariance.diagonal().tail<3>().array() += turn2 * T_first_newest.t.squaredNorm();
   prediction.T_world_lidar = prediction.T_world_lidar * T_first_newest;
   frame.T_world_predicted = frame.T_world_lidar = prediction.T_world_lidar;
-  frame.twist = track.Twist();
+  frame.sweep = track.Twist();
   if (!search) return frame;
   const std::vector<PointCluster> clusters = track.Together();
   SearchedScan scan{clusters, prediction, map, false};
@@ -372,13 +383,9 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
 void Odometry::Accept(const OdometryFrame& frame) {
   constexpr std::size_t kRecent = 15;
   const bool tracked = frame.status == OdometryFrame::Status::kTracked;
-  const bool moving_known = motion_.moving_known();
-  const Vector6d velocity = motion_.velocity();
-  const double gap_s = motion_.Gap(frame.stamp_ns);
   motion_.Accept(frame.stamp_ns, frame.T_world_lidar, tracked, frame.match.covariance);
-  if (!tracked) acceleration_.Clear();
-  if (moving_known && motion_.moving_known())
-    acceleration_.Add(motion_.velocity() - velocity, gap_s);
+  if (!tracked) accelerations_ = RecentAccelerations(options_.motion);
+  if (!frame.acceleration.covariance.isZero()) accelerations_.Add(frame.acceleration);
   lost_ = false;
   if (tracked) {
     recent_inliers_.push_back(frame.match.inlier_share);
@@ -393,7 +400,7 @@ void Odometry::Accept(const OdometryFrame& frame) {
 
 void Odometry::StartOver() {
   motion_ = MotionModel(options_.motion);
-  acceleration_.Clear();
+  accelerations_ = RecentAccelerations(options_.motion);
   recent_inliers_.clear();
   recent_fits_.clear();
   lost_ = false;
@@ -409,7 +416,7 @@ void Odometry::StartAt(const SE3& T_world_lidar) {
 }
 
 void Odometry::Archive(StateArchive& a) {
-  a(&motion_, &acceleration_, &recent_inliers_, &recent_fits_, &lost_);
+  a(&motion_, &accelerations_, &recent_inliers_, &recent_fits_, &lost_);
 }
 
 }  // namespace lamina

@@ -24,7 +24,7 @@
 #include "frontend/pose_search.h"
 #include "frontend/scan_clusters.h"
 #include "frontend/scan_matcher.h"
-#include "frontend/sweep_error.h"
+#include "frontend/sweep_acceleration.h"
 
 namespace lamina {
 
@@ -61,7 +61,8 @@ struct OdometryFrame {
   StampNs stamp_ns = 0;
   SE3 T_world_lidar;
   SE3 T_world_predicted;
-  Vector6d twist = Vector6d::Zero();  // body, per second, during the scan
+  SweepMotion sweep;               // during the scan
+  SweepAcceleration acceleration;  // of it, where it was estimated
   MatchResult match;
   bool searched = false;  // a search ran
   // Standard deviation along the direction that the match knows least, where few surfaces face it
@@ -76,6 +77,8 @@ class Odometry {
 
   // Where a scan is expected, from the state alone.
   SE3 Predict(StampNs stamp_ns) const { return motion_.Predict(stamp_ns).T_world_lidar; }
+  // Whether a scan of that time, if it is lost, may be found by a search for where it is expected.
+  bool InReach(StampNs stamp_ns) const { return Searchable(motion_.Predict(stamp_ns)); }
   // Pose of a scan from the state and the map. The state stays as it is until Accept. In a map that
   // is older than the drive, one that knows no speed yet is searched for about the prediction: a
   // street looks much the same a metre on, and a match settles where it begins.
@@ -142,11 +145,13 @@ class Odometry {
   // Whether a match is to be believed. `unique` tells whether a search finds no rival to it.
   bool Believed(const OdometryFrame& frame, const PosePrediction& prediction,
                 const std::function<bool()>& unique) const;
-  // Deskews and matches `passes` times with the motion that each match finds; what is left of an
-  // unsteady motion is in the covariance.
+  // Deskews and matches `passes` times with the motion that each match finds, and with how the
+  // sensor accelerated meanwhile (sweep_acceleration.h).
   void MatchDeskewed(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
                      const VoxelMap& map, int passes, std::vector<PointCluster>* deskewed,
                      OdometryFrame* frame) const;
+  // The motion during a scan at this pose, `dt` after the last one, with that acceleration.
+  SweepMotion SweepTo(const SE3& T_world_lidar, const Vector6d& acceleration, double dt) const;
   // Where few surfaces face the direction that the match knows least: puts the pose where these and
   // the motion before it together have it (direction_profile.h).
   void SettleWeakest(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
@@ -170,7 +175,7 @@ class Odometry {
   ScanMatcher matcher_, narrow_matcher_;
   PoseSearch search_;
   MotionModel motion_;
-  RecentAcceleration acceleration_;
+  RecentAccelerations accelerations_;
   std::deque<double> recent_inliers_, recent_fits_;
   bool lost_ = false;  // since the last accepted frame
 };

@@ -5,6 +5,7 @@
 
 #include "core/base/parallel.h"
 #include "core/base/processor.h"
+#include "core/geometry/cluster_lanes.h"
 #include "core/map/voxel_key.h"
 
 namespace lamina {
@@ -92,9 +93,10 @@ class SweepPoses {
     double time_s;
     Eigen::Matrix3d R;
     Eigen::Vector3d t;
+    Vector6d twist;
   };
 
-  SweepPoses(const std::vector<TimedCluster>& clusters, const Vector6d& twist) {
+  SweepPoses(const std::vector<TimedCluster>& clusters, const SweepMotion& motion) {
     const auto [first, last] = std::minmax_element(
         clusters.begin(), clusters.end(),
         [](const TimedCluster& a, const TimedCluster& b) { return a.mean_time_s < b.mean_time_s; });
@@ -104,8 +106,8 @@ class SweepPoses {
     per_second_ = span_s > 0.0 ? (kInstants - 1) / span_s : 0.0;
     for (int i = 0; i < count; ++i) {
       const double time_s = start_s_ + (span_s > 0.0 ? i / per_second_ : 0.0);
-      const SE3 T = TwistExp(time_s * twist);
-      instants_.push_back({time_s, T.R(), T.t});
+      const SE3 T = motion.PoseAt(time_s);
+      instants_.push_back({time_s, T.R(), T.t, motion.TwistAt(time_s)});
     }
   }
 
@@ -118,6 +120,73 @@ class SweepPoses {
   double start_s_ = 0.0, per_second_ = 0.0;
   std::vector<Instant> instants_;
 };
+
+// TimedCluster::DeskewedTo the nearest instant, and moved from there.
+LAMINA_FOR_EACH_PROCESSOR
+void DeskewRange(const TimedCluster* from, std::size_t count, const SweepPoses& sweep,
+                 const SweepMotion& sweep_motion, PointCluster* to) {
+  const Vector6d& a6 = sweep_motion.acceleration;
+  const double turn[3] = {a6(0), a6(1), a6(2)}, way[3] = {a6(3), a6(4), a6(5)};
+  TimedCluster rest_in[4];
+  PointCluster rest_out[4];
+  for (std::size_t i = 0; i < count; i += 4) {
+    const bool last = i + 4 > count;
+    if (last) std::fill(std::copy(from + i, from + count, rest_in), rest_in + 4, from[i]);
+    const TimedCluster* const in = last ? rest_in : from + i;
+    PointCluster* const out = last ? rest_out : to + i;
+    const SweepPoses::Instant* const near[4] = {
+        &sweep.NearestTo(in[0].mean_time_s), &sweep.NearestTo(in[1].mean_time_s),
+        &sweep.NearestTo(in[2].mean_time_s), &sweep.NearestTo(in[3].mean_time_s)};
+    const Eigen::Matrix3d* const R[4] = {&near[0]->R, &near[1]->R, &near[2]->R, &near[3]->R};
+    const Eigen::Vector3d* const t[4] = {&near[0]->t, &near[1]->t, &near[2]->t, &near[3]->t};
+    ClusterLanes lanes;
+    lanes.Load(NumbersOf(in[0].points), NumbersOf(in[1].points), NumbersOf(in[2].points),
+               NumbersOf(in[3].points));
+    const double* const times[4] = {&in[0].time_scatter, &in[1].time_scatter, &in[2].time_scatter,
+                                    &in[3].time_scatter};
+    Four time[4];  // scatter and point_time
+    LoadColumns(times, time);
+    const Four* const k = time + 1;
+    const Four offset = {in[0].mean_time_s - near[0]->time_s, in[1].mean_time_s - near[1]->time_s,
+                         in[2].mean_time_s - near[2]->time_s, in[3].mean_time_s - near[3]->time_s};
+    const double* twist[4] = {near[0]->twist.data(), near[1]->twist.data(), near[2]->twist.data(),
+                              near[3]->twist.data()};
+    Four head[4], tail[4];  // of the six numbers of a twist
+    LoadColumns(twist, head);
+#pragma GCC unroll 4
+    for (int j = 0; j < 4; ++j) twist[j] += 2;
+    LoadColumns(twist, tail);
+    const Four w[3] = {head[0], head[1], head[2]}, v[3] = {head[3], tail[2], tail[3]};
+    const Four w2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
+    const Four each = 1.0 / lanes.count;
+    const Four spread2 = time[0] * each;
+    const Four second = 0.5 * (spread2 * (1.0 - 0.15 * w2 * spread2) + offset * offset);
+    Four c[3], change[3];
+#pragma GCC unroll 3
+    for (int a = 0; a < 3; ++a) {
+      const int b = (a + 1) % 3, d = (a + 2) % 3;
+      c[a] = w[b] * lanes.mean[d] - w[d] * lanes.mean[b] + v[a];
+      change[a] = turn[b] * lanes.mean[d] - turn[d] * lanes.mean[b] + way[a];
+    }
+#pragma GCC unroll 3
+    for (int a = 0; a < 3; ++a) {
+      const int b = (a + 1) % 3, d = (a + 2) % 3;
+      lanes.mean[a] += offset * c[a] + (w[b] * k[d] - w[d] * k[b]) * each +
+                       second * (w[b] * c[d] - w[d] * c[b] + change[a]);
+    }
+    lanes.scatter[0] += c[0] * (2.0 * k[0] + time[0] * c[0]);
+    lanes.scatter[1] += c[0] * k[1] + c[1] * (k[0] + time[0] * c[0]);
+    lanes.scatter[2] += c[0] * k[2] + c[2] * (k[0] + time[0] * c[0]);
+    lanes.scatter[3] += c[1] * (2.0 * k[1] + time[0] * c[1]);
+    lanes.scatter[4] += c[1] * k[2] + c[2] * (k[1] + time[0] * c[1]);
+    lanes.scatter[5] += c[2] * (2.0 * k[2] + time[0] * c[2]);
+    MotionLanes motion;
+    motion.Load(R, t);
+    lanes.Move(motion);
+    lanes.Store(NumbersOf(out[0]), NumbersOf(out[1]), NumbersOf(out[2]), NumbersOf(out[3]));
+    if (last) std::copy(rest_out, rest_out + (count - i), to + i);
+  }
+}
 
 }  // namespace
 
@@ -162,17 +231,33 @@ std::vector<std::vector<TimedPoint>> GroupByCluster(const std::vector<TimedPoint
 }
 
 std::vector<PointCluster> DeskewClusters(const std::vector<TimedCluster>& clusters,
-                                         const Vector6d& twist) {
-  std::vector<PointCluster> result(clusters.size());
-  if (clusters.empty()) return result;
-  const SweepPoses sweep(clusters, twist);
-  ParallelChunks(clusters.size(), 2048, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const auto& [time_s, R, t] = sweep.NearestTo(clusters[i].mean_time_s);
-      result[i] = clusters[i].DeskewedTo(time_s, twist).Moved(R, t);
-    }
-  });
+                                         const SweepMotion& motion) {
+  std::vector<PointCluster> result;
+  DeskewClusters(clusters, motion, &result);
   return result;
+}
+
+void DeskewClusters(const std::vector<TimedCluster>& clusters, const SweepMotion& motion,
+                    std::vector<PointCluster>* result) {
+  result->resize(clusters.size());
+  if (clusters.empty()) return;
+  const SweepPoses sweep(clusters, motion);
+  ParallelChunks(clusters.size(), 2048, [&](std::size_t begin, std::size_t end) {
+    DeskewRange(clusters.data() + begin, end - begin, sweep, motion, result->data() + begin);
+  });
+}
+
+StampNs CentreTimes(std::vector<TimedCluster>* clusters) {
+  if (clusters->empty()) return 0;
+  const auto [first, last] = std::minmax_element(
+      clusters->begin(), clusters->end(),
+      [](const TimedCluster& a, const TimedCluster& b) { return a.mean_time_s < b.mean_time_s; });
+  const double middle_s = 0.5 * (first->mean_time_s + last->mean_time_s);
+  constexpr double kNsPerS = 1e9;
+  const auto middle_ns = static_cast<StampNs>(std::llround(kNsPerS * middle_s));
+  for (TimedCluster& cluster : *clusters)
+    cluster.mean_time_s -= static_cast<double>(middle_ns) / kNsPerS;
+  return middle_ns;
 }
 
 bool AnyTimed(const std::vector<TimedCluster>& clusters) {

@@ -36,7 +36,14 @@ std::vector<std::vector<TimedPoint>> GroupByCluster(const std::vector<TimedPoint
 // All clusters in the LiDAR frame at the stamp, for a sensor with the constant body twist [w; v]
 // (rad/s, m/s) during the scan. result[i] belongs to clusters[i].
 std::vector<PointCluster> DeskewClusters(const std::vector<TimedCluster>& clusters,
-                                         const Vector6d& twist);
+                                         const SweepMotion& motion);
+// The same into memory that is there already.
+void DeskewClusters(const std::vector<TimedCluster>& clusters, const SweepMotion& motion,
+                    std::vector<PointCluster>* result);
+
+// Makes times count from the middle of the sweep. Returns where that is, nanoseconds after the
+// instant from which they counted; 0 if there are no clusters.
+StampNs CentreTimes(std::vector<TimedCluster>* clusters);
 
 // Whether any cluster was measured at another instant than the stamp.
 bool AnyTimed(const std::vector<TimedCluster>& clusters);

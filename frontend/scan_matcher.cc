@@ -23,12 +23,6 @@ struct Held {
   int count = 0;
 };
 
-// A normal matrix (scaled) in which these directions carry that information and nothing else.
-Matrix6d WithHeld(const Matrix6d& H, const Matrix6d& directions, const Vector6d& information) {
-  const Matrix6d keep = Matrix6d::Identity() - directions * directions.transpose();
-  return keep * H * keep + directions * information.asDiagonal() * directions.transpose();
-}
-
 Matrix6d EigenvectorsOf(const Matrix6d& H, double* smallest) {
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(H);
   *smallest = solver.eigenvalues()(0);
@@ -274,30 +268,6 @@ MatchResult ScanMatcher::MatchKnown(const std::vector<PointCluster>& clusters,
                                     const SE3& T_world_lidar, const KnownDirection& known,
                                     const PosePrediction& prediction, const VoxelMap& map) const {
   return Run(clusters, prediction, T_world_lidar, &known, map, true);
-}
-
-Matrix6d ScanMatcher::SweepCovariance(const std::vector<PointCluster>& deskewed,
-                                      const std::vector<TimedCluster>& timed,
-                                      const MatchResult& match, const VoxelMap& map, double gap_s,
-                                      const Matrix6d& acceleration_moment) const {
-  if (match.status == MatchResult::Status::kTooFewMatches) return Matrix6d::Zero();
-  std::vector<double> g(timed.size());
-  for (std::size_t i = 0; i < timed.size(); ++i) {
-    const double tau = timed[i].mean_time_s;
-    g[i] = 0.5 * (tau * (tau + gap_s) + timed[i].time_scatter / timed[i].points.count);
-  }
-  MapResiduals residuals(options_, map, deskewed);
-  residuals.use_rough = match.degenerate > 0;
-  const auto sums = residuals.InformationShares(match.T_world_lidar, options_.kernel_end_sigma, g);
-  // From the body's directions to the tangent's, and scaled.
-  Matrix6d to_tangent = kRotationArmM * Matrix6d::Identity();
-  to_tangent.bottomRightCorner<3, 3>() = match.T_world_lidar.R();
-  const Matrix6d& V = match.degenerate_directions;
-  const Matrix6d keep = Matrix6d::Identity() - V * V.transpose();
-  const Matrix6d information = WithHeld(DividedByArm(sums.H), V, match.degenerate_information) +
-                               1e-9 * sums.H.trace() * Matrix6d::Identity();
-  const Matrix6d moved = information.ldlt().solve(keep * DividedByArm(sums.shared) * to_tangent);
-  return DividedByArm(Matrix6d(moved * acceleration_moment * moved.transpose()));
 }
 
 double ScanMatcher::Score(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,

@@ -36,8 +36,8 @@
 // (CR2; Bell and McCaffrey 2002): in a room a few blocks determine it. Along what one block
 // determines by more than half, fitting leaves hardly anything of its residuals as a whole; there
 // the surfaces in it count as independent, if that is more. Motion within the scan that is not
-// steady comes on top (sweep_error.h). It is the error of the pose relative to the map around it;
-// what the map has drifted by before is not in it.
+// steady comes on top (sweep_acceleration.h). It is the error of the pose relative to the map
+// around it; what the map has drifted by before is not in it.
 #pragma once
 
 #include <vector>
@@ -180,13 +180,6 @@ class ScanMatcher {
   MatchResult MatchKnown(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
                          const KnownDirection& known, const PosePrediction& prediction,
                          const VoxelMap& map) const;
-
-  // What unsteady motion within the scan adds to the covariance of a match (sweep_error.h).
-  // deskewed[i] is timed[i] at its stamp, by the twist over the `gap_s` since the last pose.
-  Matrix6d SweepCovariance(const std::vector<PointCluster>& deskewed,
-                           const std::vector<TimedCluster>& timed, const MatchResult& match,
-                           const VoxelMap& map, double gap_s,
-                           const Matrix6d& acceleration_moment) const;
 
   // How well the clusters lie on the map's planes at a pose: the mean over the clusters of
   // GemanMcClureWeight((distance / scale_m)^2) - chance, a cluster without a plane around it

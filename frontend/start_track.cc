@@ -112,6 +112,14 @@ VoxelMap StartTrack::MapOf(const std::vector<SE3>& poses, std::size_t scans,
   return map;
 }
 
+void StartTrack::Move(const SE3& correction) {
+  for (Scan& scan : scans_) scan.T_world_lidar = correction * scan.T_world_lidar;
+  for (Hypothesis& hypothesis : hypotheses_) {
+    for (SE3& T : hypothesis.poses) T = correction * T;
+  }
+  match_.T_world_lidar = correction * match_.T_world_lidar;
+}
+
 Vector6d StartTrack::Twist(const std::vector<SE3>& poses, std::size_t scan) const {
   if (scan >= poses.size()) return Vector6d::Zero();
   const double gap_s = SecondsBetween(scans_[scan - 1].stamp_ns, scans_[scan].stamp_ns);

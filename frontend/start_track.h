@@ -69,6 +69,8 @@ class StartTrack {
   const MatchResult& match() const { return match_; }
   // Frees what it holds.
   void Clear();
+  // All poses move: T -> correction * T.
+  void Move(const SE3& correction);
 
   // While contested: what the hypotheses leave unknown of the newest pose, on top of a match's
   // covariance; tangent of core/geometry/se3.h.

@@ -38,10 +38,11 @@ namespace lamina {
 
 class CondensedCost final : public BundleCost {
  public:
-  // Keeps a reference: the problem must outlive the cost. Throws as BundleIndex.
+  // Keeps a reference: the problem must outlive the cost. Throws as BundleIndex. Not thread-safe.
   explicit CondensedCost(const BundleProblem& problem) : problem_(problem), index_(problem) {}
 
   void Linearise(const std::vector<SE3>& poses, ReducedSystem* system) override;
+  void FindGradient(const std::vector<SE3>& poses, ReducedSystem* system) override;
   double Value(const std::vector<SE3>& poses) const override;
 
   bool MakesRows() const override { return true; }
@@ -49,11 +50,17 @@ class CondensedCost final : public BundleCost {
   void MakeRows(std::size_t plane, ReducedSystem::Rows* rows) const override;
 
  private:
+  // Of the planes at these poses. Those of the last call are kept: a step that was judged by Value
+  // and taken is where the next linearisation is.
+  const std::vector<PlaneFrame>& FramesAt(const std::vector<SE3>& poses,
+                                          const PoseMatrices& matrices) const;
+
   const BundleProblem& problem_;
   BundleIndex index_;
-  // Of the last LineariseWithoutRows.
-  std::unique_ptr<PoseMatrices> poses_;
-  std::vector<PlaneFrame> frames_;
+  mutable std::vector<SE3> at_;
+  mutable std::vector<PlaneFrame> frames_;
+  // At the poses of the last LineariseWithoutRows; null if these frames are not of that.
+  mutable std::unique_ptr<PoseMatrices> for_rows_;
 };
 
 }  // namespace lamina

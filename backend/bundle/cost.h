@@ -66,11 +66,17 @@ class BundleCost {
   // during a step takes them from here.
   virtual void Linearise(const std::vector<SE3>& poses, ReducedSystem* system) = 0;
 
+  // Cost and gradient alone; what else the system has is not to be used.
+  virtual void FindGradient(const std::vector<SE3>& poses, ReducedSystem* system) {
+    Linearise(poses, system);
+  }
+
   // Whether the rows may be left out, and made for some planes at a time.
   virtual bool MakesRows() const { return false; }
   // The same without rows. Only if MakesRows().
   virtual void LineariseWithoutRows(const std::vector<SE3>& poses, ReducedSystem* system);
-  // The rows of the observations of one plane, at the poses of the last LineariseWithoutRows.
+  // The rows of the observations of one plane, at the poses of the last LineariseWithoutRows, which
+  // nothing else may have followed.
   virtual void MakeRows(std::size_t plane, ReducedSystem::Rows* rows) const;
 
   // The cost by which a step from the poses of the last Linearise is judged. At those poses it

@@ -19,6 +19,9 @@ constexpr double kRounding = 4e-16;      // of the cost
 constexpr double kLeastDiagonal = 1e-9;  // of the largest
 // H is kept after a step that is smaller than this, rad or m, and has brought what was promised.
 constexpr double kKeepStep = 0.02, kKeepGain = 0.5;
+// A solve that ends where a step lowers the cost by less than this share needs few steps more, and
+// none of the digits that a fresh H brings: one of a small system is kept, too.
+constexpr double kCoarseEnd = 5e-6;
 
 std::vector<SE3> Moved(const std::vector<SE3>& poses, const Eigen::VectorXd& step) {
   std::vector<SE3> moved;
@@ -75,13 +78,16 @@ class StepSolver {
     return std::isfinite(value_) && system_.gradient.allFinite() && diagonal_.allFinite();
   }
 
-  // Whether assembling and factorising H takes most of a step.
-  bool large() const { return !decoupled_ && system_.gradient.size() >= kLargeSize; }
+  // Whether assembling and factorising H takes most of a step, or, if `coarse`, at least much of
+  // it.
+  bool large(bool coarse) const {
+    return !decoupled_ && system_.gradient.size() >= (coarse ? kWindowSize : kLargeSize);
+  }
   // Cost and gradient at these poses, which `step` has led to; H is that of before, corrected by
   // how the gradient has changed (see the header). False if anything is not finite.
   bool LineariseKeeping(const std::vector<SE3>& poses, const Eigen::VectorXd& step) {
     const Eigen::VectorXd before = system_.gradient;
-    LineariseCost(poses);
+    cost_->FindGradient(poses, &system_);
     value_ = system_.cost + AddPriorGradient(problem_, poses, &system_.gradient);
     held_.Project(&system_.gradient);
     kept_.push_back({step, system_.gradient - before});
@@ -218,7 +224,7 @@ class StepSolver {
   // one is faster.
   static constexpr Eigen::Index kSparseSize = 300;
   static constexpr double kSparseDensity = 0.7, kSparseShare = 0.6;
-  static constexpr Eigen::Index kLargeSize = 300;
+  static constexpr Eigen::Index kLargeSize = 300, kWindowSize = 60;
 
   const BundleProblem& problem_;
   BundleIndex index_;
@@ -296,7 +302,8 @@ BundleResult MinimiseByLevenbergMarquardt(const BundleProblem& problem, BundleCo
         done = done || decrease <= options.min_cost_change * before;
         result.final_cost = before - decrease;
         if (!done && result.iterations < options.max_iterations) {
-          const bool keep = may_keep && solver.large() && step.step < kKeepStep && gain > kKeepGain;
+          const bool keep = may_keep && solver.large(options.min_cost_change >= kCoarseEnd) &&
+                            step.step < kKeepStep && gain > kKeepGain;
           if (!(keep && solver.LineariseKeeping(result.poses, delta)) &&
               !solver.Linearise(result.poses)) {
             break;

@@ -9,10 +9,11 @@
 // (Madsen, Nielsen, Tingleff: Methods for Non-Linear Least Squares Problems, 2004). A Hessian that
 // is not positive definite with its damping counts as a rejected step.
 //
-// Of a large system, H and its factor are kept after a small step that has brought what the model
-// promised (kKeepStep): a new gradient costs a pass over the observations, a new H their products.
-// What H lacks since then, and what it never had, the gradients tell: each pair of a step s and the
-// change y of the gradient along it corrects the factor as in BFGS,
+// Of a large system, and of a window's where convergence is coarse (kCoarseEnd), H and its factor
+// are kept after a small step that has brought what the model promised (kKeepStep): a new gradient
+// costs a pass over the observations, a new H their products. What H lacks since then, and what it
+// never had, the gradients tell: each pair of a step s and the change y of the gradient along it
+// corrects the factor as in BFGS,
 //
 //     B <- B - B s s' B / s' B s + y y' / s' y          (Nocedal and Wright, 7.2, with B_0 = H)
 //

@@ -11,7 +11,7 @@
 #include "core/base/error.h"
 #include "core/base/median.h"
 #include "core/base/parallel.h"
-#include "core/geometry/central_twist.h"
+#include "core/geometry/sweep_motion.h"
 
 namespace lamina {
 namespace {
@@ -99,7 +99,7 @@ std::vector<CalibrationSegment> ReadSegments(const ScanSource& source,
         CalibrationFrame& frame = segment[i];
         frame.stamp_ns = drive.poses[frames[i]].stamp_ns;
         frame.T_world_lidar = drive.poses[frames[i]].T_world_lidar;
-        CentralTwist(drive.poses, frames[i], SlidingWindow::kMaxTwistGapS, &frame.twist);
+        MotionThrough(drive.poses, frames[i], SlidingWindow::kMaxTwistGapS, &frame.sweep);
         frame.measured = ReadClusters(source, mapping, begin, drive.scans[frames[i]]);
       }
     });

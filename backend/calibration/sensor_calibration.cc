@@ -24,7 +24,7 @@ BundleProblem Cast(const CalibrationSegment& segment, const Intrinsics& offsets,
     frame.id = static_cast<std::int64_t>(window.frames().size());
     frame.stamp_ns = from.stamp_ns;
     frame.T_world_lidar = from.T_world_lidar;
-    frame.twist = from.twist;
+    frame.sweep = from.sweep;
     frame.measured = Corrected(from.measured, offsets);
     window.Push(std::move(frame));
   }

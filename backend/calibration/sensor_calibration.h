@@ -57,7 +57,7 @@ struct CalibrationOptions {
 struct CalibrationFrame {
   StampNs stamp_ns = 0;
   SE3 T_world_lidar;
-  Vector6d twist = Vector6d::Zero();  // body, per second, during the scan
+  SweepMotion sweep;
   std::vector<TimedCluster> measured;
 };
 using CalibrationSegment = std::vector<CalibrationFrame>;

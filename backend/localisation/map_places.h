@@ -6,8 +6,11 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
+#include <utility>
 #include <vector>
 
+#include "backend/loops/loop_closure.h"
 #include "backend/submaps/submap.h"
 #include "core/geometry/se3.h"
 #include "core/geometry/state_archive.h"
@@ -26,9 +29,32 @@ struct MapPlace {
 void AddPlaces(std::int64_t piece, const std::vector<Eigen::Vector3d>& way, double spacing_m,
                std::vector<MapPlace>* places);
 
+// The frame of a place in that of its piece: parallel to it, on the grid of the map's voxels.
+SE3 PlaceFrame(const MapPlace& place, const VoxelMapOptions& map);
+
 // What the map has within `radius_m` of a place, in a frame that is parallel to the piece's and
 // whose voxels are those of the map. One keyframe, at the place. Depends on what the map holds
 // alone, in memory or in its store.
 Submap SubmapAround(const MapPlace& place, double radius_m, const VoxelMap& map);
+
+// Where places are read from: a map, or the submaps of pieces at their present anchors, which are
+// put together around each place when it is needed. What it reads must outlive it. Thread-safe as
+// long as that does not change.
+class PlaceSource {
+ public:
+  using Pieces = std::map<std::int64_t, const LoopClosure*>;
+
+  PlaceSource(const VoxelMap& map) : map_(&map), options_(map.options()) {}  // NOLINT: a view
+  PlaceSource(Pieces pieces, const VoxelMapOptions& options)
+      : pieces_(std::move(pieces)), options_(options) {}
+
+  const VoxelMapOptions& options() const { return options_; }
+  Submap Around(const MapPlace& place, double radius_m) const;
+
+ private:
+  const VoxelMap* map_ = nullptr;
+  Pieces pieces_;
+  VoxelMapOptions options_;
+};
 
 }  // namespace lamina

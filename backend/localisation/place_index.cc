@@ -29,10 +29,11 @@ constexpr double kLeastOverlap = 0.5, kLeastMet = 0.8;
 // less is met than at the best pose, before registration.
 constexpr double kLevelsM = 15.0, kNextLevelM = 1.5, kLevelMet = 0.3;
 constexpr std::size_t kMostLevels = 6;
-// Keyframes that settle where the sensor is now, and planes that they must have in common with the
-// map, of those that a loop must.
+// Keyframes that settle where the sensor is now; what they, and single ones, must show.
 constexpr std::size_t kSettledBy = 5;
-constexpr double kSettledPlanesShare = 0.5;
+constexpr double kLastFit = 0.7, kLastOverlap = 0.6;
+// What the sensor's own piece may be bent by from one keyframe to the next.
+constexpr double kStepM = 0.5, kStepDeg = 8.0;
 // Hypotheses of one pose that are registered: places overlap.
 constexpr int kEachPose = 2;
 // Registrations, times those of a loop.
@@ -46,6 +47,11 @@ constexpr double kRadiusShare = 0.9, kSpacingShare = 0.25;
 
 double RadiusM(const LoopOptions& options) {
   return kRadiusShare * PlaceImage::kRadius * options.place.cell_size_m;
+}
+
+// What is so near to a sensor the nearest place holds as well, wherever between two of them it is.
+double HeldM(const LoopOptions& options) {
+  return RadiusM(options) - PlaceIndex::SpacingM(options);
 }
 
 bool Same(const SE3& a, const SE3& b, double most_m, double most_deg) {
@@ -110,7 +116,7 @@ std::string StrictRefusal(const Sighting& sighting, const VerificationOptions& l
 double PlaceIndex::SpacingM(const LoopOptions& options) { return kSpacingShare * RadiusM(options); }
 
 PlaceIndex::PlaceIndex(const LoopOptions& options, const ScanMatcherOptions& matcher,
-                       std::vector<MapPlace> places, const VoxelMap& map)
+                       std::vector<MapPlace> places, const PlaceSource& map)
     : options_(options), registration_(matcher), places_(std::move(places)) {
   CheckOptions(options, "loops");
   images_.reserve(places_.size());
@@ -118,20 +124,46 @@ PlaceIndex::PlaceIndex(const LoopOptions& options, const ScanMatcherOptions& mat
     const Submap submap = At(i, map);
     T_piece_place_.push_back(submap.T_world_submap);
     images_.push_back(ImageOfSubmap(submap, LeafPlanes(submap), nullptr, nullptr, options_.place));
+    views_.push_back({&images_.back(), places_[i].piece, submap.T_world_submap, i});
   }
 }
 
-Submap PlaceIndex::At(std::size_t place, const VoxelMap& map) const {
-  return SubmapAround(places_[place], RadiusM(options_), map);
+PlaceIndex::PlaceIndex(const LoopOptions& options, const ScanMatcherOptions& matcher,
+                       const PlaceSource::Pieces& pieces, const VoxelMapOptions& map)
+    : options_(options), registration_(matcher) {
+  CheckOptions(options, "loops");
+  for (const auto& [piece, closure] : pieces) {
+    std::vector<Eigen::Vector3d> way;
+    for (std::size_t i = 0; i < closure->submaps().size(); ++i) {
+      const SE3& anchor = closure->anchors()[i];
+      for (const SubmapKeyframe& keyframe : closure->submaps()[i].keyframes)
+        way.push_back(anchor * keyframe.T_submap_lidar.t);
+      views_.push_back({&closure->image(i), piece, anchor, std::nullopt});
+    }
+    AddPlaces(piece, way, SpacingM(options), &places_);
+  }
+  for (const MapPlace& place : places_) T_piece_place_.push_back(PlaceFrame(place, map));
+}
+
+Submap PlaceIndex::At(std::size_t place, const PlaceSource& map) const {
+  return map.Around(places_[place], RadiusM(options_));
 }
 
 SE3 PlaceIndex::InPiece(const Hypothesis& hypothesis) const {
   return T_piece_place_[hypothesis.place] * hypothesis.T_place_submap;
 }
 
+PlaceIndex::Hypothesis PlaceIndex::HypothesisOf(const View& view, const SE3& T_view_submap,
+                                                double score) const {
+  if (view.place) return {*view.place, T_view_submap, score};
+  const SE3 T_piece_submap = view.T_piece_view * T_view_submap;
+  const std::size_t place = Nearest(view.piece, T_piece_submap.t);
+  return {place, T_piece_place_[place].Inverse() * T_piece_submap, score};
+}
+
 std::vector<PlaceIndex::Hypothesis> PlaceIndex::Hypotheses(const PlaceImage& image) const {
   std::vector<const PlaceImage*> images;
-  for (const PlaceImage& other : images_) images.push_back(&other);
+  for (const View& view : views_) images.push_back(view.image);
   // Neighbouring places look alike: more of them are compared than of submaps.
   PlaceOptions options = options_.place;
   options.candidates *= 2;
@@ -140,7 +172,7 @@ std::vector<PlaceIndex::Hypothesis> PlaceIndex::Hypotheses(const PlaceImage& ima
   std::vector<Hypothesis> hypotheses;
   for (const PlaceHypothesis& found : LookUpPlace(image, images, options)) {
     if (hypotheses.size() == most) break;
-    const Hypothesis next{found.other, found.T_other_query, found.score};
+    const Hypothesis next = HypothesisOf(views_[found.other], found.T_other_query, found.score);
     const auto alike = std::count_if(hypotheses.begin(), hypotheses.end(), [&](const auto& other) {
       return places_[other.place].piece == places_[next.place].piece &&
              Same(InPiece(other), InPiece(next), kNearM, kNearDeg);
@@ -152,7 +184,7 @@ std::vector<PlaceIndex::Hypothesis> PlaceIndex::Hypotheses(const PlaceImage& ima
 
 std::vector<Sighting> PlaceIndex::Register(const SubmapQuery& query,
                                            const std::vector<Hypothesis>& hypotheses, bool coarse,
-                                           const VoxelMap& map) const {
+                                           const PlaceSource& map) const {
   std::map<std::size_t, std::vector<std::size_t>> by_place;
   for (std::size_t i = 0; i < hypotheses.size(); ++i) by_place[hypotheses[i].place].push_back(i);
   std::vector<std::pair<Submap, const std::vector<std::size_t>*>> targets;
@@ -176,7 +208,7 @@ std::vector<Sighting> PlaceIndex::Register(const SubmapQuery& query,
 }
 
 void PlaceIndex::Judge(const SubmapQuery& query, const SightLines& sight, const SE3& T_own_query,
-                       const VoxelMap& map, std::vector<Sighting>* sightings) const {
+                       const PlaceSource& map, std::vector<Sighting>* sightings) const {
   std::map<std::size_t, std::vector<Sighting*>> by_place;
   for (Sighting& sighting : *sightings) by_place[sighting.place].push_back(&sighting);
   std::vector<std::pair<std::size_t, const std::vector<Sighting*>*>> groups;
@@ -199,7 +231,7 @@ void PlaceIndex::Judge(const SubmapQuery& query, const SightLines& sight, const 
 
 std::vector<PlaceIndex::Hypothesis> PlaceIndex::OnOtherLevels(const SubmapQuery& query,
                                                               const Sighting& best,
-                                                              const VoxelMap& map) const {
+                                                              const PlaceSource& map) const {
   const Submap place = At(best.place, map);
   const OccupiedLeaves leaves(place);
   const SE3& T_place_query = best.match.T_other_query;
@@ -257,9 +289,8 @@ std::vector<PlaceIndex::Hypothesis> PlaceIndex::OfNearest(const std::vector<Sigh
 }
 
 std::vector<Sighting> PlaceIndex::Find(const Submap& whole, const std::vector<FinalKeyframe>& last,
-                                       const VoxelMap& map) const {
-  // What the nearest place holds as well, wherever between two of them the sensor is.
-  const Submap submap = Around(whole, RadiusM(options_) - SpacingM(options_));
+                                       const PlaceSource& map) const {
+  const Submap submap = Around(whole, HeldM(options_));
   std::vector<LeafPlane> planes = LeafPlanes(submap);
   const PlaceImage image = ImageOfSubmap(submap, planes, nullptr, nullptr, options_.place);
   const SubmapQuery query = QueryOfSubmap(submap, std::move(planes), image);
@@ -285,26 +316,66 @@ std::vector<Sighting> PlaceIndex::Find(const Submap& whole, const std::vector<Fi
   return sightings;
 }
 
+PlaceIndex::Nearby PlaceIndex::NearbyOf(std::int64_t piece, const Eigen::Vector3d& at,
+                                        const PlaceSource& map) const {
+  const std::size_t place = Nearest(piece, at);
+  const Submap submap = At(place, map);
+  return {place, SubmapTarget(submap, map.options()), OccupiedLeaves(submap)};
+}
+
+std::optional<SE3> PlaceIndex::Lie(const std::vector<FinalKeyframe>& keyframes,
+                                   const SE3& T_piece_own, const Nearby& nearby,
+                                   bool coarse) const {
+  const SE3& T_own_lidar = keyframes.back().T_world_lidar;
+  const SE3 T_lidar_own = T_own_lidar.Inverse();
+  std::vector<PointCluster> clusters;
+  std::vector<Eigen::Vector3f> points;
+  for (const FinalKeyframe& keyframe : keyframes) {
+    for (const PointCluster& in_own : keyframe.clusters) {
+      if (in_own.Empty() || (in_own.mean - T_own_lidar.t).norm() > HeldM(options_)) continue;
+      clusters.push_back(in_own.Moved(T_lidar_own));
+      points.push_back(clusters.back().mean.cast<float>());
+    }
+  }
+  const SE3 T_piece_lidar = T_piece_own * T_own_lidar;
+  const SE3& T_piece_place = T_piece_place_[nearby.place];
+  const MatchResult match = registration_.Descend(clusters, nearby.target,
+                                                  T_piece_place.Inverse() * T_piece_lidar, coarse);
+  if (match.status == MatchResult::Status::kTooFewMatches || match.fit() < kLastFit ||
+      match.overlap() < kLastOverlap || nearby.leaves.Met(points, match.T_world_lidar) < kMet)
+    return std::nullopt;
+  const SE3 T = T_piece_place * match.T_world_lidar;
+  const bool near =
+      coarse ? Same(T, T_piece_lidar, kNearM, kNearDeg) : Same(T, T_piece_lidar, kStepM, kStepDeg);
+  if (!near) return std::nullopt;
+  return T * T_lidar_own;
+}
+
 std::optional<SE3> PlaceIndex::Settle(const FoundPlace& found,
                                       const std::vector<FinalKeyframe>& last,
-                                      const VoxelMap& map) const {
+                                      const PlaceSource& map) const {
   if (last.empty()) return found.T_piece_own;
-  SubmapBuilder builder(options_.submap, map.options().LeafSize());
+  const SE3 T_piece_last = found.T_piece_own * last.back().T_world_lidar;
+  const Nearby nearby = NearbyOf(found.piece, T_piece_last.t, map);
   const std::size_t first = last.size() - std::min(last.size(), kSettledBy);
-  for (std::size_t i = first; i < last.size(); ++i) builder.Add(last[i]);
-  const Submap submap = builder.Current();
-  const SE3 T_piece_submap = found.T_piece_own * submap.T_world_submap;
-  const SubmapQuery query = MakeQuery(submap, LeafPlanes(submap),
-                                      T_piece_submap.q.conjugate() * Eigen::Vector3d::UnitZ());
-  const std::size_t place = Nearest(found.piece, T_piece_submap.t);
-  const SubmapMatch match =
-      registration_.Register(query, SubmapTarget(At(place, map), map.options()),
-                             T_piece_place_[place].Inverse() * T_piece_submap);
-  const SE3 settled = T_piece_place_[place] * match.T_other_query;
-  if (!match.converged || match.planes < kSettledPlanesShare * options_.verification.min_planes ||
-      !Same(settled, T_piece_submap, kNearM, kNearDeg))
-    return std::nullopt;
-  return settled * submap.T_world_submap.Inverse();
+  const std::vector<FinalKeyframe> some(last.begin() + static_cast<std::ptrdiff_t>(first),
+                                        last.end());
+  const std::optional<SE3> settled = Lie(some, found.T_piece_own, nearby, true);
+  return settled ? Lie({last.back()}, *settled, nearby, true) : std::nullopt;
+}
+
+std::optional<SE3> PlaceIndex::Follow(const FoundPlace& found,
+                                      const std::vector<FinalKeyframe>& since,
+                                      const PlaceSource& map) const {
+  std::optional<SE3> T_piece_own = found.T_piece_own;
+  std::optional<Nearby> nearby;
+  for (std::size_t i = 0; i < since.size() && T_piece_own; ++i) {
+    const Eigen::Vector3d at = *T_piece_own * since[i].T_world_lidar.t;
+    if (!nearby || nearby->place != Nearest(found.piece, at))
+      nearby.emplace(NearbyOf(found.piece, at, map));
+    T_piece_own = Lie({since[i]}, *T_piece_own, *nearby, false);
+  }
+  return T_piece_own;
 }
 
 }  // namespace lamina

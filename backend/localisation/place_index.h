@@ -25,7 +25,6 @@
 #include "backend/loops/loop_options.h"
 #include "backend/submaps/place_image.h"
 #include "backend/submaps/submap_registration.h"
-#include "core/map/voxel_map.h"
 #include "frontend/scan_matcher.h"
 
 namespace lamina {
@@ -46,7 +45,11 @@ class PlaceIndex {
  public:
   // Describes the places, each out of the map as it is now. Throws OptionError.
   PlaceIndex(const LoopOptions& options, const ScanMatcherOptions& matcher,
-             std::vector<MapPlace> places, const VoxelMap& map);
+             std::vector<MapPlace> places, const PlaceSource& map);
+  // The same of pieces as their own loops have left them: their submaps' images, which are there
+  // already, are what hypotheses are found by, and must outlive it.
+  PlaceIndex(const LoopOptions& options, const ScanMatcherOptions& matcher,
+             const PlaceSource::Pieces& pieces, const VoxelMapOptions& map);
 
   // So near to one another that each place of a way is seen well from one of them.
   static double SpacingM(const LoopOptions& options);
@@ -56,12 +59,17 @@ class PlaceIndex {
   // in the frame of the submap's anchor that see what is around now. Never empty. `map`: as it was
   // described, whatever other pieces it has got since. Deterministic at any number of threads.
   std::vector<Sighting> Find(const Submap& submap, const std::vector<FinalKeyframe>& last,
-                             const VoxelMap& map) const;
+                             const PlaceSource& map) const;
 
-  // A place that was found, by the newest of the `last` keyframes: what the sensor's own piece is
-  // bent by does not matter to those. Nothing if they do not lie there.
+  // A place that was found, by the newest of the `last` keyframes and then the newest alone: what
+  // the sensor's own piece is bent by does not matter to it. Nothing if they do not lie there.
   std::optional<SE3> Settle(const FoundPlace& found, const std::vector<FinalKeyframe>& last,
-                            const VoxelMap& map) const;
+                            const PlaceSource& map) const;
+
+  // A place where the sensor was, taken on over the keyframes since, each of which is registered by
+  // itself: T_piece_own for the newest. Nothing if one of them does not lie there.
+  std::optional<SE3> Follow(const FoundPlace& found, const std::vector<FinalKeyframe>& since,
+                            const PlaceSource& map) const;
 
   const std::vector<MapPlace>& places() const { return places_; }
 
@@ -79,21 +87,41 @@ class PlaceIndex {
   // The same pose on other levels of the place that the best one was registered against, where
   // much of the query is met.
   std::vector<Hypothesis> OnOtherLevels(const SubmapQuery& query, const Sighting& best,
-                                        const VoxelMap& map) const;
+                                        const PlaceSource& map) const;
   // What the map has and the sensor does not see, the reason of each, and their order.
   void Judge(const SubmapQuery& query, const SightLines& sight, const SE3& T_own_query,
-             const VoxelMap& map, std::vector<Sighting>* sightings) const;
+             const PlaceSource& map, std::vector<Sighting>* sightings) const;
   std::vector<Sighting> Register(const SubmapQuery& query,
                                  const std::vector<Hypothesis>& hypotheses, bool coarse,
-                                 const VoxelMap& map) const;
+                                 const PlaceSource& map) const;
   std::vector<Hypothesis> Hypotheses(const PlaceImage& image) const;
-  Submap At(std::size_t place, const VoxelMap& map) const;
+  // The place nearest to a point, for single scans to be compared with; and T_piece_own by which
+  // these keyframes lie in it, near the one given. Nothing if they do not.
+  struct Nearby {
+    std::size_t place = 0;
+    SubmapTarget target;
+    OccupiedLeaves leaves;
+  };
+  Nearby NearbyOf(std::int64_t piece, const Eigen::Vector3d& at, const PlaceSource& map) const;
+  std::optional<SE3> Lie(const std::vector<FinalKeyframe>& keyframes, const SE3& T_piece_own,
+                         const Nearby& nearby, bool coarse) const;
+  Submap At(std::size_t place, const PlaceSource& map) const;
+
+  // What looks alike is found by.
+  struct View {
+    const PlaceImage* image = nullptr;
+    std::int64_t piece = 0;
+    SE3 T_piece_view;                  // the frame of the image's submap
+    std::optional<std::size_t> place;  // whose image it is
+  };
+  Hypothesis HypothesisOf(const View& view, const SE3& T_view_submap, double score) const;
 
   LoopOptions options_;
   SubmapRegistration registration_;
   std::vector<MapPlace> places_;
   std::vector<SE3> T_piece_place_;
-  std::vector<PlaceImage> images_;
+  std::vector<PlaceImage> images_;  // of places
+  std::vector<View> views_;
 };
 
 }  // namespace lamina

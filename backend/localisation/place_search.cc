@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <utility>
 
 #include "core/base/angle.h"
@@ -14,8 +15,8 @@ constexpr int kKeyframesFirst = 10, kKeyframesThen = 40;
 constexpr std::int64_t kFirstLooks = 15;
 // What the sensor must have moved on between two looks that agree, as a share of a submap's way.
 constexpr double kMovedShare = 0.1;
-// How far two looks may be apart: a narrow view bends the sensor's own piece between them.
-constexpr double kAgreeM = 0.75, kAgreeDeg = 5.0;
+// How far two looks may be apart, the earlier one followed in the map.
+constexpr double kAgreeM = 0.4, kAgreeDeg = 3.0;
 // A submap that is longer than this share of the largest is looked for by itself.
 constexpr double kLongEnough = 0.5;
 // Way that a query may have, times that of a submap: what a place shows is wider.
@@ -52,7 +53,7 @@ Submap PlaceSearch::Gathered(const std::vector<FinalKeyframe>& window) const {
 }
 
 std::optional<FoundPlace> PlaceSearch::Look(const std::vector<FinalKeyframe>& window,
-                                            const PlaceIndex& places, const VoxelMap& map) {
+                                            const PlaceIndex& places, const PlaceSource& map) {
   keyframes_since_look_ = 0;
   ++looks_;
   const Submap submap = Gathered(window);
@@ -76,23 +77,33 @@ std::optional<FoundPlace> PlaceSearch::Look(const std::vector<FinalKeyframe>& wi
     return std::nullopt;
   }
   found.T_piece_own = *settled;
-  const bool agrees = seen_ && found.piece == last_.piece &&
-                      (found.T_piece_own * sensor - last_.T_piece_own * sensor).norm() <= kAgreeM &&
-                      RotationAngle(found.T_piece_own, last_.T_piece_own) <= Radians(kAgreeDeg);
+  const bool agrees = Agrees(found, sensor, window, places, map);
   const bool moved = (sensor - sensor_).norm() >= kMovedShare * options_.length_m;
   if (agrees && moved) return found;
   // A look from where the last one was says nothing new.
-  if (agrees) return std::nullopt;
+  if (!agrees) sensor_ = sensor;
   seen_ = true;
   last_ = found;
-  sensor_ = sensor;
+  last_keyframe_ = window.empty() ? -1 : window.back().id;
   return std::nullopt;
+}
+
+bool PlaceSearch::Agrees(const FoundPlace& found, const Eigen::Vector3d& sensor,
+                         const std::vector<FinalKeyframe>& window, const PlaceIndex& places,
+                         const PlaceSource& map) const {
+  if (!seen_ || found.piece != last_.piece) return false;
+  std::vector<FinalKeyframe> since;
+  std::copy_if(window.begin(), window.end(), std::back_inserter(since),
+               [&](const FinalKeyframe& keyframe) { return keyframe.id > last_keyframe_; });
+  const std::optional<SE3> followed = places.Follow(last_, since, map);
+  return followed && (found.T_piece_own * sensor - *followed * sensor).norm() <= kAgreeM &&
+         RotationAngle(found.T_piece_own, *followed) <= Radians(kAgreeDeg);
 }
 
 void PlaceSearch::Archive(StateArchive& a) {
   bool complete = complete_.has_value();
   a(&builder_, &complete, &keyframes_since_look_, &looks_, &reason_, &seen_, &last_.piece,
-    &last_.T_piece_own, &sensor_);
+    &last_.T_piece_own, &last_keyframe_, &sensor_);
   if (a.reading()) complete_ = complete ? std::make_optional<Submap>() : std::nullopt;
   if (complete) a(&*complete_);
 }

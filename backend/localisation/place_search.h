@@ -29,7 +29,7 @@ class PlaceSearch {
   bool Due();
   // Looks, with the keyframes that are in the window.
   std::optional<FoundPlace> Look(const std::vector<FinalKeyframe>& window, const PlaceIndex& places,
-                                 const VoxelMap& map);
+                                 const PlaceSource& map);
   // What came of the last look, for a log line; empty before the first, and when it was believed.
   const std::string& reason() const { return reason_; }
   // What was compared for that look; not part of the state that is archived.
@@ -38,6 +38,10 @@ class PlaceSearch {
   void Archive(StateArchive& a);
 
  private:
+  // Whether the last look that was believed, followed in the map to here, says the same.
+  bool Agrees(const FoundPlace& found, const Eigen::Vector3d& sensor,
+              const std::vector<FinalKeyframe>& window, const PlaceIndex& places,
+              const PlaceSource& map) const;
   // What the last keyframes have gathered.
   Submap Gathered(const std::vector<FinalKeyframe>& window) const;
 
@@ -51,6 +55,7 @@ class PlaceSearch {
   // Of the last look that was believed.
   bool seen_ = false;
   FoundPlace last_;
+  std::int64_t last_keyframe_ = -1;
   Eigen::Vector3d sensor_ = Eigen::Vector3d::Zero();  // in the own piece
 };
 

@@ -45,23 +45,6 @@ const char* ToString(Loop::Status status) {
   return "refused";
 }
 
-void LoopOptions::Visit(OptionVisitor& v) {
-  v.Flag("enabled", &enabled);
-  v.Number("min_way_m", &min_way_m, 0.0, 1e6);
-  v.Number("max_drift_percent", &max_drift_percent, 0.0, 100.0);
-  v.Number("max_drift_deg_per_100m", &max_drift_deg_per_100m, 0.0, 180.0);
-  v.Number("drift_sigma_percent", &drift_sigma_percent, 1e-3, 100.0);
-  v.Number("drift_sigma_deg_per_100m", &drift_sigma_deg_per_100m, 1e-3, 180.0);
-  v.Integer("registrations", &registrations, 1, 100);
-  v.Integer("hand_over_lag_keyframes", &hand_over_lag_keyframes, 0, 1000);
-  v.Number("reach_m", &reach_m, 1.0, 10000.0);
-  v.Group("submap", &submap);
-  v.Group("place", &place);
-  v.Group("verification", &verification);
-  v.Group("graph", &graph);
-  v.Group("bundle", &bundle);
-}
-
 // The voxel maps of the submaps that were registered against last.
 class LoopClosure::Targets {
  public:
@@ -121,13 +104,20 @@ double LoopClosure::DriftRad(double way_m) const {
   return Radians(kSlackDeg + 0.01 * options_.max_drift_deg_per_100m * way_m);
 }
 
+double LoopClosure::WayM(std::size_t submap) const {
+  const Submap& from = submaps_[submap];
+  if (submap + 1 == submaps_.size()) return from.way_m;
+  const Eigen::Vector3d last = from.T_world_submap * from.keyframes.back().T_submap_lidar.t;
+  return std::max(from.way_m, (submaps_[submap + 1].T_world_submap.t - last).norm());
+}
+
 AnchorEdge LoopClosure::OdometryEdge(std::size_t to) const {
   const Submap &a = submaps_[to - 1], &b = submaps_[to];
+  const double way_m = WayM(to - 1);
   AnchorEdge edge{to - 1, to, a.T_world_submap.Inverse() * b.T_world_submap, {}};
   const double rotation =
-      Radians(std::hypot(kInnerSigmaDeg, 0.01 * options_.drift_sigma_deg_per_100m * a.way_m));
-  const double translation =
-      std::hypot(kInnerSigmaM, 0.01 * options_.drift_sigma_percent * a.way_m);
+      Radians(std::hypot(kInnerSigmaDeg, 0.01 * options_.drift_sigma_deg_per_100m * way_m));
+  const double translation = std::hypot(kInnerSigmaM, 0.01 * options_.drift_sigma_percent * way_m);
   edge.information = Isotropic(rotation, translation).inverse();
   return edge;
 }
@@ -163,13 +153,13 @@ void LoopClosure::Add(Submap submap) {
   if (follows) {
     const SE3 T_this_last = submap.T_world_submap.Inverse() * submaps_.back().T_world_submap;
     if (corrected_) anchor = anchors_.back() * T_this_last.Inverse();
-    place.way_m = places_.back().way_m + submaps_.back().way_m;
   }
   std::vector<LeafPlane> planes = LeafPlanes(submap);
   place.image = ImageOfSubmap(submap, planes, follows ? &submaps_.back() : nullptr,
                               follows ? &places_.back().image : nullptr, options_.place);
   const SubmapQuery query = QueryOfSubmap(submap, std::move(planes), place.image);
   submaps_.push_back(std::move(submap));
+  if (follows) place.way_m = places_.back().way_m + WayM(submaps_.size() - 2);
   places_.push_back(std::move(place));
   anchors_.push_back(anchor);
   FindLoops(query);
@@ -195,8 +185,8 @@ std::vector<double> LoopClosure::Ways() const {
     const auto [negative, id] = open.top();
     open.pop();
     if (-negative > ways[id]) continue;
-    if (id > 0) reach(ways[id] + submaps_[id - 1].way_m, id - 1);
-    if (id + 1 < submaps_.size()) reach(ways[id] + submaps_[id].way_m, id + 1);
+    if (id > 0) reach(ways[id] + WayM(id - 1), id - 1);
+    if (id + 1 < submaps_.size()) reach(ways[id] + WayM(id), id + 1);
     for (const std::size_t other : joined[id]) reach(ways[id], other);
   }
   return ways;
@@ -214,8 +204,7 @@ std::vector<LoopClosure::Hypothesis> LoopClosure::Hypotheses(
   std::vector<const PlaceImage*> images;
   std::vector<std::pair<double, std::size_t>> near;
   for (std::size_t id = 0; id < query; ++id) {
-    if (places_[query].way_m - places_[id].way_m - submaps_[id].way_m < options_.min_way_m)
-      continue;
+    if (places_[query].way_m - places_[id].way_m - WayM(id) < options_.min_way_m) continue;
     const double distance = (middle(id) - here).norm(), drift = DriftM(ways[id]);
     if (distance > drift + reach_m) continue;
     others.push_back(id);

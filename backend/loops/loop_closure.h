@@ -60,6 +60,8 @@ class LoopClosure {
   // Whether a loop has moved any.
   bool corrected() const { return corrected_; }
   const std::vector<Loop>& loops() const { return loops_; }
+  // Of a submap, from above.
+  const PlaceImage& image(std::size_t submap) const { return places_[submap].image; }
   // Odometry's edges and the accepted loops, at the present anchors.
   AnchorGraph graph() const;
   // Sums of squared residuals of that graph before any correction and now.
@@ -94,6 +96,8 @@ class LoopClosure {
   bool AcceptAgreeing();
   void Correct();
   AnchorEdge OdometryEdge(std::size_t to) const;
+  // Of the sensor from a submap to the next one, which it may have been carried to.
+  double WayM(std::size_t submap) const;
 
   LoopOptions options_;
   SubmapRegistration registration_;

@@ -124,6 +124,15 @@ void LoopTrack::Finish() {
   TakeIn();
 }
 
+std::optional<std::vector<VoxelMap::FixedPart>> LoopTrack::Resume(const Eigen::Vector3d& sensor) {
+  sensor_ = sensor_at_begin_ = sensor;
+  if (!closure_.corrected()) return std::nullopt;
+  Settle();
+  const bool exchange = outcome_.exchange;
+  std::vector<VoxelMap::FixedPart> parts = TakeIn();
+  return exchange ? std::make_optional(std::move(parts)) : std::nullopt;
+}
+
 SE3 LoopTrack::Corrected(StampNs stamp_ns, const SE3& T_world_lidar) const {
   return correction_ ? correction_->Corrected(stamp_ns, T_world_lidar) : T_world_lidar;
 }

@@ -46,6 +46,10 @@ class LoopTrack {
   // No more keyframes are to come; all corrections are in effect then, but for the map's.
   void Finish();
 
+  // After Finish(): keyframes are to come again, of a sensor that was found at this place of
+  // `world`. What the fixed part of the map is to be exchanged for, if it is.
+  std::optional<std::vector<VoxelMap::FixedPart>> Resume(const Eigen::Vector3d& sensor);
+
   // By the corrections that are in effect. Identity until there is one.
   const SE3& T_map_world() const { return T_map_world_; }
   // Pose T_map_lidar of a scan whose pose in `world` is final. The same pose until there is a

@@ -32,6 +32,12 @@ void PieceLoops::Finish() {
   for (auto& [piece, track] : tracks_) track->Finish();
 }
 
+std::int64_t PieceLoops::NextKeyframe(std::int64_t piece) const {
+  const LoopTrack* const track = Find(piece);
+  if (track == nullptr || track->closure().submaps().empty()) return 0;
+  return track->closure().submaps().back().keyframes.back().id + 1;
+}
+
 bool PieceLoops::AnyAccepted() const {
   const auto closures = pieces();
   return std::any_of(closures.begin(), closures.end(), [](const auto& piece) {

@@ -5,11 +5,11 @@
 #include <string>
 #include <utility>
 
+#include "backend/mapping/sweep_stamp.h"
 #include "core/base/angle.h"
 #include "core/base/error.h"
 
 namespace lamina {
-
 void BackendOptions::Visit(OptionVisitor& v) {
   v.Flag("enabled", &enabled);
   v.Integer("solve_every_keyframes", &solve_every_keyframes, 1, 1000);
@@ -55,7 +55,7 @@ Mapper::Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
 }
 
 RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
-  const StampNs stamp_ns = scan.stamp_ns;
+  const StampNs stamp_ns = scan.stamp_ns + scan.middle_ns;
   std::vector<TimedCluster>* const clusters = scan.clusters;
   RegisteredScan result;
   map_->SelectPiece(piece_);
@@ -65,17 +65,20 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   OdometryFrame& frame = result.odometry;
   const bool started_over = start_.open() && FollowStart(scan, &frame);
   if (frame.status == OdometryFrame::Status::kLost) {
-    if (!odometry_.lost()) lost_track_.Add(stamp_ns, *clusters, frame.twist);
+    if (!odometry_.lost()) lost_track_.Add(stamp_ns, *clusters, frame.sweep.twist);
     odometry_.Lose();
     ++lost_in_a_row_;
     result.to_restart = may_restart_ && MayRestart() && may_restart;
-    if (result.to_restart) return result;
+    if (result.to_restart) {
+      MoveToStamp(scan.middle_ns, &frame);
+      return result;
+    }
   } else {
     matched_ = matched_ || frame.status == OdometryFrame::Status::kTracked;
     lost_in_a_row_ = 0;
     odometry_.Accept(frame);
     if (lost_track_.scans() > 1) odometry_.Assume(lost_track_.Twist());
-    if (started_over) odometry_.Assume(frame.twist);
+    if (started_over) odometry_.Assume(frame.sweep.twist);
     lost_track_.Clear();
     ++frames_since_keyframe_;
     result.keyframe = !localising_ && IsKeyframe(frame.T_world_lidar);
@@ -83,12 +86,8 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   }
   // The last keyframe's clusters may have moved though nothing new entered the map.
   map_->Refresh();
-  if (localising_) {
-    open_.push_back({scan.number, stamp_ns, OpenFrame::kNoKeyframe, frame.T_world_lidar});
-  } else {
-    open_.push_back(
-        {scan.number, stamp_ns, NextId() - 1, keyframes_.back().Inverse() * frame.T_world_lidar});
-  }
+  Open(scan, frame);
+  MoveToStamp(scan.middle_ns, &frame);
   return result;
 }
 
@@ -115,18 +114,22 @@ void Mapper::StartOver(OdometryFrame* frame) {
   lost_track_.Clear();
   keyframes_.clear();
   keyframes_since_solve_ = frames_since_keyframe_ = 0;
+  const StartTrack::Scan& first = start_.scans().front();
+  start_.Move(T_world_start_ * AtStamp(first.twist, open_.front().middle_ns).Inverse() *
+              first.T_world_lidar.Inverse());
   OdometryFrame taken;
   for (std::size_t k = 0; k < start_.scans().size(); ++k) {
     const StartTrack::Scan& scan = start_.scans()[k];
     taken.status = k == 0 ? OdometryFrame::Status::kFirst : OdometryFrame::Status::kTracked;
     taken.stamp_ns = scan.stamp_ns;
     taken.T_world_lidar = taken.T_world_predicted = scan.T_world_lidar;
-    taken.twist = scan.twist;
+    taken.sweep = scan.twist;
     if (k + 1 == start_.scans().size()) break;
     odometry_.Accept(scan.stamp_ns, scan.T_world_lidar);
     if (IsKeyframe(scan.T_world_lidar)) AddKeyframe(taken, scan.clusters);
     open_[k].keyframe_id = NextId() - 1;
     open_[k].T_keyframe_lidar = keyframes_.back().Inverse() * scan.T_world_lidar;
+    open_[k].T_middle_stamp = AtStamp(scan.twist, open_[k].middle_ns);
   }
   taken.match = start_.match();
   taken.searched = true;
@@ -149,7 +152,9 @@ bool Mapper::MayRestart() const {
   // After spray or a gap a few scans are needed to be found again; then the map does not have them.
   constexpr int kAgreeing = 5;
   const int after = options_.backend.restart_after_lost_frames;
-  return lost_in_a_row_ > after && lost_track_.scans() >= std::min(kAgreeing, after);
+  if (lost_track_.scans() < std::min(kAgreeing, after)) return false;
+  if (options_.pieces_are_found && !odometry_.InReach(lost_track_.first_stamp_ns())) return true;
+  return lost_in_a_row_ > after;
 }
 
 void Mapper::RecallAround(const SE3& T_world_lidar, const std::vector<TimedCluster>& clusters) {
@@ -176,12 +181,27 @@ OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>
   // known, so both are brought to agree before anything is built on them.
   constexpr int kRounds = 4;
   for (int i = 0; i < kRounds && refine(); ++i) {
+    MoveToStart(&frame);
     map_->Refresh();
     // The first scan is deskewed now: this one must be from the beginning, or lies off by the way
     // of half a sweep where the stamp is at its start.
     odometry_.Rematch(clusters, *map_, &frame);
   }
   return frame;
+}
+
+void Mapper::MoveToStart(OdometryFrame* frame) {
+  // A sensor that goes on in a map that was there before is where it was found.
+  if (!window_.frames().front().alone || open_.front().middle_ns == 0) return;
+  const SweepMotion sweep = window_.frames().front().sweep;
+  const SE3 T_world_middle = T_world_start_ * AtStamp(sweep, open_.front().middle_ns).Inverse();
+  const SE3 correction = T_world_middle * window_.frames().front().T_world_lidar.Inverse();
+  window_.Move(0, T_world_middle, sweep);
+  keyframes_.front() = T_world_middle;
+  odometry_.Correct(correction);
+  start_.Move(correction);
+  for (SE3* T : {&frame->T_world_lidar, &frame->T_world_predicted, &frame->match.T_world_lidar})
+    *T = correction * *T;
 }
 
 bool Mapper::IsKeyframe(const SE3& T) const {
@@ -201,9 +221,8 @@ bool Mapper::RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar) {
   const WindowFrame& frame = window_.frames()[last];
   const double dt = SecondsBetween(frame.stamp_ns, stamp_ns);
   if (dt <= 0.0 || dt > SlidingWindow::kMaxTwistGapS) return false;
-  const Vector6d after = TwistLog(frame.T_world_lidar.Inverse() * T_world_lidar) / dt;
-  const Vector6d twist = last == 0 ? after : Vector6d(0.5 * (window_.CentralTwist(last) + after));
-  window_.Move(last, frame.T_world_lidar, twist);
+  const StampedPose next{stamp_ns, T_world_lidar};
+  window_.Move(last, frame.T_world_lidar, window_.MotionAt(last, &next));
   return true;
 }
 
@@ -213,7 +232,7 @@ void Mapper::AddKeyframe(const OdometryFrame& odometry, std::vector<TimedCluster
   frame.id = NextId();
   frame.stamp_ns = odometry.stamp_ns;
   frame.T_world_lidar = odometry.T_world_lidar;
-  frame.twist = odometry.twist;
+  frame.sweep = odometry.sweep;
   frame.alone = odometry.status != OdometryFrame::Status::kTracked;
   frame.held = odometry.match.degenerate_directions;
   frame.held_information = odometry.match.degenerate_information;
@@ -268,7 +287,7 @@ bool Mapper::ApplySolve(const BundleResult& result) {
     window_.SetPose(i, Keyframe(first + static_cast<std::int64_t>(i)));
   }
   for (std::size_t i = 0; i < window_.frames().size(); ++i) {
-    window_.Move(i, window_.frames()[i].T_world_lidar, window_.CentralTwist(i));
+    window_.Move(i, window_.frames()[i].T_world_lidar, window_.MotionAt(i));
   }
   map_->Refresh();
   return true;
@@ -282,6 +301,17 @@ void Mapper::StartLocalising(const SE3& T_world_lidar) {
 
 void Mapper::StartLocalising(const Trajectory& last) {
   localising_ = true;
+  AcceptLast(last);
+}
+
+void Mapper::Resume(const Trajectory& last, std::int64_t keyframe) {
+  first_id_ = keyframe;
+  matched_ = true;
+  start_.Clear();
+  AcceptLast(last);
+}
+
+void Mapper::AcceptLast(const Trajectory& last) {
   odometry_.StartOver();
   for (const StampedPose& pose : last) odometry_.Accept(pose.stamp_ns, pose.T_world_lidar);
 }
@@ -297,8 +327,13 @@ void Mapper::Close() {
 }
 
 void Mapper::PopOldest() {
-  if (on_final_keyframe_) on_final_keyframe_(piece_, window_.AsFinal(0));
-  window_.PopOldest();
+  if (!on_final_keyframe_) {
+    window_.PopOldest();
+    return;
+  }
+  FinalKeyframe left;
+  window_.PopOldest(&left);
+  on_final_keyframe_(piece_, left);
 }
 
 void Mapper::TellWindow() const {
@@ -322,9 +357,36 @@ void Mapper::DropWindow() {
   map_->DropPiece(piece_, roots);
 }
 
+void Mapper::Open(const MapperScan& scan, const OdometryFrame& frame) {
+  OpenFrame open{scan.number,         scan.stamp_ns,
+                 scan.middle_ns,      OpenFrame::kNoKeyframe,
+                 frame.T_world_lidar, AtStamp(frame.sweep, scan.middle_ns)};
+  if (!localising_ && !keyframes_.empty()) {
+    open.keyframe_id = NextId() - 1;
+    open.T_keyframe_lidar = keyframes_.back().Inverse() * frame.T_world_lidar;
+  }
+  open_.push_back(open);
+  if (open_.size() < 2 || frame.status != OdometryFrame::Status::kTracked) return;
+  Trajectory poses;
+  const std::size_t begin = open_.size() - std::min<std::size_t>(3, open_.size());
+  for (std::size_t k = begin; k < open_.size(); ++k) poses.push_back(MiddleOf(open_[k]));
+  for (std::size_t k = begin; k + 1 < open_.size(); ++k) {
+    // The first of three has no pose before it only at the start.
+    if (k + 2 < open_.size() && k > 0) continue;
+    SweepMotion motion;
+    if (MotionThrough(poses, k - begin, SlidingWindow::kMaxTwistGapS, &motion))
+      open_[k].T_middle_stamp = AtStamp(motion, open_[k].middle_ns);
+  }
+}
+
+StampedPose Mapper::MiddleOf(const OpenFrame& frame) const {
+  const StampNs stamp_ns = frame.stamp_ns + frame.middle_ns;
+  if (frame.keyframe_id == OpenFrame::kNoKeyframe) return {stamp_ns, frame.T_keyframe_lidar};
+  return {stamp_ns, Keyframe(frame.keyframe_id) * frame.T_keyframe_lidar};
+}
+
 StampedPose Mapper::PoseOf(const OpenFrame& frame) const {
-  if (frame.keyframe_id == OpenFrame::kNoKeyframe) return {frame.stamp_ns, frame.T_keyframe_lidar};
-  return {frame.stamp_ns, Keyframe(frame.keyframe_id) * frame.T_keyframe_lidar};
+  return {frame.stamp_ns, MiddleOf(frame).T_world_lidar * frame.T_middle_stamp};
 }
 
 Trajectory Mapper::TakeFinal(std::int64_t before_scan) {
@@ -360,7 +422,8 @@ void Mapper::Archive(StateArchive& a) {
     &localising_, &may_restart_);
   open_.resize(a.Size(open_.size(), 1));
   for (OpenFrame& frame : open_) {
-    a(&frame.scan, &frame.stamp_ns, &frame.keyframe_id, &frame.T_keyframe_lidar);
+    a(&frame.scan, &frame.stamp_ns, &frame.middle_ns, &frame.keyframe_id, &frame.T_keyframe_lidar,
+      &frame.T_middle_stamp);
   }
 }
 

@@ -66,6 +66,9 @@ struct MapperOptions {
   VoxelMapOptions map;
   OdometryOptions odometry;
   BackendOptions backend;
+  // Pieces are looked for in one another: lost where no search for the expected pose reaches, scans
+  // begin a piece as soon as they agree.
+  bool pieces_are_found = false;
 };
 
 // A scan as a mapper takes it.
@@ -74,6 +77,10 @@ struct MapperScan {
   StampNs stamp_ns = 0;
   bool stamp_made_up = false;                     // Scan::stamp_made_up
   std::vector<TimedCluster>* clusters = nullptr;  // taken if the scan becomes a keyframe
+  // The instant after the stamp from which the clusters' times count. Poses in the window are those
+  // at that instant, the middle of a sweep: motion within the scan that is not steady shifts a
+  // point by acceleration * time^2 / 2, which is four times as much from one end.
+  StampNs middle_ns = 0;
 };
 
 struct RegisteredScan {
@@ -88,12 +95,13 @@ struct RegisteredScan {
 // A frame whose pose bundle adjustment may still move.
 struct OpenFrame {
   std::int64_t scan = 0;
-  StampNs stamp_ns = 0;
+  StampNs stamp_ns = 0, middle_ns = 0;  // MapperScan
   // The keyframe that it hangs on (itself, if it is one). kNoKeyframe: none, T_keyframe_lidar is
   // T_world_lidar.
   static constexpr std::int64_t kNoKeyframe = -1;
   std::int64_t keyframe_id = kNoKeyframe;
-  SE3 T_keyframe_lidar;
+  SE3 T_keyframe_lidar;  // in the middle of the sweep
+  SE3 T_middle_stamp;    // what the sensor moved between
 };
 
 class Mapper {
@@ -128,6 +136,10 @@ class Mapper {
   // long, a scan is to begin a piece of its own.
   void StartLocalising(const Trajectory& last);
 
+  // The sensor was found in the piece, in which it had these last scans: mapping goes on there.
+  // Before any scan. `keyframe`: number of the next one, behind all that the piece has had.
+  void Resume(const Trajectory& last, std::int64_t keyframe);
+
   // No more scans come: the frames of the window join the fixed part of the map as they stand, and
   // all poses are final. Nothing is kept of a piece in which no scan was ever matched: another may
   // have its place in the map. Then this mapper is of no use any more.
@@ -151,6 +163,7 @@ class Mapper {
 
  private:
   OdometryFrame Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters);
+  void AcceptLast(const Trajectory& last);
   void DropWindow();
   void PopOldest();
   bool IsKeyframe(const SE3& T_world_lidar) const;
@@ -164,12 +177,20 @@ class Mapper {
   void StartOver(OdometryFrame* frame);
   // Whether a lost scan is to begin a map anew.
   bool MayRestart() const;
+  // The first scan is at T_world_start_ at its stamp, which is known to lie elsewhere than the
+  // middle of its sweep once the motion is: moves it there, and with it *frame, the scan after it.
+  void MoveToStart(OdometryFrame* frame);
   // Deskews the last keyframe again, now that the motion after it is known too. False if it makes
   // no difference.
   bool RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar);
   // Brings back what the map had where this scan is expected.
   void RecallAround(const SE3& T_world_lidar, const std::vector<TimedCluster>& clusters);
+  // In the middle of its sweep, and at its stamp.
+  StampedPose MiddleOf(const OpenFrame& frame) const;
   StampedPose PoseOf(const OpenFrame& frame) const;
+  // A frame that was registered becomes an open one; what moved the sensor within the one before is
+  // better known now.
+  void Open(const MapperScan& scan, const OdometryFrame& frame);
   SE3& Keyframe(std::int64_t id) { return keyframes_[static_cast<std::size_t>(id - first_id_)]; }
   const SE3& Keyframe(std::int64_t id) const {
     return keyframes_[static_cast<std::size_t>(id - first_id_)];

@@ -5,6 +5,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "backend/localisation/lost_searches.h"
 #include "backend/localisation/piece_searches.h"
 #include "core/base/stopwatch.h"
 
@@ -21,6 +22,11 @@ void Skip(SkipReason reason, const std::string& why, MappedScan* report) {
   report->detail = "scan " + std::to_string(report->index) + ": " + why;
 }
 
+MappingOptions Together(MappingOptions options) {
+  options.mapper.pieces_are_found = options.loops.enabled;
+  return options;
+}
+
 }  // namespace
 
 void PipelineOptions::Visit(OptionVisitor& v) {
@@ -30,7 +36,9 @@ void PipelineOptions::Visit(OptionVisitor& v) {
 }
 
 Mapping::Mapping(const MappingOptions& options, MappingCallbacks callbacks, VoxelStore* store)
-    : options_(options), callbacks_(std::move(callbacks)), map_(options.mapper.map, store) {
+    : options_(Together(options)),
+      callbacks_(std::move(callbacks)),
+      map_(options.mapper.map, store) {
   CheckOptions(options.preparation, "preparation");
   CheckOptions(options.mapper.odometry, "frontend");
   CheckOptions(options.mapper.backend, "backend");
@@ -39,6 +47,8 @@ Mapping::Mapping(const MappingOptions& options, MappingCallbacks callbacks, Voxe
   if (options_.loops.enabled) {
     loops_ = std::make_unique<PieceLoops>(options_.loops, options_.mapper.map,
                                           options_.mapper.odometry.matcher);
+    lost_searches_ = std::make_unique<LostSearches>(
+        options_.loops, options_.mapper.odometry.matcher, options_.mapper.map);
   }
 }
 
@@ -181,32 +191,6 @@ void Mapping::CorrectMap(std::int64_t piece) {
   map_.ReplaceFixed(*parts);
 }
 
-PlaceSearch* Mapping::SearchOf(std::int64_t piece) {
-  return searches_ == nullptr ? nullptr : searches_->Find(piece);
-}
-
-void Mapping::FindPlace(Recording* recording, const MappedScan& report) {
-  // Scans that say how the sensor moves.
-  constexpr std::size_t kLast = 5;
-  PlaceSearch* const search = SearchOf(report.piece);
-  if (search == nullptr || !report.keyframe || !search->Due()) return;
-  const Mapper& own = recording->mapper->mapper();
-  const std::optional<FoundPlace> found = searches_->Look(search, own.WindowKeyframes(), map_);
-  if (callbacks_.on_look) {
-    callbacks_.on_look({report.index, report.piece, search->reason(), found, search->candidates()});
-  }
-  if (!found) return;
-  Trajectory last = own.OpenFrames();
-  if (last.size() > kLast) last.erase(last.begin(), last.end() - kLast);
-  for (StampedPose& pose : last) pose.T_world_lidar = found->T_piece_own * pose.T_world_lidar;
-  End(recording->mapper.get(), report.index);
-  map_.ErasePiece(report.piece);
-  ++counts_.found;
-  recording->mapper =
-      std::make_unique<PieceMapper>(options_.mapper, &map_, found->piece, next_stream_++, SE3());
-  recording->mapper->mapper().StartLocalising(last);
-}
-
 void Mapping::EndLongestSilent(std::size_t scan) {
   const auto silent = std::min_element(
       recordings_.begin(), recordings_.end(),
@@ -224,6 +208,7 @@ void Mapping::End(PieceMapper* mapper, std::size_t scan) {
   mapper->mapper().Close();
   const std::int64_t piece = mapper->mapper().piece();
   if (searches_ != nullptr) searches_->End(piece);
+  if (lost_searches_ != nullptr) lost_searches_->End(piece);
   if (loops_ != nullptr && loops_->Find(piece) != nullptr) loops_->Track(piece)->Finish();
 }
 
@@ -248,7 +233,7 @@ void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedClu
 RegisteredScan Mapping::Register(Recording* recording, MappedScan* report,
                                  std::vector<TimedCluster>* clusters) {
   const MapperScan scan{static_cast<std::int64_t>(report->index), report->stamp_ns,
-                        report->stamp_made_up, clusters};
+                        report->stamp_made_up, clusters, CentreTimes(clusters)};
   PieceMapper* const mapper = recording->mapper.get();
   const std::vector<SolveReport> solves = mapper->TakeSolves();
   for (const SolveReport& solve : solves) report->solve_ms = solve.result.solve_ms;
@@ -259,9 +244,12 @@ RegisteredScan Mapping::Register(Recording* recording, MappedScan* report,
   if (frame.to_restart) {
     // Where the sensor would be had it not been lost: what is drawn stays readable.
     const SE3 start = frame.odometry.T_world_predicted;
+    recording->before.push_back(mapper->mapper().piece());
     End(mapper, report->index);
     ++counts_.restarts;
     recording->mapper = BeginPiece(map_.CanHold(start.t) ? start : SE3());
+    if (loops_ != nullptr)
+      lost_searches_->Begin(recording->mapper->mapper().piece(), recording->before);
     frame = recording->mapper->Process(scan, false);
   }
   report->odometry_ms = watch.Milliseconds();
@@ -350,7 +338,7 @@ void Mapping::Archive(StateArchive& a) {
     std::int64_t piece = a.reading() ? 0 : recording.mapper->mapper().piece();
     FinalPoses::Stream stream = a.reading() ? 0 : recording.mapper->stream();
     a(&recording.any, &recording.last_stamp_ns, &recording.last_sensor, &recording.last_scan,
-      &piece, &stream);
+      &piece, &stream, &recording.before);
     if (a.reading()) {
       recording.mapper =
           std::make_unique<PieceMapper>(options_.mapper, &map_, piece, stream, SE3());
@@ -359,18 +347,7 @@ void Mapping::Archive(StateArchive& a) {
     a(recording.mapper.get());
   }
   if (localise_from_ || searches_ != nullptr) loops_.reset();
-  if (loops_ != nullptr) a(loops_.get());
-}
-
-void Mapping::ArchiveSearches(StateArchive& a) {
-  bool any = searches_ != nullptr;
-  a(&any);
-  if (!any) return;
-  if (a.reading()) {
-    searches_ = std::make_unique<PieceSearches>(options_.loops, options_.mapper.odometry.matcher,
-                                                options_.mapper.map.LeafSize());
-  }
-  searches_->Archive(a, map_);
+  if (loops_ != nullptr) a(loops_.get(), lost_searches_.get());
 }
 
 }  // namespace lamina

@@ -29,8 +29,10 @@
 // map.budget_mb if it has a VoxelStore.
 //
 // With loops.enabled the map is made of submaps, and places that are visited again correct it
-// (backend/loops/loop_track.h). All poses here stay those of odometry, in a frame that never
-// jumps; MappedScan::T_map_world and loops()->Corrected() move them to where corrections have them.
+// (backend/loops/loop_track.h). A recording that was lost for too long is looked for, as a piece of
+// its own, where it has been before, and once found goes on with that piece. All poses here stay
+// those of odometry, in a frame that never jumps; MappedScan::T_map_world and loops()->Corrected()
+// move them to where corrections have them.
 //
 // A recording (the scans of one clock and one sensor: a folder of an inbox) has odometry, window
 // and open solve of its own, so scans of several may alternate and each gets the poses that it
@@ -63,6 +65,8 @@
 namespace lamina {
 
 struct MapPlace;
+struct FoundPlace;
+class LostSearches;
 class PieceSearches;
 class PlaceSearch;
 
@@ -123,13 +127,15 @@ class Mapping {
     bool any = false;  // scan that was not skipped
     StampNs last_stamp_ns = 0;
     std::string last_sensor;
-    std::int64_t last_scan = 0;  // skipped or not
+    std::int64_t last_scan = 0;        // skipped or not
+    std::vector<std::int64_t> before;  // pieces that it made before this one
     std::unique_ptr<PieceMapper> mapper;
   };
 
-  // Looks for the piece of a recording among the places of the map; once found, its scans are
-  // matched to that.
+  // Looks for the piece of a recording among the places of the map, or, while it maps, in those
+  // that it has made before; once found, its scans are matched to that, or go on with it.
   void FindPlace(Recording* recording, const MappedScan& report);
+  void GoOnAt(const FoundPlace& found, Recording* recording, const MappedScan& report);
   // Null if the piece is not looked for.
   PlaceSearch* SearchOf(std::int64_t piece);
   // Null if the map has no room for another piece.
@@ -162,6 +168,7 @@ class Mapping {
   std::string newest_;  // recording
   bool finished_ = false;
   std::unique_ptr<PieceLoops> loops_;
+  std::unique_ptr<LostSearches> lost_searches_;  // with loops_
   std::map<std::string, Recording> recordings_;
   // The last stamps of each recording that Add(Scan) has seen; they tell the period of a sweep.
   std::map<std::string, std::vector<StampNs>> stamps_;

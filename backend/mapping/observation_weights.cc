@@ -23,12 +23,10 @@ ObservationWeights::ObservationWeights(const VoxelMap& map, const std::deque<Win
     : map_(map) {
   FindPlanes(frames);
   ScaleKernels(options);
-  Weigh(frames, false);
+  Weigh(frames);
+  const std::vector<Use> contested = Contested();
   constexpr int kRounds = 2;
-  for (int round = 0; round < kRounds; ++round) {
-    EstimateContested(frames);
-    Weigh(frames, true);
-  }
+  for (int round = 0; round < kRounds; ++round) EstimateContested(frames, contested);
 }
 
 void ObservationWeights::FindPlanes(const std::deque<WindowFrame>& frames) {
@@ -66,35 +64,51 @@ void ObservationWeights::ScaleKernels(const KernelOptions& options) {
   }
 }
 
-void ObservationWeights::Weigh(const std::deque<WindowFrame>& frames, bool contested_alone) {
+double ObservationWeights::WeightOn(const Support& plane, const Eigen::Vector3d& p) const {
+  const double distance = plane.normal.dot(p - plane.mean);
+  return GemanMcClureWeight(distance * distance / plane.scale2);
+}
+
+void ObservationWeights::Weigh(const std::deque<WindowFrame>& frames) {
   for (std::size_t f = 0; f < frames.size(); ++f) {
     for (std::size_t i = 0; i < plane_of_[f].size(); ++i) {
       if (plane_of_[f][i] == kNone) continue;
       Support& plane = planes_[static_cast<std::size_t>(plane_of_[f][i])];
-      if (contested_alone && !plane.contested) continue;
-      const double distance = plane.normal.dot(frames[f].in_map[i].mean - plane.mean);
-      weights_[f][i] = GemanMcClureWeight(distance * distance / plane.scale2);
+      weights_[f][i] = WeightOn(plane, frames[f].in_map[i].mean);
       if (weights_[f][i] < kContestedWeight) plane.contested = true;
     }
   }
 }
 
-void ObservationWeights::EstimateContested(const std::deque<WindowFrame>& frames) {
+std::vector<ObservationWeights::Use> ObservationWeights::Contested() const {
+  std::vector<Use> contested;
+  for (std::size_t f = 0; f < plane_of_.size(); ++f) {
+    for (std::size_t i = 0; i < plane_of_[f].size(); ++i) {
+      const std::int32_t plane = plane_of_[f][i];
+      if (plane == kNone || !planes_[static_cast<std::size_t>(plane)].contested) continue;
+      contested.push_back({static_cast<std::uint32_t>(f), static_cast<std::uint32_t>(i)});
+    }
+  }
+  return contested;
+}
+
+void ObservationWeights::EstimateContested(const std::deque<WindowFrame>& frames,
+                                           const std::vector<Use>& contested) {
   std::vector<PointCluster> sums(planes_.size());
   for (std::size_t p = 0; p < planes_.size(); ++p) {
     if (planes_[p].contested) sums[p] = map_.FixedAggregate(nodes_[p]);
   }
-  for (std::size_t f = 0; f < frames.size(); ++f) {
-    for (std::size_t i = 0; i < plane_of_[f].size(); ++i) {
-      if (plane_of_[f][i] == kNone) continue;
-      const auto p = static_cast<std::size_t>(plane_of_[f][i]);
-      if (planes_[p].contested) sums[p] += frames[f].in_map[i].Scaled(weights_[f][i]);
-    }
+  for (const auto& [f, i] : contested) {
+    sums[static_cast<std::size_t>(plane_of_[f][i])] += frames[f].in_map[i].Scaled(weights_[f][i]);
   }
   for (std::size_t p = 0; p < planes_.size(); ++p) {
     if (!planes_[p].contested || sums[p].count < map_.options().min_points) continue;
     planes_[p].mean = sums[p].mean;
     planes_[p].normal = sums[p].Eigen().u.col(2);
+  }
+  for (const auto& [f, i] : contested) {
+    weights_[f][i] =
+        WeightOn(planes_[static_cast<std::size_t>(plane_of_[f][i])], frames[f].in_map[i].mean);
   }
 }
 

@@ -52,8 +52,17 @@ class ObservationWeights {
   };
   void FindPlanes(const std::deque<WindowFrame>& frames);
   void ScaleKernels(const KernelOptions& options);
-  void Weigh(const std::deque<WindowFrame>& frames, bool contested_alone);
-  void EstimateContested(const std::deque<WindowFrame>& frames);
+  // Of all clusters that are on a plane.
+  void Weigh(const std::deque<WindowFrame>& frames);
+  // Cluster `cluster` of frame `frame`.
+  struct Use {
+    std::uint32_t frame, cluster;
+  };
+  // Those on planes that are contested, in order.
+  std::vector<Use> Contested() const;
+  // Estimates their planes again from them, under their weights, and weighs them anew.
+  void EstimateContested(const std::deque<WindowFrame>& frames, const std::vector<Use>& contested);
+  double WeightOn(const Support& plane, const Eigen::Vector3d& p) const;
 
   const VoxelMap& map_;
   std::vector<std::vector<std::int32_t>> plane_of_;

@@ -7,9 +7,11 @@
 
 #include "backend/bundle/plane_choice.h"
 #include "backend/mapping/observation_weights.h"
+#include "core/base/angle.h"
 #include "core/base/parallel.h"
-#include "core/geometry/central_twist.h"
+#include "core/geometry/cluster_lanes.h"
 #include "core/geometry/robust_kernel.h"
+#include "core/geometry/sweep_motion.h"
 
 namespace lamina {
 namespace {
@@ -19,63 +21,65 @@ constexpr std::size_t kLeavesAhead = 8;
 // In the place of a path: the cluster is in no leaf.
 constexpr std::uint64_t kNoLeaf = ~std::uint64_t{0};
 
-// Collects observations by plane while frames are walked in order.
-class ProblemBuilder {
+}  // namespace
+
+// Finds the places of a problem's observations: those of a plane stand together, frames ascending;
+// planes in the order in which they are met. Frames must be walked in order.
+class ObservationPlaces {
  public:
   // `planes`: how many planes of the map there are.
-  explicit ProblemBuilder(std::size_t planes) : number_of_(planes, -1) {}
+  explicit ObservationPlaces(std::size_t planes) : number_of_(planes, -1) {}
 
-  // Of plane `on` of the map.
-  void Add(std::int32_t on, int frame, const PointCluster& cluster) {
+  // Of plane `on` of the map. Returns a number of the observation, the same one for all that a
+  // frame sees of a plane.
+  std::int32_t Add(std::int32_t on, int frame) {
     std::int32_t& plane = number_of_[static_cast<std::size_t>(on)];
     if (plane < 0) {
-      plane = static_cast<std::int32_t>(map_planes_.size());
-      map_planes_.push_back(on);
-      last_.push_back(-1);
+      plane = static_cast<std::int32_t>(planes_.size());
+      planes_.push_back({on, -1, -1, 0});
     }
-    std::int32_t& last = last_[static_cast<std::size_t>(plane)];
-    if (last >= 0 && gathered_[static_cast<std::size_t>(last)].observation.frame == frame) {
-      gathered_[static_cast<std::size_t>(last)].observation.cluster += cluster;
-      return;
+    OfPlane& of = planes_[static_cast<std::size_t>(plane)];
+    if (of.last_frame != frame) {
+      of.last_frame = frame;
+      of.last = static_cast<std::int32_t>(plane_of_.size());
+      ++of.observations;
+      plane_of_.push_back(plane);
     }
-    last = static_cast<std::int32_t>(gathered_.size());
-    gathered_.push_back({plane, {frame, cluster}});
+    return of.last;
   }
 
-  // Planes in the order in which they were met; the observations of each stand together, frames
-  // ascending (a counting sort keeps their order).
-  void MoveTo(BundleProblem* problem) const {
-    problem->planes.assign(map_planes_.size(), Plane());
-    for (const Gathered& g : gathered_) ++problem->planes[static_cast<std::size_t>(g.plane)].count;
+  // Makes planes and observations, empty. Returns the place of each number of Add.
+  std::vector<std::int32_t> MakeIn(BundleProblem* problem) const {
+    problem->planes.assign(planes_.size(), Plane());
     std::vector<std::int32_t> next;
+    next.reserve(planes_.size());
     std::int32_t first = 0;
-    for (Plane& plane : problem->planes) {
-      plane.first = first;
+    for (std::size_t p = 0; p < planes_.size(); ++p) {
+      problem->planes[p].first = first;
+      problem->planes[p].count = planes_[p].observations;
       next.push_back(first);
-      first += plane.count;
+      first += planes_[p].observations;
     }
-    problem->observations.resize(gathered_.size());
-    for (const Gathered& g : gathered_) {
-      const std::int32_t slot = next[static_cast<std::size_t>(g.plane)]++;
-      problem->observations[static_cast<std::size_t>(slot)] = g.observation;
+    problem->observations.resize(plane_of_.size());
+    std::vector<std::int32_t> places;
+    places.reserve(plane_of_.size());
+    for (const std::int32_t plane : plane_of_) {
+      places.push_back(next[static_cast<std::size_t>(plane)]++);
     }
+    return places;
   }
 
-  // The map's plane behind each plane of the problem.
-  const std::vector<std::int32_t>& map_planes() const { return map_planes_; }
+  // The map's plane behind plane i of the problem.
+  std::int32_t MapPlane(std::size_t i) const { return planes_[i].on; }
 
  private:
-  struct Gathered {
-    std::int32_t plane;
-    PlaneObservation observation;
+  struct OfPlane {
+    std::int32_t on, last_frame, last, observations;
   };
   std::vector<std::int32_t> number_of_;  // of each plane of the map; -1: none yet
-  std::vector<std::int32_t> map_planes_;
-  std::vector<std::int32_t> last_;  // for each plane, its last gathered observation
-  std::vector<Gathered> gathered_;
+  std::vector<OfPlane> planes_;
+  std::vector<std::int32_t> plane_of_;  // of each observation
 };
-
-}  // namespace
 
 void SlidingWindowOptions::Visit(OptionVisitor& v) {
   v.Integer("frames", &frames, 2, 200);
@@ -92,23 +96,22 @@ SlidingWindow::SlidingWindow(const SlidingWindowOptions& options, VoxelMap* map)
   CheckOptions(options, "backend.window");
 }
 
-void SlidingWindow::UpdateClusters(const SE3& T, WindowFrame* frame) const {
+void SlidingWindow::MoveIntoMap(const WindowFrame& frame, const SE3& T,
+                                std::vector<PointCluster>* in_map) const {
   const Eigen::Matrix3d R = T.R();
   const double most =
-      frame->alone ? std::max<double>(options_.max_cluster_weight, map_->options().min_points)
-                   : options_.max_cluster_weight;
-  frame->in_map.resize(frame->deskewed.size());
-  ParallelChunks(frame->deskewed.size(), 2048, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      frame->in_map[i] = frame->deskewed[i].Capped(most).Moved(R, T.t);
-    }
+      frame.alone ? std::max<double>(options_.max_cluster_weight, map_->options().min_points)
+                  : options_.max_cluster_weight;
+  in_map->resize(frame.deskewed.size());
+  ParallelChunks(frame.deskewed.size(), 2048, [&](std::size_t begin, std::size_t end) {
+    MoveClusters(frame.deskewed.data() + begin, end - begin, most, R, T.t, in_map->data() + begin);
   });
 }
 
 void SlidingWindow::Push(WindowFrame frame) {
-  frame.deskewed = DeskewClusters(frame.measured, frame.twist);
+  frame.deskewed = DeskewClusters(frame.measured, frame.sweep);
   if (!AnyTimed(frame.measured)) frame.measured.clear();
-  UpdateClusters(frame.T_world_lidar, &frame);
+  MoveIntoMap(frame, frame.T_world_lidar, &frame.in_map);
   frame.leaves.assign(frame.in_map.size(), VoxelMap::kNoNode);
   frame.addresses.assign(frame.in_map.size(), {0, kNoLeaf});
   const std::size_t n = frame.in_map.size();
@@ -116,6 +119,9 @@ void SlidingWindow::Push(WindowFrame frame) {
     if (i < n && map_->CanHold(frame.in_map[i].mean)) {
       frame.leaves[i] = map_->LeafAt(frame.in_map[i].mean, &frame.addresses[i]);
       map_->Prefetch(frame.leaves[i]);
+    }
+    if (i >= kLeavesAhead / 2 && i < n + kLeavesAhead / 2) {
+      map_->PrefetchAround(frame.leaves[i - kLeavesAhead / 2]);
     }
     if (i < kLeavesAhead || frame.leaves[i - kLeavesAhead] == VoxelMap::kNoNode) continue;
     map_->Hold(frame.leaves[i - kLeavesAhead]);
@@ -134,11 +140,25 @@ FinalKeyframe SlidingWindow::AsFinal(std::size_t i) const {
   return keyframe;
 }
 
-void SlidingWindow::PopOldest() {
+void SlidingWindow::PrefetchLeaves(const WindowFrame& frame, std::size_t i) const {
+  if (i + 2 * kLeavesAhead < frame.leaves.size()) {
+    map_->Prefetch(frame.leaves[i + 2 * kLeavesAhead]);
+  }
+  if (i + kLeavesAhead < frame.leaves.size()) map_->PrefetchAround(frame.leaves[i + kLeavesAhead]);
+}
+
+void SlidingWindow::PopOldest(FinalKeyframe* left) {
   const WindowFrame& frame = frames_.front();
+  if (left != nullptr) {
+    *left = {frame.id, frame.stamp_ns, frame.T_world_lidar, {}};
+    left->clusters.reserve(frame.in_map.size());
+  }
   for (std::size_t i = 0; i < frame.in_map.size(); ++i) {
+    PrefetchLeaves(frame, i);
     if (frame.leaves[i] == VoxelMap::kNoNode) continue;
-    map_->FixWindow(frame.leaves[i], frame.in_map[i], MarginalWeight(frame, i), frame.id);
+    const double weight = MarginalWeight(frame, i);
+    if (left != nullptr) left->clusters.push_back(frame.in_map[i].Scaled(weight));
+    map_->FixWindow(frame.leaves[i], frame.in_map[i], weight, frame.id);
     map_->Release(frame.leaves[i]);
   }
   frames_.pop_front();
@@ -160,55 +180,54 @@ double SlidingWindow::MarginalWeight(const WindowFrame& frame, std::size_t i) co
                                      (options_.kernel_sigma * options_.kernel_sigma * variance)));
 }
 
-void SlidingWindow::Move(std::size_t i, const SE3& T_world_lidar, const Vector6d& twist) {
+void SlidingWindow::Move(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep) {
   WindowFrame& frame = frames_[i];
   frame.T_world_lidar = T_world_lidar;
   if (!frame.measured.empty()) {
-    frame.twist = twist;
-    frame.deskewed = DeskewClusters(frame.measured, twist);
+    frame.sweep = sweep;
+    DeskewClusters(frame.measured, sweep, &frame.deskewed);
   }
-  const std::vector<PointCluster> before = std::move(frame.in_map);
-  UpdateClusters(T_world_lidar, &frame);
-  for (std::size_t k = 0; k < before.size(); ++k) {
+  MoveIntoMap(frame, T_world_lidar, &moved_);
+  for (std::size_t k = 0; k < moved_.size(); ++k) {
+    PrefetchLeaves(frame, k);
     if (frame.leaves[k] == VoxelMap::kNoNode) continue;
-    map_->ReplaceWindow(frame.leaves[k], before[k], frame.in_map[k]);
+    map_->ReplaceWindow(frame.leaves[k], frame.in_map[k], moved_[k]);
   }
+  frame.in_map.swap(moved_);
 }
 
-Vector6d SlidingWindow::CentralTwist(std::size_t i) const {
+SweepMotion SlidingWindow::MotionAt(std::size_t i, const StampedPose* next) const {
   const std::size_t begin = i == 0 ? 0 : i - 1;
   Trajectory poses;
-  for (std::size_t k = begin; k < std::min(i + 2, frames_.size()); ++k) {
+  for (std::size_t k = begin; k < std::min(i + 3, frames_.size()); ++k) {
     poses.push_back({frames_[k].stamp_ns, frames_[k].T_world_lidar});
   }
-  Vector6d twist = frames_[i].twist;
-  lamina::CentralTwist(poses, i - begin, kMaxTwistGapS, &twist);
-  return twist;
+  if (next != nullptr) poses.push_back(*next);
+  SweepMotion motion = frames_[i].sweep;
+  MotionThrough(poses, i - begin, kMaxTwistGapS, &motion);
+  return motion;
 }
 
 BundleProblem SlidingWindow::BuildProblem() {
   BundleProblem problem;
-  const double floor2 = options_.noise_floor_m * options_.noise_floor_m;
   const ObservationWeights on_planes(*map_, frames_,
                                      {options_.noise_floor_m, options_.kernel_sigma});
-  ProblemBuilder builder(on_planes.nodes().size());
+  ObservationPlaces numbers(on_planes.nodes().size());
+  std::vector<std::vector<std::int32_t>> of_clusters;
   for (std::size_t f = 0; f < frames_.size(); ++f) {
-    WindowFrame& frame = frames_[f];
-    frame.weights = on_planes.Weights(f);
-    problem.poses.push_back(frame.T_world_lidar);
+    frames_[f].weights = on_planes.Weights(f);
+    problem.poses.push_back(frames_[f].T_world_lidar);
     if (f > 0) problem.priors.push_back(MotionPrior(f));
-    for (std::size_t i = 0; i < frame.leaves.size(); ++i) {
-      const std::int32_t plane = on_planes.PlaneOf(f, i);
-      if (plane == ObservationWeights::kNone) continue;
-      builder.Add(plane, static_cast<int>(f),
-                  frame.deskewed[i].Capped(options_.max_cluster_weight).Scaled(frame.weights[i]));
-    }
+    of_clusters.push_back(NumberObservations(f, on_planes, &numbers));
   }
-  builder.MoveTo(&problem);
+  const std::vector<std::int32_t> places = numbers.MakeIn(&problem);
+  for (std::size_t f = 0; f < frames_.size(); ++f) {
+    FillObservations(f, of_clusters[f], places, &problem);
+  }
+  const double floor2 = options_.noise_floor_m * options_.noise_floor_m;
   for (std::size_t i = 0; i < problem.planes.size(); ++i) {
     Plane& plane = problem.planes[i];
-    const VoxelMap::NodeId node =
-        on_planes.nodes()[static_cast<std::size_t>(builder.map_planes()[i])];
+    const VoxelMap::NodeId node = on_planes.nodes()[static_cast<std::size_t>(numbers.MapPlane(i))];
     plane.fixed = map_->FixedAggregate(node);
     plane.weight = 1.0 / (floor2 + static_cast<double>(map_->plane(node).variance));
     if (!plane.fixed.Empty()) problem.hold_first_pose = false;
@@ -217,6 +236,38 @@ BundleProblem SlidingWindow::BuildProblem() {
   KeepBinding(options_.max_planes, &problem.planes);
   DistrustThick(&problem.planes);
   return problem;
+}
+
+std::vector<std::int32_t> SlidingWindow::NumberObservations(std::size_t f,
+                                                            const ObservationWeights& on_planes,
+                                                            ObservationPlaces* numbers) const {
+  const WindowFrame& frame = frames_[f];
+  std::vector<std::int32_t> of_clusters(frame.leaves.size(), -1);
+  for (std::size_t i = 0; i < frame.leaves.size(); ++i) {
+    const std::int32_t plane = on_planes.PlaneOf(f, i);
+    if (plane == ObservationWeights::kNone) continue;
+    of_clusters[i] = numbers->Add(plane, static_cast<int>(f));
+  }
+  return of_clusters;
+}
+
+void SlidingWindow::FillObservations(std::size_t f, const std::vector<std::int32_t>& of_clusters,
+                                     const std::vector<std::int32_t>& places,
+                                     BundleProblem* problem) const {
+  const WindowFrame& frame = frames_[f];
+  for (std::size_t i = 0; i < of_clusters.size(); ++i) {
+    if (of_clusters[i] < 0) continue;
+    const std::int32_t place = places[static_cast<std::size_t>(of_clusters[i])];
+    const PointCluster weighted =
+        frame.deskewed[i].Capped(options_.max_cluster_weight).Scaled(frame.weights[i]);
+    PlaneObservation& observation = problem->observations[static_cast<std::size_t>(place)];
+    observation.frame = static_cast<int>(f);
+    if (observation.cluster.Empty()) {
+      observation.cluster = weighted;
+    } else {
+      observation.cluster += weighted;
+    }
+  }
 }
 
 void SlidingWindow::FindLeaves(WindowFrame* frame) const {
@@ -237,18 +288,18 @@ void SlidingWindow::FindLeaves(WindowFrame* frame) const {
 void SlidingWindow::Archive(StateArchive& a) {
   frames_.resize(a.Size(frames_.size(), 1));
   for (WindowFrame& frame : frames_) {
-    a(&frame.id, &frame.stamp_ns, &frame.T_world_lidar, &frame.twist, &frame.held,
-      &frame.held_information, &frame.T_previous_this, &frame.alone, &frame.weights,
-      &frame.measured);
+    a(&frame.id, &frame.stamp_ns, &frame.T_world_lidar, &frame.sweep.twist,
+      &frame.sweep.acceleration, &frame.held, &frame.held_information, &frame.T_previous_this,
+      &frame.alone, &frame.weights, &frame.measured);
     // What follows from other members is made again.
     if (frame.measured.empty()) {
       a(&frame.deskewed);
     } else if (a.reading()) {
-      frame.deskewed = DeskewClusters(frame.measured, frame.twist);
+      frame.deskewed = DeskewClusters(frame.measured, frame.sweep);
     }
     a(&frame.addresses);
     if (!a.reading()) continue;
-    UpdateClusters(frame.T_world_lidar, &frame);
+    MoveIntoMap(frame, frame.T_world_lidar, &frame.in_map);
     FindLeaves(&frame);
   }
 }
@@ -266,7 +317,7 @@ RelativePrior SlidingWindow::MotionPrior(std::size_t i) const {
   prior.b = static_cast<int>(i);
   prior.T_a_b = frames_[i].T_previous_this;
   Vector6d root;
-  root << Eigen::Vector3d::Constant(180.0 / M_PI / options_.prior_rotation_deg),
+  root << Eigen::Vector3d::Constant(Degrees(1.0) / options_.prior_rotation_deg),
       Eigen::Vector3d::Constant(1.0 / options_.prior_translation_m);
   Matrix6d information = root.cwiseAbs2().asDiagonal();
   // What the frontend could not see, bundle adjustment must not invent from the same scans.

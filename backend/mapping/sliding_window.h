@@ -1,7 +1,7 @@
 // The frames that bundle adjustment may still move, and their share of the map.
 //
-// Each frame keeps its clusters as measured (with time), as deskewed under its present twist, and
-// as they stand in the voxel map at its present pose. Moving frames or changing their twist
+// Each frame keeps its clusters as measured (with time), as deskewed under its present motion, and
+// as they stand in the voxel map at its present pose. Moving frames or changing their motion
 // exchanges exactly those clusters in the map, leaf by leaf; association to leaves is made once,
 // when the frame enters. The oldest frame leaves by marginalisation: its clusters join the fixed
 // clusters of their leaves at the final pose, with the robust weights that they had in the last
@@ -25,6 +25,9 @@
 
 namespace lamina {
 
+class ObservationPlaces;
+class ObservationWeights;
+
 struct SlidingWindowOptions {
   int frames = 15;
   // Weight of a cluster in the map and in bundle adjustment, in points, at most.
@@ -46,7 +49,7 @@ struct WindowFrame {
   std::int64_t id = 0;
   StampNs stamp_ns = 0;
   SE3 T_world_lidar;
-  Vector6d twist = Vector6d::Zero();     // body, per second, during the scan
+  SweepMotion sweep;                     // during the scan
   std::vector<TimedCluster> measured;    // emptied if they carry no time: nothing to deskew
   std::vector<PointCluster> deskewed;    // LiDAR frame at the stamp
   std::vector<PointCluster> in_map;      // world frame, capped weight
@@ -75,25 +78,24 @@ class SlidingWindow {
   const std::deque<WindowFrame>& frames() const { return frames_; }
   bool full() const { return static_cast<int>(frames_.size()) >= options_.frames; }
 
-  // Puts a frame into window and map. id, stamp, pose, twist and `measured` must be set.
+  // Puts a frame into window and map. id, stamp, pose, sweep and `measured` must be set.
   void Push(WindowFrame frame);
 
   // What frame i would leave to the map if it were marginalised now.
   FinalKeyframe AsFinal(std::size_t i) const;
-  // Marginalises the oldest frame.
-  void PopOldest();
+  // Marginalises the oldest frame; `left`, unless null, is what it leaves to the map.
+  void PopOldest(FinalKeyframe* left = nullptr);
 
   // Sets the pose of frame i and leaves its clusters to a later Move.
   void SetPose(std::size_t i, const SE3& T_world_lidar) {
     frames_[i].T_world_lidar = T_world_lidar;
   }
-  // Moves frame i to a new pose and twist. The map must be refreshed afterwards.
-  void Move(std::size_t i, const SE3& T_world_lidar, const Vector6d& twist);
+  // Moves frame i to a new pose and motion. The map must be refreshed afterwards.
+  void Move(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep);
 
-  // The twist of frame i from the poses of its neighbours in the window: the mean of the motions
-  // before and after, which is the velocity at its stamp. Neighbours more than half a second away
-  // do not count.
-  Vector6d CentralTwist(std::size_t i) const;
+  // The motion during frame i, from the poses of its neighbours in the window (sweep_motion.h):
+  // those within kMaxTwistGapS. `next`: the pose after the newest one, or null.
+  SweepMotion MotionAt(std::size_t i, const StampedPose* next = nullptr) const;
 
   // Planes of the map seen by the window's frames, with weights applied: caps and kernel on the
   // observations (the frames keep them until they are marginalised), 1 / variance on the planes,
@@ -105,18 +107,28 @@ class SlidingWindow {
   void Archive(StateArchive& a);
 
  private:
+  // The number of the observation that each cluster of frame f goes into; -1: none.
+  std::vector<std::int32_t> NumberObservations(std::size_t f, const ObservationWeights& on_planes,
+                                               ObservationPlaces* numbers) const;
+  // Sums frame f's clusters, weighted, into their observations.
+  void FillObservations(std::size_t f, const std::vector<std::int32_t>& of_clusters,
+                        const std::vector<std::int32_t>& places, BundleProblem* problem) const;
   void FindLeaves(WindowFrame* frame) const;
   // Along what its planes left open, the first frame stays: motion priors hold the others to it,
   // and nothing else would keep the window from sliding as a whole.
   void HoldFirst(BundleProblem* problem) const;
   RelativePrior MotionPrior(std::size_t i) const;
-  void UpdateClusters(const SE3& T, WindowFrame* frame) const;
+  // The clusters of a frame as they stand in the map when it is at T.
+  void MoveIntoMap(const WindowFrame& frame, const SE3& T, std::vector<PointCluster>* in_map) const;
+  // Has the processor fetch what a loop over the clusters of a frame, now at i, is soon to change.
+  void PrefetchLeaves(const WindowFrame& frame, std::size_t i) const;
   // Weight with which cluster i of a frame that leaves the window joins the fixed clusters.
   double MarginalWeight(const WindowFrame& frame, std::size_t i) const;
 
   SlidingWindowOptions options_;
   VoxelMap* map_;
   std::deque<WindowFrame> frames_;
+  std::vector<PointCluster> moved_;  // of a frame that is being moved: memory that is used again
 };
 
 }  // namespace lamina

@@ -6,7 +6,7 @@
 
 #include "backend/bundle/plane_choice.h"
 #include "core/base/parallel.h"
-#include "core/geometry/central_twist.h"
+#include "core/geometry/cluster_lanes.h"
 #include "core/geometry/robust_kernel.h"
 #include "core/map/voxel_key.h"
 #include "frontend/scan_clusters.h"
@@ -39,31 +39,30 @@ BatchCast::BatchCast(const std::vector<BatchFrame>& frames, const std::vector<SE
       poses_(poses),
       weights_(weights),
       map_(map),
-      twists_(frames.size(), Vector6d::Zero()),
+      sweeps_(frames.size()),
       leaves_(frames.size()) {
   Trajectory trajectory;
   for (std::size_t k = 0; k < frames.size(); ++k) {
     trajectory.push_back({frames[k].stamp_ns, poses[k]});
   }
   for (std::size_t k = 0; k < frames.size(); ++k) {
-    CentralTwist(trajectory, k, SlidingWindow::kMaxTwistGapS, &twists_[k]);
+    MotionThrough(trajectory, k, SlidingWindow::kMaxTwistGapS, &sweeps_[k]);
   }
   std::vector<std::vector<PointCluster>> clusters(kFramesAtOnce);
   InOrder(
       frames.size(),
       [&](std::size_t k, std::size_t slot) {
-        const Eigen::Matrix3d R = poses_[k].R();
-        clusters[slot] = Deskewed(k);
-        for (PointCluster& c : clusters[slot]) {
-          c = c.Capped(weights_.max_cluster_weight).Moved(R, poses_[k].t);
-        }
+        std::vector<PointCluster>& all = clusters[slot];
+        all = Deskewed(k);
+        MoveClusters(all.data(), all.size(), weights_.max_cluster_weight, poses_[k].R(),
+                     poses_[k].t, all.data());
       },
       [&](std::size_t k, std::size_t slot) { Insert(k, clusters[slot]); });
   map_.Refresh();
 }
 
 std::vector<PointCluster> BatchCast::Deskewed(std::size_t k) const {
-  return DeskewClusters(frames_[k].clusters.Unpacked(), twists_[k]);
+  return DeskewClusters(frames_[k].clusters.Unpacked(), sweeps_[k]);
 }
 
 void BatchCast::Insert(std::size_t k, const std::vector<PointCluster>& clusters) {
@@ -74,6 +73,9 @@ void BatchCast::Insert(std::size_t k, const std::vector<PointCluster>& clusters)
     if (i < n && map_.CanHold(clusters[i].mean)) {
       leaves[i] = map_.LeafAt(clusters[i].mean);
       map_.Prefetch(leaves[i]);
+    }
+    if (i >= kLeavesAhead / 2 && i < n + kLeavesAhead / 2) {
+      map_.PrefetchAround(leaves[i - kLeavesAhead / 2]);
     }
     if (i < kLeavesAhead || leaves[i - kLeavesAhead] == VoxelMap::kNoNode) continue;
     map_.AddWindow(leaves[i - kLeavesAhead], clusters[i - kLeavesAhead],
@@ -233,7 +235,7 @@ void BatchCast::AddPoints(std::size_t k, std::size_t cluster, double weight,
   for (const TimedPoint& p : frames_[k].points.at(cluster)) {
     const Eigen::Vector3d measured(p.x, p.y, p.z);
     points->push_back(
-        {p.time_s == 0.0F ? measured : TwistExp(p.time_s * twists_[k]) * measured, weight});
+        {p.time_s == 0.0F ? measured : sweeps_[k].PoseAt(p.time_s) * measured, weight});
   }
 }
 

@@ -22,6 +22,7 @@
 #include "backend/bundle/problem.h"
 #include "backend/mapping/sliding_window.h"
 #include "backend/registration/batch_frame.h"
+#include "core/geometry/sweep_motion.h"
 #include "core/map/voxel_map.h"
 
 namespace lamina {
@@ -67,7 +68,7 @@ class BatchCast {
   const std::vector<SE3>& poses_;
   const SlidingWindowOptions weights_;
   VoxelMap map_;
-  std::vector<Vector6d> twists_;
+  std::vector<SweepMotion> sweeps_;
   std::vector<std::vector<VoxelMap::NodeId>> leaves_;  // of each cluster of each frame
 };
 

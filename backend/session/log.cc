@@ -14,7 +14,7 @@ void LogFailure(const std::exception& error) {
 }
 
 SessionLog::SessionLog(const std::string& database,
-                       std::function<void(const SessionScan&)> on_durable)
+                       std::function<void(const ScanRecord&)> on_durable)
     : database_(database, false), on_durable_(std::move(on_durable)), thread_([this] { Run(); }) {}
 
 SessionLog::~SessionLog() {
@@ -26,9 +26,9 @@ SessionLog::~SessionLog() {
   thread_.join();
 }
 
-void SessionLog::Put(const SessionScan& scan) {
-  auto copy = std::make_unique<SessionScan>(scan);
-  const SessionScan* const row = copy.get();
+void SessionLog::Put(const ScanRecord& scan) {
+  auto copy = std::make_unique<ScanRecord>(scan);
+  const ScanRecord* const row = copy.get();
   Add({[row](SessionDatabase* database) { database->Put(*row); }, std::move(copy)});
 }
 

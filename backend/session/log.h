@@ -22,12 +22,12 @@ void LogFailure(const std::exception& error);
 class SessionLog {
  public:
   // `on_durable` is told each scan once it is on disk, on the log's thread.
-  SessionLog(const std::string& database, std::function<void(const SessionScan&)> on_durable);
+  SessionLog(const std::string& database, std::function<void(const ScanRecord&)> on_durable);
   // Writes what is left, if it can.
   ~SessionLog();
 
   // Waits while too much is waiting already: who maps faster than the disk writes, waits for it.
-  void Put(const SessionScan& scan);
+  void Put(const ScanRecord& scan);
   void Put(const SessionSolve& solve);
   void Finalise(const SessionPose& pose);
   void SetAside(const std::string& file, const std::string& reason);
@@ -39,7 +39,7 @@ class SessionLog {
   using Change = std::function<void(SessionDatabase*)>;
   struct Entry {
     Change change;
-    std::unique_ptr<SessionScan> scan;  // for on_durable
+    std::unique_ptr<ScanRecord> scan;  // for on_durable
   };
   void Add(Entry entry);
   void Run();
@@ -47,7 +47,7 @@ class SessionLog {
   void ThrowIfFailed() const;
 
   SessionDatabase database_;
-  std::function<void(const SessionScan&)> on_durable_;
+  std::function<void(const ScanRecord&)> on_durable_;
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   std::vector<Entry> waiting_;

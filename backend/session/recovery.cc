@@ -77,7 +77,7 @@ std::unique_ptr<Mapping> CopyOfMap(const SessionSetup& setup, std::int64_t scans
   tiles->CopyFrom((fs::path(base.session) / "map_tiles.db").string(), scans - 1);
   if (base.T_world_start) return mapping;
   ForEachScanOf((fs::path(base.session) / "session.db").string(), scans,
-                [&](const SessionScan& scan) {
+                [&](const ScanRecord& scan) {
                   if (scan.keyframe && !scan.skipped && mapping->map().HasPiece(scan.piece))
                     (*ways)[scan.piece].push_back(scan.T_world_lidar.t);
                 });

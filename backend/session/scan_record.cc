@@ -1,9 +1,9 @@
 #include "backend/session/scan_record.h"
 
 namespace lamina {
-SessionScan RecordOf(const MappedScan& report) {
+ScanRecord RecordOf(const MappedScan& report) {
   const MatchResult& match = report.odometry.match;
-  SessionScan s;
+  ScanRecord s;
   s.scan = static_cast<std::int64_t>(report.index);
   s.stamp_ns = report.stamp_ns;
   s.recorded_stamp = !report.stamp_made_up;
@@ -46,7 +46,7 @@ SessionSolve RecordOf(const SolveReport& report) {
   return s;
 }
 
-FinalPose PoseOf(const SessionScan& scan) {
+FinalPose PoseOf(const ScanRecord& scan) {
   return {static_cast<std::size_t>(scan.scan),
           {scan.stamp_ns, scan.T_world_lidar},
           scan.skipped,
@@ -57,7 +57,7 @@ FinalPose AsRecorded(const SessionDatabase& database, const FinalPose& pose) {
   if (!pose.skipped) return pose;
   FinalPose recorded = pose;
   const auto scan = static_cast<std::int64_t>(pose.scan);
-  database.ForEach(scan, scan + 1, [&](const SessionScan& row) {
+  database.ForEach(scan, scan + 1, [&](const ScanRecord& row) {
     if (!row.skipped) recorded = PoseOf(row);
   });
   return recorded;

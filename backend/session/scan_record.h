@@ -9,9 +9,9 @@
 namespace lamina {
 
 // Without the names of its file. The pose is the one that the scan has now.
-SessionScan RecordOf(const MappedScan& report);
+ScanRecord RecordOf(const MappedScan& report);
 SessionSolve RecordOf(const SolveReport& report);
-FinalPose PoseOf(const SessionScan& scan);
+FinalPose PoseOf(const ScanRecord& scan);
 // A scan that was mapped once, and could not be read again, keeps the pose that it has in the
 // database, whatever lies between those of its neighbours.
 FinalPose AsRecorded(const SessionDatabase& database, const FinalPose& pose);

@@ -40,7 +40,7 @@ Session::Session(SessionSetup setup, SessionHooks hooks)
   tiles_->SetScan(next_);
   database_->DropSolvesFrom(next_);
   database_->ForEach(next_, database_->scans(),
-                     [this](const SessionScan& scan) { to_repeat_.push_back(scan); });
+                     [this](const ScanRecord& scan) { to_repeat_.push_back(scan); });
   if (!to_repeat_.empty()) {
     spdlog::info(
         "continuing after scan {}: {} scans were recorded since the last checkpoint and "
@@ -86,7 +86,7 @@ void Session::Process(StreamedScans* scans, const std::atomic<bool>* stop) {
 
 void Session::OnScan(const MappedScan& report) {
   const InboxFile& file = scans_->File(report.index);
-  SessionScan row = RecordOf(report);
+  ScanRecord row = RecordOf(report);
   row.file = file.name;
   row.sequence = file.sequence;
   row.recorded_stamp = file.recorded_stamp;
@@ -158,7 +158,7 @@ void Session::Finish() {
 void Session::ForEachPose(const FinalPoses::Visit& visit) const {
   log_->WaitDurable();
   const std::int64_t open = tail_.empty() ? next_ : static_cast<std::int64_t>(tail_.front().scan);
-  database_->ForEach(0, open, [&](const SessionScan& scan) { visit(PoseOf(scan)); });
+  database_->ForEach(0, open, [&](const ScanRecord& scan) { visit(PoseOf(scan)); });
   for (const FinalPose& pose : tail_) visit(AsRecorded(*database_, pose));
 }
 

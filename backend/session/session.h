@@ -55,13 +55,13 @@ namespace lamina {
 // thread, the others on the mapping thread.
 struct SessionHooks {
   // Before on_durable can be called for that scan; exactly for those for which it will be.
-  std::function<void(const MappedScan&, const SessionScan&)> on_mapped;
-  std::function<void(const MappedScan&, const SessionScan&)> on_scan;
+  std::function<void(const MappedScan&, const ScanRecord&)> on_mapped;
+  std::function<void(const MappedScan&, const ScanRecord&)> on_scan;
   // Localising without a start: a look for a piece among the places of the map.
   OnPlaceReport on_look;
   // A pose that nothing will change any more; the scan may not be durable yet.
   std::function<void(const FinalPose&)> on_final;
-  std::function<void(const SessionScan&)> on_durable;
+  std::function<void(const ScanRecord&)> on_durable;
   // The files of scans before `released` will not be needed again, whatever happens.
   CheckpointWriting::OnCheckpoint on_checkpoint;
 };
@@ -80,7 +80,7 @@ class Session {
   // Number of the next scan: of those to be repeated, if there are any.
   std::int64_t next_scan() const { return next_; }
   // Recorded scans from next_scan() on; their files come first again.
-  const std::vector<SessionScan>& to_repeat() const { return to_repeat_; }
+  const std::vector<ScanRecord>& to_repeat() const { return to_repeat_; }
   // For questions to it (not for changes).
   const SessionDatabase& database() const { return *database_; }
   const Mapping& mapping() const { return *mapping_; }
@@ -131,7 +131,7 @@ class Session {
 
   std::int64_t next_ = 0;
   std::int64_t repeat_from_ = 0;
-  std::vector<SessionScan> to_repeat_;
+  std::vector<ScanRecord> to_repeat_;
   const StreamedScans* scans_ = nullptr;  // those being mapped
   bool finished_ = false;
   std::vector<FinalPose> tail_;  // poses that are final by Finish() alone

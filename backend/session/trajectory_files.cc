@@ -43,9 +43,8 @@ void TrajectoryFiles::Publish(const SessionDatabase& database, std::int64_t fina
   while (file->final < final) {
     const std::int64_t to = std::min(file->final + kRowsAtOnce, final);
     lines.clear();
-    database.ForEach(file->final, to, [&](const SessionScan& scan) {
-      AppendLine(PoseOf(scan), file->form, &lines);
-    });
+    database.ForEach(file->final, to,
+                     [&](const ScanRecord& scan) { AppendLine(PoseOf(scan), file->form, &lines); });
     file->file.Append(lines);
     file->final = to;
   }

@@ -52,42 +52,55 @@ std::optional<Submap> SubmapBuilder::Finish() {
   return Complete();
 }
 
+std::int32_t SubmapBuilder::CellAt(const Eigen::Vector3d& p) {
+  const Eigen::Array3d place = (p / leaf_size_m_).array().floor();
+  // False for NaN, too.
+  if (!(place.abs() < static_cast<double>(std::numeric_limits<std::int16_t>::max())).all())
+    return VoxelIndex::kNone;
+  Cell cell;
+  for (int axis = 0; axis < 3; ++axis) cell.index[axis] = static_cast<std::int16_t>(place[axis]);
+  const auto next = static_cast<std::int32_t>(cells_.size());
+  const std::int32_t at =
+      index_.FindOrInsert(PackVoxelKey(cell.index[0], cell.index[1], cell.index[2]), next);
+  if (at == next) cells_.push_back(cell);
+  return at;
+}
+
 void SubmapBuilder::AddClusters(const FinalKeyframe& keyframe) {
+  // Cells lie anywhere in memory: so many are on their way to the cache.
+  constexpr std::size_t kAhead = 8;
   const SE3 T_submap_world = submap_.T_world_submap.Inverse();
   submap_.keyframes.push_back(
       {keyframe.id, keyframe.stamp_ns, T_submap_world * keyframe.T_world_lidar});
   const Eigen::Matrix3d R = T_submap_world.R();
-  for (const PointCluster& in_world : keyframe.clusters) {
-    if (in_world.Empty()) continue;
-    const PointCluster cluster = in_world.Moved(R, T_submap_world.t);
-    const Eigen::Array3d place = (cluster.mean / leaf_size_m_).array().floor();
-    // False for NaN, too.
-    if (!(place.abs() < static_cast<double>(std::numeric_limits<std::int16_t>::max())).all())
-      continue;
-    const std::int32_t at = index_.FindOrInsert(VoxelKeyOf(cluster.mean, 1.0 / leaf_size_m_),
-                                                static_cast<std::int32_t>(cells_.size()));
-    if (at == static_cast<std::int32_t>(cells_.size())) {
-      Cell cell;
-      for (int axis = 0; axis < 3; ++axis)
-        cell.index[axis] = static_cast<std::int16_t>(place[axis]);
-      cells_.push_back(cell);
-    }
-    Cell& cell = cells_[static_cast<std::size_t>(at)];
+  const std::vector<PointCluster>& clusters = keyframe.clusters;
+  std::vector<std::int32_t> cells(clusters.size(), VoxelIndex::kNone);
+  for (std::size_t i = 0; i < clusters.size(); ++i) {
+    if (!clusters[i].Empty()) cells[i] = CellAt(R * clusters[i].mean + T_submap_world.t);
+  }
+  for (std::size_t i = 0; i < clusters.size(); ++i) {
+    if (i + kAhead < clusters.size() && cells[i + kAhead] != VoxelIndex::kNone)
+      Prefetch(cells_[static_cast<std::size_t>(cells[i + kAhead])]);
+    if (cells[i] == VoxelIndex::kNone) continue;
+    Cell& cell = cells_[static_cast<std::size_t>(cells[i])];
     if (cell.last != keyframe.id && cell.keyframes < std::numeric_limits<std::uint16_t>::max())
       ++cell.keyframes;
     cell.last = keyframe.id;
-    cell.cluster += cluster;
+    cell.in_world += clusters[i];
   }
 }
 
 std::vector<SubmapLeaf> SubmapBuilder::Leaves() const {
+  const SE3 T_submap_world = submap_.T_world_submap.Inverse();
+  const Eigen::Matrix3d R = T_submap_world.R();
   std::vector<SubmapLeaf> leaves;
   leaves.reserve(cells_.size());
   for (const Cell& cell : cells_) {
     SubmapLeaf leaf;
     leaf.keyframes = cell.keyframes;
     std::copy(cell.index, cell.index + 3, leaf.index);
-    leaf.cluster = PackedCluster::Of(cell.cluster, CentreOf(cell.index, leaf_size_m_));
+    leaf.cluster = PackedCluster::Of(cell.in_world.Moved(R, T_submap_world.t),
+                                     CentreOf(cell.index, leaf_size_m_));
     leaves.push_back(leaf);
   }
   std::sort(leaves.begin(), leaves.end(), [](const SubmapLeaf& a, const SubmapLeaf& b) {
@@ -119,7 +132,7 @@ void SubmapBuilder::Archive(StateArchive& a) {
   for (std::size_t i = 0; i < cells_.size(); ++i) {
     Cell& cell = cells_[i];
     for (std::int16_t& index : cell.index) a(&index);
-    a(&cell.keyframes, &cell.last, &cell.cluster);
+    a(&cell.keyframes, &cell.last, &cell.in_world);
     if (a.reading())
       index_.FindOrInsert(PackVoxelKey(cell.index[0], cell.index[1], cell.index[2]),
                           static_cast<std::int32_t>(i));

@@ -85,6 +85,8 @@ class SubmapBuilder {
 
  private:
   void AddClusters(const FinalKeyframe& keyframe);
+  // The cell around a point of the submap's frame, made if it is not there; kNone out of reach.
+  std::int32_t CellAt(const Eigen::Vector3d& p);
   Submap Complete();
   std::vector<SubmapLeaf> Leaves() const;
 
@@ -92,8 +94,13 @@ class SubmapBuilder {
     std::int16_t index[3];
     std::uint16_t keyframes = 0;
     std::int64_t last = -1;
-    PointCluster cluster;
+    PointCluster in_world;  // turned when the submap is complete: once a cell, not once a cluster
   };
+  static void Prefetch(const Cell& cell) {
+    constexpr std::size_t kCacheLine = 64;
+    const char* const bytes = reinterpret_cast<const char*>(&cell);
+    for (std::size_t i = 0; i < sizeof(Cell); i += kCacheLine) __builtin_prefetch(bytes + i);
+  }
 
   SubmapOptions options_;
   double leaf_size_m_;

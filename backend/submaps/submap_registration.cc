@@ -105,22 +105,27 @@ SubmapQuery MakeQuery(const Submap& submap, std::vector<LeafPlane> planes,
 SubmapRegistration::SubmapRegistration(const ScanMatcherOptions& matcher)
     : options_(matcher), coarse_(Coarse(matcher)), fine_(matcher) {}
 
+MatchResult SubmapRegistration::Descend(const std::vector<PointCluster>& clusters,
+                                        const SubmapTarget& target, const SE3& T_target_clusters,
+                                        bool coarse) const {
+  SE3 start = T_target_clusters;
+  if (coarse) {
+    MatchResult first =
+        coarse_.MatchPose(EveryNth(clusters, kCoarseClusters), Open(start), target.coarse());
+    if (first.status == MatchResult::Status::kTooFewMatches) return first;
+    start = first.T_world_lidar;
+  }
+  return fine_.Match(EveryNth(clusters, kFineClusters), Open(start), target.fine());
+}
+
 SubmapMatch SubmapRegistration::Register(const SubmapQuery& query, const SubmapTarget& target,
                                          const SE3& T_target_query, bool coarse) const {
   SubmapMatch match;
-  match.T_other_query = T_target_query;
-  if (coarse) {
-    const MatchResult first = coarse_.MatchPose(EveryNth(query.clusters, kCoarseClusters),
-                                                Open(T_target_query), target.coarse());
-    if (first.status == MatchResult::Status::kTooFewMatches) return match;
-    match.T_other_query = first.T_world_lidar;
-  }
-  const MatchResult second = fine_.Match(EveryNth(query.clusters, kFineClusters),
-                                         Open(match.T_other_query), target.fine());
-  if (second.status == MatchResult::Status::kTooFewMatches) return match;
+  const MatchResult descent = Descend(query.clusters, target, T_target_query, coarse);
+  match.T_other_query = descent.T_world_lidar;
+  if (descent.status == MatchResult::Status::kTooFewMatches) return match;
   match.converged = true;
-  match.T_other_query = second.T_world_lidar;
-  match.covariance = second.covariance;
+  match.covariance = descent.covariance;
   JudgePlanes(query, target.fine(), &match);
   match.structure = StructureInCommon(query, target.fine(), match.T_other_query);
   return match;

@@ -86,7 +86,11 @@ class SubmapRegistration {
  public:
   explicit SubmapRegistration(const ScanMatcherOptions& matcher);
 
-  // `coarse`: the start may be off by a cell of the place images; otherwise by some 0.2 m.
+  // Descends from a pose; what is too little to match leaves it there. `coarse`: the start may be
+  // off by a cell of the place images; otherwise by some 0.2 m.
+  MatchResult Descend(const std::vector<PointCluster>& clusters, const SubmapTarget& target,
+                      const SE3& T_target_clusters, bool coarse) const;
+  // The same of a submap, and what speaks for it.
   SubmapMatch Register(const SubmapQuery& query, const SubmapTarget& target,
                        const SE3& T_target_query, bool coarse = true) const;
 

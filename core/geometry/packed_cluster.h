@@ -8,6 +8,7 @@
 
 #include <Eigen/Core>
 
+#include "core/geometry/cluster_moments.h"
 #include "core/geometry/point_cluster.h"
 
 namespace lamina {
@@ -42,6 +43,18 @@ struct PackedCluster {
     const float* c = covariance;
     cluster.scatter = Symmetric3{c[0], c[1], c[2], c[3], c[4], c[5]} * cluster.count;
     return cluster;
+  }
+
+  // About the centre that it was packed with.
+  ClusterMoments Moments() const {
+    ClusterMoments m;
+    m.count = static_cast<double>(count);
+    const Eigen::Vector3d offset = Eigen::Map<const Eigen::Vector3f>(mean).cast<double>();
+    const float* c = covariance;
+    m.first = m.count * offset;
+    m.second = Symmetric3{c[0], c[1], c[2], c[3], c[4], c[5]} * m.count;
+    m.second.AddOuter(m.count, offset);
+    return m;
   }
 };
 static_assert(sizeof(PackedCluster) == 40);

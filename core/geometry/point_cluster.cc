@@ -19,7 +19,8 @@ PointCluster& PointCluster::operator-=(const PointCluster& o) {
   return *this;
 }
 
-PointCluster TimedCluster::DeskewedTo(double time_s, const Vector6d& twist) const {
+PointCluster TimedCluster::DeskewedTo(double time_s, const SweepMotion& motion) const {
+  const Vector6d twist = motion.TwistAt(time_s);
   const Eigen::Vector3d w = twist.head<3>();
   const double offset_s = mean_time_s - time_s;
   PointCluster local = points;
@@ -28,7 +29,9 @@ PointCluster TimedCluster::DeskewedTo(double time_s, const Vector6d& twist) cons
   const double spread2 = time_scatter / points.count;
   const double second =
       0.5 * (spread2 * (1.0 - 0.15 * w.squaredNorm() * spread2) + offset_s * offset_s);
-  local.mean += offset_s * c + w.cross(point_time) / points.count + second * w.cross(c);
+  local.mean += offset_s * c + w.cross(point_time) / points.count +
+                second * (w.cross(c) + motion.acceleration.head<3>().cross(points.mean) +
+                          motion.acceleration.tail<3>());
   const Eigen::Vector3d& k = point_time;
   Symmetric3& s = local.scatter;
   s.xx += 2.0 * c.x() * k.x();
@@ -41,9 +44,9 @@ PointCluster TimedCluster::DeskewedTo(double time_s, const Vector6d& twist) cons
   return local;
 }
 
-PointCluster TimedCluster::Deskewed(const Vector6d& twist) const {
-  const PointCluster local = DeskewedTo(mean_time_s, twist);
-  return mean_time_s == 0.0 ? local : local.Moved(TwistExp(mean_time_s * twist));
+PointCluster TimedCluster::Deskewed(const SweepMotion& motion) const {
+  const PointCluster local = DeskewedTo(mean_time_s, motion);
+  return mean_time_s == 0.0 ? local : local.Moved(motion.PoseAt(mean_time_s));
 }
 
 }  // namespace lamina

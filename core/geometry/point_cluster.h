@@ -20,6 +20,7 @@
 #include <Eigen/Core>
 
 #include "core/geometry/se3.h"
+#include "core/geometry/sweep_motion.h"
 #include "core/geometry/symmetric3.h"
 
 namespace lamina {
@@ -106,11 +107,11 @@ struct TimedCluster {
   // surface. Its terms of even order are those of times spread evenly, E[s^4] = 9/5 E[s^2]^2, whose
   // sum is s^2/2 (1 - |w|^2 E[s^2] 9/60) w x c; of odd order, that of the moments alone. At 20
   // degrees within a cluster of 0.1 s, 20 m away, 0.1 mm remain.
-  PointCluster Deskewed(const Vector6d& twist) const;
+  PointCluster Deskewed(const SweepMotion& motion) const;
 
   // The same, but in the LiDAR frame at tau = time_s, which must be near the cluster's mean time (s
   // = tau - time_s above): Deskewed without its last, rigid motion.
-  PointCluster DeskewedTo(double time_s, const Vector6d& twist) const;
+  PointCluster DeskewedTo(double time_s, const SweepMotion& motion) const;
 };
 
 }  // namespace lamina

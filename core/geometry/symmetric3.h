@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 
 namespace lamina {
 
@@ -51,5 +52,7 @@ struct Eigen3 {
 // Cyclic Jacobi rotations: unlike the closed-form (trigonometric) solution, the smallest eigenvalue
 // keeps its digits, and that one is the thickness of a plane. Deterministic.
 Eigen3 EigenDecompose(const Symmetric3& s);
+// The same of many, four at a time: each comes out with the bits that it has by itself.
+void EigenDecompose(const Symmetric3* s, std::size_t count, Eigen3* results);
 
 }  // namespace lamina

@@ -9,7 +9,7 @@ namespace lamina {
 
 struct Surfel {
   Eigen::Vector3d centre;       // mean of the points, frame of its piece, metres
-  Eigen::Vector3f normal;       // unit, towards the sensor that saw it first
+  Eigen::Vector3f normal;       // unit; the sign has no meaning
   Eigen::Vector3f eigenvalues;  // of the covariance, descending, m^2; thickness = sqrt of the last
   std::uint32_t count = 0;      // points
   std::int64_t last_keyframe = 0;  // the last frame that added to it

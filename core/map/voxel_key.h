@@ -85,6 +85,23 @@ class VoxelIndex {
     }
   }
 
+  // As a set: whether the key is new to it.
+  bool Insert(VoxelKey key) {
+    const std::size_t before = size_;
+    FindOrInsert(key, 0);
+    return size_ > before;
+  }
+
+  // Of values that are gathered by voxel, in the order in which the voxels came up: that of the
+  // key, a new one if it has none yet.
+  template <typename T>
+  T& Gather(VoxelKey key, std::vector<T>* values) {
+    const auto next = static_cast<std::int32_t>(values->size());
+    const std::int32_t at = FindOrInsert(key, next);
+    if (at == next) values->emplace_back();
+    return (*values)[static_cast<std::size_t>(at)];
+  }
+
   // Does nothing if the key is not there.
   void Erase(VoxelKey key);
 

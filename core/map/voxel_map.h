@@ -8,8 +8,8 @@
 // A leaf holds up to two clusters, in world coordinates:
 //   fixed    of frames that have left the sliding window: capped weight, never moved again; packed
 //            (core/geometry/packed_cluster.h)
-//   window   the sum of the frames in the window at their present poses; the window exchanges them
-//            when it moves the frames
+//   window   the sum of the frames in the window at their present poses, about the root's centre
+//            (core/geometry/cluster_moments.h); the window exchanges them when it moves the frames
 // The trees and their memory are core/map/voxel_trees.h.
 //
 // Every change marks the root; Refresh() brings the surfaces of the marked roots up to date, in
@@ -108,6 +108,9 @@ class VoxelMap {
   // The coarsest planar node around p or, if there is none, the leaf around p (rough or empty);
   // kNoNode where the map has nothing.
   NodeId FindSurface(const Eigen::Vector3d& p) const;
+  // The same by the leaf voxel around p, on which alone it depends.
+  LeafPlace PlaceOf(const Eigen::Vector3d& p) const { return trees_.PlaceOf(p); }
+  NodeId FindSurface(const LeafPlace& place) const;
   // The coarsest planar node among a leaf and its ancestors, else kNoNode.
   NodeId PlaneAbove(NodeId leaf) const;
   // As of the last refresh; below a planar node nothing is kept up to date.
@@ -152,8 +155,14 @@ class VoxelMap {
   // leaves in an order of its own waits for memory more than for anything else.
   void Prefetch(NodeId id) const {
     if (id == kNoNode) return;
-    const char* bytes = reinterpret_cast<const char*>(&trees_.node(id));
-    for (std::size_t i = 0; i < sizeof(MapLeaf); i += kCacheLine) __builtin_prefetch(bytes + i);
+    FetchBytes(&trees_.node(id), sizeof(MapLeaf));
+  }
+  // The same of what belongs to a leaf that is there already: its root and its window part.
+  void PrefetchAround(NodeId leaf) const {
+    if (leaf == kNoNode) return;
+    FetchBytes(&trees_.node(trees_.leaf(leaf).parent), sizeof(MapRoot));
+    const ClusterMoments* const window = trees_.FindWindow(trees_.leaf(leaf));
+    if (window != nullptr) FetchBytes(window, sizeof(*window));
   }
 
   // Number of refreshes that changed anything.
@@ -181,7 +190,7 @@ class VoxelMap {
   // The window part of a leaf. Clusters are in the world frame and belong to the frame `frame`; all
   // clusters of one frame are added before any of the next.
   void AddWindow(NodeId leaf, const PointCluster& cluster, std::int64_t frame);
-  // Exchanges a cluster that was added before, when its frame has moved.
+  // Exchanges a cluster that was added before, when its frame has moved; its count stays.
   void ReplaceWindow(NodeId leaf, const PointCluster& before, const PointCluster& after);
   // Marginalisation: a cluster that was added to the window part leaves it and joins the fixed
   // part, its points weighing `weight` (0 to 1) times what they did; the weight of the fixed part
@@ -244,6 +253,11 @@ class VoxelMap {
   static constexpr std::size_t kCacheLine = 64;
   static constexpr std::int64_t kNoPiece = -1;
 
+  static void FetchBytes(const void* object, std::size_t size) {
+    const char* bytes = static_cast<const char*>(object);
+    for (std::size_t i = 0; i < size; i += kCacheLine) __builtin_prefetch(bytes + i);
+  }
+
   VoxelKey KeyOf(const Eigen::Vector3d& p) const {
     return SlotBase(slot_) + RootKeyOf(p, inverse_root_size_);
   }
@@ -273,14 +287,25 @@ class VoxelMap {
   };
   struct TreeSum {
     NodeId id;
-    PointCluster cluster;
     int frames = 0;
-    std::size_t end = 0;  // of those below it
+    std::size_t end = 0;     // of those below it
+    ClusterMoments moments;  // about the root's centre
+    Surface surface;         // kEmpty below a planar node
   };
-  // Sums of a node and all below it, parents before children; returns the node's own. `centre` is
-  // that of the root.
-  PointCluster SumTree(NodeId id, const Eigen::Vector3d& centre, std::vector<TreeSum>* sums) const;
-  void RefreshTree(NodeId root, std::vector<TreeSum>* sums, std::vector<PlaneChange>* changes);
+  // What a refresh works with on one thread.
+  struct RefreshRoom;
+  // Sums of a node and all below it, parents before children.
+  void SumTree(NodeId id, std::vector<TreeSum>* sums) const;
+  // Brings marked roots [begin, end) up to date, and tells where a plane is to be made or freed.
+  void RefreshTrees(std::size_t begin, std::size_t end, RefreshRoom* room,
+                    std::vector<PlaneChange>* changes);
+  // Has the processor fetch what the next marked roots after i hold.
+  void PrefetchTrees(std::size_t i) const;
+  // Surfaces of the sums, from the roots down to the coarsest planar nodes.
+  void FindSurfaces(RefreshRoom* room) const;
+  // What can be said of a node without its eigenvalues; true if that is not all.
+  bool BeginSurface(const PointCluster& cluster, int frames, Surface* surface) const;
+  void FinishSurface(const Eigen3& eigen, Surface* surface) const;
   // Those of a tile that are in memory, in the order of their keys.
   std::vector<NodeId> RootsOfTile(VoxelKey tile) const;
   void VisitRoot(NodeId root, int min_frames, const VisitSurfel& visit) const;

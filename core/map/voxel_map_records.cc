@@ -101,9 +101,9 @@ std::vector<VoxelMap::NodeId> VoxelMap::RootsOfTile(VoxelKey tile) const {
 void VoxelMap::VisitLeaves(const VoxelTrees& trees, NodeId root, const VisitLeaf& visit) {
   const Eigen::Vector3d centre = trees.CentreOf(root);
   trees.ForEachLeaf(root, [&](const MapLeaf& leaf) {
-    PointCluster cluster = leaf.fixed.Unpacked(centre);
-    if (const PointCluster* window = trees.FindWindow(leaf)) cluster += *window;
-    if (!cluster.Empty()) visit(cluster, leaf.fixed_frames + leaf.window_frames);
+    ClusterMoments sum = leaf.fixed.Moments();
+    if (const ClusterMoments* window = trees.FindWindow(leaf)) sum += *window;
+    if (!sum.Empty()) visit(sum.Cluster(centre), leaf.fixed_frames + leaf.window_frames);
   });
 }
 

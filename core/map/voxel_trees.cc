@@ -6,10 +6,9 @@ namespace lamina {
 
 VoxelTrees::VoxelTrees(double root_size_m, int depth)
     : root_size_m_(root_size_m),
-      inverse_root_size_(1.0 / root_size_m),
+      inverse_leaf_size_(1.0 / root_size_m * (1 << depth)),
       depth_(depth),
-      leaves_per_edge_(1 << depth),
-      most_leaf_((1U << static_cast<unsigned>(depth)) - 1U) {}
+      most_leaf_((1 << depth) - 1) {}
 
 int VoxelTrees::LevelOf(NodeId id) const {
   int level = 0;
@@ -25,11 +24,6 @@ void VoxelTrees::FitPlane(MapNode* node) {
   } else {
     planes_.Free(std::exchange(node->plane, kNoNode));
   }
-}
-
-PointCluster& VoxelTrees::Window(MapLeaf* leaf) {
-  if (leaf->window == kNoNode) leaf->window = windows_.New();
-  return windows_[leaf->window];
 }
 
 void VoxelTrees::DropEmptyWindow(MapLeaf* leaf) {
@@ -104,7 +98,7 @@ void VoxelTrees::Link(NodeId id) {
 // followed by the trees of these; for a leaf
 //
 //     u16 fixed_frames   u16 window_frames   i32 last_added   i32 last_fixed
-//     u8 bits: 1 it has a fixed cluster: 10 f32, packed; 2 a window cluster: 10 f64
+//     u8 bits: 1 it has a fixed cluster: 10 f32, packed; 2 a window part: 10 f64
 //
 // Planes follow from the clusters and are made again. Holds are for the window to repeat.
 
@@ -112,14 +106,14 @@ void VoxelTrees::SaveTree(StateArchive& a, NodeId id) const {
   if (IsLeaf(id)) {
     MapLeaf copy = leaf(id);
     a(&copy.fixed_frames, &copy.window_frames, &copy.last_added, &copy.last_fixed);
-    const PointCluster* window = FindWindow(copy);
+    const ClusterMoments* window = FindWindow(copy);
     auto parts =
         static_cast<std::uint8_t>((copy.fixed.Empty() ? 0 : 1) | (window != nullptr ? 2 : 0));
     a(&parts);
     if ((parts & 1) != 0) a(&copy.fixed);
     if (window == nullptr) return;
-    PointCluster cluster = *window;
-    a(&cluster);
+    ClusterMoments sums = *window;
+    a(&sums);
     return;
   }
   std::uint8_t there = 0;

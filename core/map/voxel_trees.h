@@ -8,7 +8,7 @@
 //     inner node 44    its children
 //     root 80          that, its key, and what the order of touches and a snapshot need
 //     plane 48         of a coarsest planar node
-//     window 80        the sum of what frames of the window have in a leaf, at full precision
+//     window 80        the sums of what frames of the window have in a leaf, at full precision
 //
 // A root voxel that is not divided (depth 0) has one leaf, as large as itself.
 #pragma once
@@ -16,8 +16,10 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <utility>
 
+#include "core/geometry/cluster_moments.h"
 #include "core/geometry/packed_cluster.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/block_pool.h"
@@ -29,10 +31,19 @@ namespace lamina {
 
 template <>
 inline constexpr bool kPlainState<PackedCluster> = true;
+template <>
+inline constexpr bool kPlainState<ClusterMoments> = true;
+static_assert(sizeof(ClusterMoments) == 10 * sizeof(double));
 
 // A kind in two bits and the number in its pool.
 using NodeId = std::int32_t;
 inline constexpr NodeId kNoNode = -1;
+
+// Of counts of frames.
+inline std::uint16_t SaturatingAdd(std::uint16_t a, int b) {
+  constexpr int kMost = std::numeric_limits<std::uint16_t>::max();
+  return static_cast<std::uint16_t>(std::min(kMost, static_cast<int>(a) + b));
+}
 
 struct MapNode {
   NodeId parent = kNoNode;
@@ -71,6 +82,8 @@ static_assert(sizeof(MapRoot) == 80);
 struct LeafPlace {
   VoxelKey key = 0;
   std::uint32_t path = 0;
+
+  bool operator==(const LeafPlace& o) const { return key == o.key && path == o.path; }
 };
 
 // Thread-safety: const members may run at once, and so may changes of nodes of different trees that
@@ -112,14 +125,12 @@ class VoxelTrees {
   LeafPlace PlaceOf(const Eigen::Vector3d& p) const {
     LeafPlace place;
     for (int axis = 0; axis < 3; ++axis) {
-      const double x = p[axis] * inverse_root_size_;
-      auto index = static_cast<std::int64_t>(x);
-      index -= static_cast<double>(index) > x ? 1 : 0;  // floor, without a call
-      const auto leaf = static_cast<unsigned>((x - static_cast<double>(index)) * leaves_per_edge_);
-      place.key |= static_cast<VoxelKey>(index + RootKeyLayout::kOffset[axis])
+      const double x = p[axis] * inverse_leaf_size_;
+      auto leaf = static_cast<std::int64_t>(x);
+      leaf -= static_cast<double>(leaf) > x ? 1 : 0;  // floor, without a call
+      place.key |= static_cast<VoxelKey>((leaf >> depth_) + RootKeyLayout::kOffset[axis])
                    << RootKeyLayout::kShift[axis];
-      // Just below zero, rounding ends at the upper edge.
-      place.path |= kSpread[std::min(leaf, most_leaf_)] << axis;
+      place.path |= kSpread[leaf & most_leaf_] << axis;
     }
     return place;
   }
@@ -136,9 +147,13 @@ class VoxelTrees {
   // Makes or frees a node's plane, as its kind wants it.
   void FitPlane(MapNode* node);
 
-  // The window part of a leaf, made if it is not there; null if there is none.
-  PointCluster& Window(MapLeaf* leaf);
-  const PointCluster* FindWindow(const MapLeaf& leaf) const {
+  // The window part of a leaf, about its root's centre; made if it is not there; null if there is
+  // none.
+  ClusterMoments& Window(MapLeaf* leaf) {
+    if (leaf->window == kNoNode) leaf->window = windows_.New();
+    return windows_[leaf->window];
+  }
+  const ClusterMoments* FindWindow(const MapLeaf& leaf) const {
     return leaf.window == kNoNode ? nullptr : &windows_[leaf.window];
   }
   // Frees the window part of a leaf if it is empty.
@@ -197,7 +212,7 @@ class VoxelTrees {
   bool HasRoom(double more_bytes, double most_bytes) const;
   static constexpr double kBlocksBytes =
       256.0 * (sizeof(MapLeaf) + sizeof(MapInner) + sizeof(MapRoot) + sizeof(Surface) +
-               sizeof(PointCluster));
+               sizeof(ClusterMoments));
 
   std::uint64_t touches() const { return touches_; }
   // What decides on later evictions beside the content of the trees.
@@ -227,16 +242,15 @@ class VoxelTrees {
     visit(leaves_), visit(inner_), visit(roots_), visit(planes_), visit(windows_);
   }
 
-  double root_size_m_, inverse_root_size_;
+  double root_size_m_, inverse_leaf_size_;
   int depth_;
-  double leaves_per_edge_;
-  unsigned most_leaf_;
+  std::int64_t most_leaf_;  // along an edge
   VoxelIndex index_;
   BlockPool<MapLeaf> leaves_;
   BlockPool<MapInner> inner_;
   BlockPool<MapRoot> roots_;
   BlockPool<Surface> planes_;
-  BlockPool<PointCluster> windows_;
+  BlockPool<ClusterMoments> windows_;
   NodeId oldest_ = kNoNode, newest_ = kNoNode;
   std::uint64_t touches_ = 0;
 };

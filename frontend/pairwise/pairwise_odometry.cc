@@ -107,8 +107,7 @@ void PairwiseMap::Add(const PairwiseCloud& cloud, const SE3& T_world_cloud) {
   for (std::size_t i = 0; i < cloud.points.size(); ++i) {
     const Eigen::Vector3d p = R * cloud.points[i].cast<double>() + T_world_cloud.t;
     if (!IsVoxelKeyInRange(p, inverse_voxel_)) continue;
-    const auto next = static_cast<std::int32_t>(all_.points.size());
-    if (taken_.FindOrInsert(VoxelKeyOf(p, inverse_voxel_), next) != next) continue;
+    if (!taken_.Insert(VoxelKeyOf(p, inverse_voxel_))) continue;
     all_.points.push_back(p.cast<float>());
     if (!cloud.normals.empty()) all_.normals.push_back(R.cast<float>() * cloud.normals[i]);
     if (!cloud.covariances.empty()) all_.covariances.push_back(cloud.covariances[i].Rotated(R));

@@ -73,7 +73,7 @@ std::vector<Eigen::Vector3f> Downsample(const std::vector<Eigen::Vector3f>& poin
                                         double voxel_m) {
   struct Sum {
     Eigen::Vector3d offset = Eigen::Vector3d::Zero();  // from the voxel's first point
-    Eigen::Vector3f first;
+    Eigen::Vector3f first = Eigen::Vector3f::Zero();
     double count = 0.0;
   };
   VoxelIndex index(points.size() / 4);
@@ -81,10 +81,8 @@ std::vector<Eigen::Vector3f> Downsample(const std::vector<Eigen::Vector3f>& poin
   for (const Eigen::Vector3f& p : points) {
     const Eigen::Vector3d here = p.cast<double>();
     if (!IsVoxelKeyInRange(here, 1.0 / voxel_m)) continue;
-    const auto next = static_cast<std::int32_t>(sums.size());
-    const std::int32_t at = index.FindOrInsert(VoxelKeyOf(here, 1.0 / voxel_m), next);
-    if (at == next) sums.push_back({Eigen::Vector3d::Zero(), p, 0.0});
-    Sum& sum = sums[static_cast<std::size_t>(at)];
+    Sum& sum = index.Gather(VoxelKeyOf(here, 1.0 / voxel_m), &sums);
+    if (sum.count == 0.0) sum.first = p;
     sum.offset += (p - sum.first).cast<double>();
     sum.count += 1.0;
   }
@@ -102,7 +100,7 @@ double OverlapShare(const std::vector<Eigen::Vector3f>& source,
   VoxelIndex occupied(target.size() / 4);
   for (const Eigen::Vector3f& point : target) {
     const Eigen::Vector3d p = point.cast<double>();
-    if (IsVoxelKeyInRange(p, inverse)) occupied.FindOrInsert(VoxelKeyOf(p, inverse), 0);
+    if (IsVoxelKeyInRange(p, inverse)) occupied.Insert(VoxelKeyOf(p, inverse));
   }
   // The eight voxels that a cube of one voxel's size about the point reaches into.
   const auto meets = [&](const Eigen::Vector3d& p) {

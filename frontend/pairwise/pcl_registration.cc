@@ -10,6 +10,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "core/base/angle.h"
 #include "frontend/pairwise/pcl_search.h"
 
 // Compiled into PCL's library, and heavy to compile again.
@@ -85,7 +86,7 @@ class PclRegistration final : public PairwiseMethod {
       Align(ToPcl(source.points), ToPcl(target.points), initial, &icp, &result);
     } else if (kind_ == PairwiseKind::kGicp) {
       Gicp gicp;
-      gicp.setRotationEpsilon(options_.min_rotation_step_deg * M_PI / 180.0);
+      gicp.setRotationEpsilon(Radians(options_.min_rotation_step_deg));
       gicp.setMaximumOptimizerIterations(10);
       const auto from = ToPcl(source.points), to = ToPcl(target.points);
       gicp.setInputSource(from);
@@ -127,7 +128,7 @@ class PclRegistration final : public PairwiseMethod {
     registration->setTransformationEpsilon(is_gicp ? step : step * step);
     if (!is_gicp) {
       registration->setTransformationRotationEpsilon(
-          std::cos(options_.min_rotation_step_deg * M_PI / 180.0));
+          std::cos(Radians(options_.min_rotation_step_deg)));
     }
     Aligned aligned;
     registration->align(aligned, ToMatrix(initial));

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/angle.h"
 #include "core/base/parallel.h"
 #include "core/map/voxel_key.h"
 
@@ -25,10 +26,7 @@ struct ClusterGrid {
     for (const Eigen::Vector3f& point : points) {
       const Eigen::Vector3d p = point.cast<double>();
       if (!IsVoxelKeyInRange(p, inverse_m)) continue;
-      const auto next = static_cast<std::int32_t>(clusters.size());
-      const std::int32_t at = index.FindOrInsert(VoxelKeyOf(p, inverse_m), next);
-      if (at == next) clusters.emplace_back();
-      clusters[static_cast<std::size_t>(at)].AddPoint(p);
+      index.Gather(VoxelKeyOf(p, inverse_m), &clusters).AddPoint(p);
     }
   }
 
@@ -129,7 +127,7 @@ class VoxelizedGicp final : public PairwiseMethod {
         return;
       }
       T = Retract(T, step);
-      if (step.head<3>().norm() < options_.min_rotation_step_deg * M_PI / 180.0 &&
+      if (step.head<3>().norm() < Radians(options_.min_rotation_step_deg) &&
           step.tail<3>().norm() < options_.min_translation_step_m) {
         break;
       }

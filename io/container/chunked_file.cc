@@ -15,7 +15,7 @@ namespace {
 // Larger chunks are unpacked anew for each message, piece by piece.
 constexpr std::uint64_t kMostCachedBytes = 16 << 20;
 // No recording is packed so well: such a chunk is made to take time and memory.
-constexpr std::uint64_t kMostRatio = 1000;
+constexpr std::uint64_t kMostChunkRatio = 1000;
 // Chunks that are packed to more are read piece by piece.
 constexpr std::uint64_t kMostPackedBytes = 4 << 20;
 constexpr std::size_t kPiece = 1 << 20;
@@ -76,7 +76,7 @@ void ChunkedFile::CheckChunk(const Chunk& chunk, std::uint64_t at) const {
   const bool plain = chunk.compression == Compression::kNone;
   const std::uint64_t packed = chunk.end - chunk.begin;
   if (plain ? chunk.bytes != packed
-            : chunk.bytes > kMostCachedBytes && chunk.bytes / kMostRatio > packed) {
+            : chunk.bytes > kMostCachedBytes && chunk.bytes / kMostChunkRatio > packed) {
     Fail(at, fmt::format("a chunk of {} bytes cannot have {} when unpacked", packed, chunk.bytes));
   }
 }

@@ -20,7 +20,7 @@
 namespace lamina {
 namespace {
 
-constexpr std::string_view kMagic("\x89MCAP0\r\n", 8);
+constexpr std::string_view kMcapMagic("\x89MCAP0\r\n", 8);
 constexpr std::uint64_t kRecordHead = 9;  // opcode and length
 constexpr std::uint64_t kFooterBytes = 20;
 constexpr std::uint64_t kMostRecordBytes = 64 << 20;  // of those that are read into memory
@@ -45,7 +45,7 @@ struct RecordHead {
   std::uint64_t bytes = 0;
 };
 
-RecordHead NextRecord(ByteStream* stream) {
+RecordHead ReadRecordHead(ByteStream* stream) {
   RecordHead head;
   head.opcode = stream->Number<unsigned char>();
   head.bytes = stream->Number<std::uint64_t>();
@@ -115,16 +115,16 @@ class Mcap final : public ChunkedFile {
 
   // False if there is none that names all messages.
   bool ReadSummary() {
-    const std::uint64_t tail = kRecordHead + kFooterBytes + kMagic.size();
-    if (file().size() < kMagic.size() + tail) return false;
+    const std::uint64_t tail = kRecordHead + kFooterBytes + kMcapMagic.size();
+    if (file().size() < kMcapMagic.size() + tail) return false;
     const std::uint64_t footer = file().size() - tail;
     FileStream stream(file(), footer, file().size());
-    const RecordHead head = NextRecord(&stream);
+    const RecordHead head = ReadRecordHead(&stream);
     if (head.opcode != kFooter || head.bytes != kFooterBytes) return false;
     const auto begin = stream.Number<std::uint64_t>();
     stream.Skip(sizeof(std::uint64_t));
     const auto sum = stream.Number<std::uint32_t>();
-    if (stream.Text(kMagic.size(), kMagic.size()) != kMagic) return false;
+    if (stream.Text(kMcapMagic.size(), kMcapMagic.size()) != kMcapMagic) return false;
     if (begin == 0) return false;
     if (begin > footer) stream.Fail("the summary begins behind its end");
     if (sum != 0) CheckSummary(begin, footer + kRecordHead + 2 * sizeof(std::uint64_t), sum);
@@ -132,7 +132,7 @@ class Mcap final : public ChunkedFile {
     FileStream summary(file(), begin, footer, 1 << 16);
     // Channels first: what chunks hold of others is passed over.
     while (begin + summary.position() < footer) {
-      const RecordHead record = NextRecord(&summary);
+      const RecordHead record = ReadRecordHead(&summary);
       const Content content(&summary, record.bytes);
       if (record.opcode == kSchema) ReadSchema(content);
       if (record.opcode == kChannel) ReadChannel(content);
@@ -228,14 +228,14 @@ class Mcap final : public ChunkedFile {
   std::uint64_t ReadMessageIndices(const ChunkIndex& index) {
     if (index.message_indices.empty()) return 0;
     FileStream head(file(), index.place, file().size(), 128);
-    const RecordHead record = NextRecord(&head);
+    const RecordHead record = ReadRecordHead(&head);
     if (record.opcode != kChunk) head.Fail("there is no chunk where the index says");
     const Chunk chunk = ReadChunkHead(Content(&head, record.bytes), index.place);
     const std::uint32_t number = AddChunk(chunk);
     std::uint64_t found = 0;
     for (const auto& [channel, place] : index.message_indices) {
       FileStream stream(file(), place, file().size(), 512);
-      const RecordHead entries = NextRecord(&stream);
+      const RecordHead entries = ReadRecordHead(&stream);
       if (entries.opcode != kMessageIndex) stream.Fail("there is no index where one should be");
       const Content content(&stream, entries.bytes);
       if (content->Number<std::uint16_t>() != channel) stream.Fail("an index of another channel");
@@ -278,10 +278,10 @@ class Mcap final : public ChunkedFile {
     whole.end = whole.bytes = file().size();
     const std::uint32_t loose = AddChunk(whole);
     FileStream stream(file(), 0, file().size());
-    stream.Skip(kMagic.size());
+    stream.Skip(kMcapMagic.size());
     WalkFile(why, &stream, file().size(), [&] {
       const std::uint64_t place = stream.position();
-      const RecordHead record = NextRecord(&stream);
+      const RecordHead record = ReadRecordHead(&stream);
       if (record.opcode == kDataEnd || record.opcode == kFooter) return false;
       const Content content(&stream, record.bytes);
       if (content.left() > file().size() - stream.position()) stream.Fail("the file ends here");
@@ -307,7 +307,7 @@ class Mcap final : public ChunkedFile {
   // True for a message that is wanted.
   bool ReadChunkRecord(ByteStream* stream, std::uint64_t chunk_bytes, std::uint32_t chunk) {
     const std::uint64_t place = stream->position();
-    const RecordHead record = NextRecord(stream);
+    const RecordHead record = ReadRecordHead(stream);
     const Content content(stream, record.bytes);
     if (content.left() > chunk_bytes - stream->position()) stream->Fail("the chunk ends here");
     const bool wanted = ReadDataRecord(record.opcode, content, chunk, place);
@@ -333,7 +333,7 @@ class Mcap final : public ChunkedFile {
 
   std::string_view ReadRecord(ByteStream* stream, std::size_t most,
                               ByteBuffer* room) const override {
-    const RecordHead record = NextRecord(stream);
+    const RecordHead record = ReadRecordHead(stream);
     if (record.opcode != kMessage || record.bytes < kMessageHead) {
       stream->Fail("there is no message where the index says");
     }

@@ -16,19 +16,19 @@
 namespace lamina {
 namespace {
 
-constexpr char kMagic[] = "#ROSBAG V2.0\n";
-constexpr std::size_t kMagicBytes = sizeof(kMagic) - 1;
+constexpr char kBagMagic[] = "#ROSBAG V2.0\n";
+constexpr std::size_t kBagMagicBytes = sizeof(kBagMagic) - 1;
 constexpr std::uint64_t kNsPerS = 1'000'000'000;
 constexpr std::uint64_t kMostHeaderBytes = 1 << 16;
 constexpr std::uint64_t kMostDefinitionBytes = 16 << 20;
 
 enum Op : unsigned char {
-  kMessage = 2,
-  kBagHeader = 3,
-  kIndex = 4,
-  kChunk = 5,
-  kChunkInfo = 6,
-  kConnection = 7
+  kMessageOp = 2,
+  kBagHeaderOp = 3,
+  kIndexOp = 4,
+  kChunkOp = 5,
+  kChunkInfoOp = 6,
+  kConnectionOp = 7
 };
 
 // `name=value` pairs, each behind its length.
@@ -80,7 +80,7 @@ struct Record {
   std::uint32_t data_bytes = 0;
 };
 
-Record NextRecord(ByteStream* stream) {
+Record ReadBagRecord(ByteStream* stream) {
   const std::string header = stream->Text(stream->Number<std::uint32_t>(), kMostHeaderBytes);
   Record record{Fields(header, *stream), 0};
   record.data_bytes = stream->Number<std::uint32_t>();
@@ -96,11 +96,11 @@ class Ros1Bag final : public ChunkedFile {
   Ros1Bag(const std::string& path, const TopicFilter& wanted, std::shared_ptr<ChunkCache> cache)
       : ChunkedFile("a ROS 1 bag", path, wanted, std::move(cache)) {
     FileStream stream(file(), 0, file().size());
-    if (stream.Text(kMagicBytes, kMagicBytes) != kMagic) {
+    if (stream.Text(kBagMagicBytes, kBagMagicBytes) != kBagMagic) {
       stream.Fail("a ROS 1 bag of another version than 2.0; `rosbag migrate` brings it there");
     }
-    const Record header = NextRecord(&stream);
-    if (header.fields.op() != kBagHeader) stream.Fail("the bag's header is missing");
+    const Record header = ReadBagRecord(&stream);
+    if (header.fields.op() != kBagHeaderOp) stream.Fail("the bag's header is missing");
     const auto index = header.fields.Number<std::uint64_t>("index_pos");
     const auto chunks = header.fields.Number<std::uint32_t>("chunk_count");
     stream.Skip(header.data_bytes);
@@ -123,12 +123,12 @@ class Ros1Bag final : public ChunkedFile {
     FileStream stream(file(), index, file().size(), 1 << 16);
     std::vector<std::uint64_t> places;
     while (index + stream.position() < file().size()) {
-      const Record record = NextRecord(&stream);
-      if (record.fields.op() == kConnection) {
+      const Record record = ReadBagRecord(&stream);
+      if (record.fields.op() == kConnectionOp) {
         ReadConnection(record, &stream);
         continue;
       }
-      if (record.fields.op() == kChunkInfo) {
+      if (record.fields.op() == kChunkInfoOp) {
         // Chunks are counted by what the file has bytes for.
         places.push_back(record.fields.Number<std::uint64_t>("chunk_pos"));
       }
@@ -155,15 +155,15 @@ class Ros1Bag final : public ChunkedFile {
   // The indices of connections stand behind the chunk.
   void ReadChunkIndex(std::uint64_t place, std::uint64_t end) {
     FileStream stream(file(), place, end, 512);
-    const Record head = NextRecord(&stream);
-    if (head.fields.op() != kChunk) stream.Fail("there is no chunk where the index says");
+    const Record head = ReadBagRecord(&stream);
+    if (head.fields.op() != kChunkOp) stream.Fail("there is no chunk where the index says");
     const Chunk chunk = ReadChunkHeader(head, place + stream.position(), stream);
     stream.Skip(head.data_bytes);
     const std::uint32_t number = AddChunk(chunk);
     bool any = false;
     while (place + stream.position() < end) {
-      const Record record = NextRecord(&stream);
-      if (record.fields.op() != kIndex) break;
+      const Record record = ReadBagRecord(&stream);
+      if (record.fields.op() != kIndexOp) break;
       const auto count = record.fields.Number<std::uint32_t>("count");
       const Connection* connection = Find(record.fields.Number<std::uint32_t>("conn"));
       constexpr std::uint64_t kEntryBytes = 12;
@@ -200,12 +200,12 @@ class Ros1Bag final : public ChunkedFile {
   void Walk(const std::string& why, std::uint64_t first) {
     FileStream stream(file(), first, file().size());
     WalkFile(why, &stream, file().size() - first, [&] {
-      const Record record = NextRecord(&stream);
-      if (record.fields.op() == kConnection) {
+      const Record record = ReadBagRecord(&stream);
+      if (record.fields.op() == kConnectionOp) {
         ReadConnection(record, &stream);
         return true;
       }
-      if (record.fields.op() == kChunk) {
+      if (record.fields.op() == kChunkOp) {
         WalkChunk([&] { return ReadChunkHeader(record, first + stream.position(), stream); },
                   [&](ByteStream* chunk, std::uint32_t number) {
                     return ReadChunkRecord(chunk, number);
@@ -219,12 +219,12 @@ class Ros1Bag final : public ChunkedFile {
   // True for a message that is wanted.
   bool ReadChunkRecord(ByteStream* stream, std::uint32_t chunk) {
     const std::uint64_t offset = stream->position();
-    const Record record = NextRecord(stream);
-    if (record.fields.op() == kConnection) {
+    const Record record = ReadBagRecord(stream);
+    if (record.fields.op() == kConnectionOp) {
       ReadConnection(record, stream);
       return false;
     }
-    if (record.fields.op() != kMessage) {
+    if (record.fields.op() != kMessageOp) {
       stream->Skip(record.data_bytes);
       return false;
     }
@@ -239,8 +239,8 @@ class Ros1Bag final : public ChunkedFile {
 
   std::string_view ReadRecord(ByteStream* stream, std::size_t most,
                               ByteBuffer* room) const override {
-    const Record record = NextRecord(stream);
-    if (record.fields.op() != kMessage) stream->Fail("there is no message where the index says");
+    const Record record = ReadBagRecord(stream);
+    if (record.fields.op() != kMessageOp) stream->Fail("there is no message where the index says");
     if (record.data_bytes > kMostMessageBytes) stream->Fail("a message is too long");
     return stream->View(std::min<std::uint64_t>(record.data_bytes, most), kMostMessageBytes, room);
   }

@@ -33,9 +33,9 @@ bool IsWholeBag(const RandomFile& file) {
 }
 
 bool IsWholeMcap(const RandomFile& file) {
-  constexpr std::string_view kMagic("\x89MCAP0\r\n", 8);
-  if (file.size() < 2 * kMagic.size()) return false;
-  return Piece(file, file.size() - kMagic.size(), kMagic.size()) == kMagic;
+  constexpr std::string_view kMcapEnd("\x89MCAP0\r\n", 8);
+  if (file.size() < 2 * kMcapEnd.size()) return false;
+  return Piece(file, file.size() - kMcapEnd.size(), kMcapEnd.size()) == kMcapEnd;
 }
 
 bool IsWholeDatabase(const std::string& path, const RandomFile& file) {

@@ -5,13 +5,12 @@
 #include <algorithm>
 
 #include "core/base/error.h"
+#include "io/file/text_input.h"
 
 namespace lamina {
 namespace {
 
 namespace fs = std::filesystem;
-
-bool IsDigit(char c) { return c >= '0' && c <= '9'; }
 
 // Cuts the run of digits that `text` starts with off it; returns it without leading zeros.
 std::string_view TakeNumber(std::string_view* text) {

@@ -19,8 +19,6 @@ namespace {
 
 constexpr std::string_view kBlanks = " \t\r";
 
-bool IsDigit(char c) { return c >= '0' && c <= '9'; }
-
 // The digits of a decimal number and the power of ten of the last one.
 struct Decimal {
   bool negative = false;

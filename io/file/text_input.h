@@ -63,6 +63,8 @@ class LineReader {
   std::size_t number_ = 0, next_ = 0;
 };
 
+inline bool IsDigit(char c) { return c >= '0' && c <= '9'; }
+
 // One number, written as C does, whatever the locale; false if the word is not just that.
 bool ParseNumber(std::string_view word, double* value);
 

@@ -12,7 +12,6 @@ namespace {
 
 constexpr char kUser[] = "copc";
 constexpr std::uint16_t kInfoRecord = 1, kHierarchyRecord = 1000;
-constexpr std::size_t kPlaceBytes = sizeof(std::int64_t);  // of the table of the chunks
 
 auto OrderOf(const CopcKey& key) { return std::tuple(key.level, key.x, key.y, key.z); }
 
@@ -138,7 +137,7 @@ void CopcFile::WriteHierarchy() {
 void CopcFile::Commit() {
   Write(Head());
   const std::uint64_t first = written_;
-  Write(std::string(kPlaceBytes, '\xFF'));
+  Write(std::string(kLazTableAtBytes, '\xFF'));
   const std::array<std::int32_t, 3> least = {points_.least(0), points_.least(1), points_.least(2)};
   CopcNodes nodes(
       CubeBits(), kLasPointBytes, least,

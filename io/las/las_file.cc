@@ -3,8 +3,6 @@
 namespace lamina {
 namespace {
 
-constexpr std::size_t kPlaceBytes = sizeof(std::int64_t);  // of the table of the chunks
-
 std::string VariableRecords(bool packed, const LazLayout& laz) {
   std::string records = LasCoordinateSystem();
   if (packed) records += LasVariableRecord(kLazUser, kLazRecord, "by Lamina", LazRecord(laz));
@@ -21,7 +19,7 @@ LasFile::LasFile(const std::string& path, bool packed)
       writer_(path) {
   writer_.Write(Header());
   writer_.Write(variable_records_);
-  if (packed_) writer_.Write(std::string(kPlaceBytes, '\xFF'));
+  if (packed_) writer_.Write(std::string(kLazTableAtBytes, '\xFF'));
 }
 
 std::string LasFile::Header() const {
@@ -59,7 +57,7 @@ void LasFile::Commit() {
   if (packed_) {
     if (!records_.empty()) WriteChunk(records_);
     const std::uint64_t first = kLasHeaderBytes + variable_records_.size();
-    std::uint64_t table = first + kPlaceBytes;
+    std::uint64_t table = first + kLazTableAtBytes;
     for (const LazChunk& chunk : chunks_) table += chunk.bytes;
     writer_.Write(LazChunkTable(laz_, chunks_));
     writer_.Overwrite(first, {reinterpret_cast<const char*>(&table), sizeof(table)});

@@ -3,8 +3,8 @@
 //
 //   formats 0 to 3    point by point: items POINT10, GPSTIME11, RGB12 and BYTE of version 2
 //   formats 6 to 10   in layers, one a field: item POINT14 of version 3 or 4. The layers of
-//   colours,
-//                     waveforms and extra bytes are passed over, and these are zero in the records
+//                     colours, waveforms and extra bytes are passed over, and these are zero in
+//                     the records
 //
 // This is what all programs write for these formats.
 #pragma once
@@ -22,6 +22,8 @@ namespace lamina {
 inline constexpr char kLazUser[] = "laszip encoded";
 inline constexpr std::uint16_t kLazRecord = 22204;
 inline constexpr std::uint32_t kLazChunkPoints = 50000;
+// Before the first chunk: where the table of the chunks is.
+inline constexpr std::size_t kLazTableAtBytes = sizeof(std::int64_t);
 
 // For chunks with as many points as their table says.
 inline constexpr std::uint32_t kLazAnyPoints = UINT32_MAX;

@@ -15,7 +15,7 @@ struct LidarType {
   Scan (*read)(WireReader*, PointTimeUnit, const std::string& name, LidarMessageInfo*);
 };
 
-constexpr LidarType kTypes[] = {
+constexpr LidarType kLidarTypes[] = {
     {"sensor_msgs/PointCloud2", ReadPointCloud2},
     {"livox_ros_driver/CustomMsg", ReadLivoxCustom},
     {"livox_ros_driver2/CustomMsg", ReadLivoxCustom},
@@ -24,9 +24,9 @@ constexpr LidarType kTypes[] = {
 };
 
 const LidarType* FindType(const std::string& name) {
-  const auto* found = std::find_if(std::begin(kTypes), std::end(kTypes),
+  const auto* found = std::find_if(std::begin(kLidarTypes), std::end(kLidarTypes),
                                    [&](const LidarType& type) { return type.name == name; });
-  return found == std::end(kTypes) ? nullptr : found;
+  return found == std::end(kLidarTypes) ? nullptr : found;
 }
 
 }  // namespace
@@ -37,7 +37,7 @@ bool IsLidarTopic(const MessageTopic& topic) {
 
 std::string LidarTypes() {
   std::string names;
-  for (const LidarType& type : kTypes) {
+  for (const LidarType& type : kLidarTypes) {
     names += fmt::format("{}{}", names.empty() ? "" : ", ", type.name);
   }
   return names;

@@ -10,8 +10,8 @@ WireReader::WireReader(std::string_view bytes, MessageEncoding encoding, const s
     : bytes_(bytes), name_(name), cdr_(encoding == MessageEncoding::kCdr) {
   if (encoding == MessageEncoding::kOther) Fail("is written neither as in ROS 1 nor as CDR");
   if (!cdr_) return;
-  constexpr std::uint64_t kHeadBytes = 4;
-  if (bytes_.size() < kHeadBytes) Fail("is shorter than the head of CDR");
+  constexpr std::uint64_t kCdrHeadBytes = 4;
+  if (bytes_.size() < kCdrHeadBytes) Fail("is shorter than the head of CDR");
   const auto kind = static_cast<unsigned char>(bytes_[1]);
   const bool version_1 = kind <= 1, version_2 = kind == 6 || kind == 7;
   if (bytes_[0] != 0 || (!version_1 && !version_2)) {
@@ -19,7 +19,7 @@ WireReader::WireReader(std::string_view bytes, MessageEncoding encoding, const s
   }
   big_endian_ = kind % 2 == 0;
   if (version_2) most_alignment_ = 4;
-  bytes_.remove_prefix(kHeadBytes);
+  bytes_.remove_prefix(kCdrHeadBytes);
 }
 
 void WireReader::Align(std::size_t size) {

@@ -2,10 +2,12 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
 #include <initializer_list>
+#include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "core/base/error.h"
@@ -76,17 +78,27 @@ class Reader {
 
 constexpr std::initializer_list<const char*> kFormat = {"lidar_data_format", "data_format"};
 constexpr std::initializer_list<const char*> kConfig = {"config_params"};
-constexpr std::initializer_list<const char*> kBeams = {"beam_intrinsics"};
+constexpr std::initializer_list<const char*> kBeamGroup = {"beam_intrinsics"};
+
+struct ProfileName {
+  OusterProfile profile;
+  const char* name;
+};
+constexpr ProfileName kProfileNames[] = {
+    {OusterProfile::kLegacy, "LEGACY"},
+    {OusterProfile::kRng19Rfl8Sig16Nir16, "RNG19_RFL8_SIG16_NIR16"},
+    {OusterProfile::kRng19Rfl8Sig16Nir16Dual, "RNG19_RFL8_SIG16_NIR16_DUAL"},
+    {OusterProfile::kRng15Rfl8Nir8, "RNG15_RFL8_NIR8"},
+    {OusterProfile::kRng15Rfl8Nir8Dual, "RNG15_RFL8_NIR8_DUAL"},
+};
 
 OusterProfile ProfileOf(const Reader& reader) {
   std::string name = reader.Text("udp_profile_lidar", kFormat);
   if (name.empty()) name = reader.Text("udp_profile_lidar", kConfig);
-  if (name.empty() || name == "LEGACY") return OusterProfile::kLegacy;
-  if (name == "RNG19_RFL8_SIG16_NIR16") return OusterProfile::kRng19Rfl8Sig16Nir16;
-  if (name == "RNG19_RFL8_SIG16_NIR16_DUAL") return OusterProfile::kRng19Rfl8Sig16Nir16Dual;
-  if (name == "RNG15_RFL8_NIR8") return OusterProfile::kRng15Rfl8Nir8;
-  if (name == "RNG15_RFL8_NIR8_DUAL" || name == "FUSA_RNG15_RFL8_NIR8_DUAL") {
-    return OusterProfile::kRng15Rfl8Nir8Dual;
+  if (name.empty()) return OusterProfile::kLegacy;
+  if (name == "FUSA_RNG15_RFL8_NIR8_DUAL") return OusterProfile::kRng15Rfl8Nir8Dual;
+  for (const ProfileName& known : kProfileNames) {
+    if (name == known.name) return known.profile;
   }
   reader.Fail(fmt::format("packets of profile '{}' are not read", name));
 }
@@ -103,8 +115,8 @@ std::size_t ColumnsOfMode(const Reader& reader) {
 void ReadBeams(const Reader& reader, OusterMetadata* metadata) {
   constexpr std::size_t kMostChannels = 512, kMatrix = 16;
   constexpr double kM = 0.001;
-  const Json* altitudes = reader.Find("beam_altitude_angles", kBeams);
-  const Json* azimuths = reader.Find("beam_azimuth_angles", kBeams);
+  const Json* altitudes = reader.Find("beam_altitude_angles", kBeamGroup);
+  const Json* azimuths = reader.Find("beam_azimuth_angles", kBeamGroup);
   if (altitudes == nullptr || azimuths == nullptr || altitudes->empty() ||
       altitudes->size() > kMostChannels) {
     reader.Fail("no 'beam_altitude_angles' and 'beam_azimuth_angles' of up to 512 channels");
@@ -115,11 +127,11 @@ void ReadBeams(const Reader& reader, OusterMetadata* metadata) {
   }
   metadata->altitude_deg = reader.Numbers(*altitudes, "beam_altitude_angles", channels);
   metadata->azimuth_deg = reader.Numbers(*azimuths, "beam_azimuth_angles", channels);
-  if (const Json* matrix = reader.Find("beam_to_lidar_transform", kBeams)) {
+  if (const Json* matrix = reader.Find("beam_to_lidar_transform", kBeamGroup)) {
     const auto m = reader.Numbers(*matrix, "beam_to_lidar_transform", kMatrix);
     metadata->origin_m = kM * m[3];
     metadata->origin_up_m = kM * m[11];
-  } else if (const Json* origin = reader.Find("lidar_origin_to_beam_origin_mm", kBeams)) {
+  } else if (const Json* origin = reader.Find("lidar_origin_to_beam_origin_mm", kBeamGroup)) {
     if (!origin->is_number()) reader.Fail("'lidar_origin_to_beam_origin_mm' must be a number");
     metadata->origin_m = kM * origin->get<double>();
   }
@@ -140,6 +152,12 @@ void ReadBeams(const Reader& reader, OusterMetadata* metadata) {
 }
 
 }  // namespace
+
+const char* ToString(OusterProfile profile) {
+  return std::find_if(std::begin(kProfileNames), std::end(kProfileNames),
+                      [&](const ProfileName& known) { return known.profile == profile; })
+      ->name;
+}
 
 OusterMetadata ParseOusterMetadata(const std::string& text, const std::string& name) {
   const Reader reader(text, name);

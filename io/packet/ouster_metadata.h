@@ -18,6 +18,7 @@ enum class OusterProfile {
   kRng15Rfl8Nir8,
   kRng15Rfl8Nir8Dual
 };
+const char* ToString(OusterProfile profile);  // as metadata name it
 
 struct OusterMetadata {
   std::string product;  // "OS-1-128"

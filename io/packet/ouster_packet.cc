@@ -2,9 +2,8 @@
 //
 //   LEGACY   a column: u64 ns, u16 number of the column, u16 number of the frame, u32 encoder, then
 //            12 bytes a channel, and a u32 that is all ones if the column is valid
-//   others   32 bytes, of which u16 at 2 is the number of the frame; a column: u64 ns, u16 number
-//   of
-//            the column, u16 status (bit 0: valid), then the channels; 32 bytes at the end
+//   others   32 bytes, of which u16 at 2 is the number of the frame; a column: u64 ns, u16 its
+//            number, u16 status (bit 0: valid), then the channels; 32 bytes at the end
 //
 // The first word of a channel has the range in its lower bits, in mm, or in 8 mm for RNG15. The
 // beam of channel i in column c, with range r, turns clockwise (theta), from an origin n beside the
@@ -23,88 +22,48 @@
 #include <iterator>
 #include <utility>
 
+#include "core/base/angle.h"
 #include "io/file/byte_numbers.h"
 
 namespace lamina {
 namespace {
 
-constexpr double kRadPerDeg = M_PI / 180.0;
-
 struct OusterReturn {
   std::size_t range_at = 0, intensity_at = 0;
 };
 
-// What a profile has where, in bytes.
+// Where things are in a packet and its columns, in bytes.
+struct PacketFrame {
+  std::size_t packet_head, column_head, column_tail, packet_tail, frame_at;
+};
+constexpr PacketFrame kLegacy = {0, 16, 4, 0, 10};
+constexpr PacketFrame kFrame = {32, 12, 0, 32, 2};  // of all others
+
+struct RangeWord {
+  std::uint32_t mask;
+  double unit_m;
+};
+constexpr RangeWord kRng20 = {0xFFFFF, 0.001};
+constexpr RangeWord kRng19 = {0x7FFFF, 0.001};
+constexpr RangeWord kRng15 = {0x7FFF, 0.008};
+
 struct ProfileLayout {
   OusterProfile profile;
-  const char* name;
-  std::size_t packet_head, column_head, column_tail, packet_tail, frame_at;
-  std::size_t channel_bytes;
-  std::uint32_t range_mask;
-  double range_unit_m;
+  PacketFrame frame;
+  RangeWord range;
+  // Bytes of a channel, and of its intensity: the signal, or the reflectivity where there is none.
+  std::size_t channel_bytes, intensity_bytes;
   std::size_t returns;
   OusterReturn first, second;
-  std::size_t intensity_bytes;  // of the signal, or of the reflectivity where there is none
 };
 
+using Profile = OusterProfile;
 constexpr ProfileLayout kLayouts[] = {
-    {OusterProfile::kLegacy, "LEGACY", 0, 16, 4, 0, 10, 12, 0xFFFFF, 0.001, 1, {0, 6}, {}, 2},
-    {OusterProfile::kRng19Rfl8Sig16Nir16,
-     "RNG19_RFL8_SIG16_NIR16",
-     32,
-     12,
-     0,
-     32,
-     2,
-     12,
-     0x7FFFF,
-     0.001,
-     1,
-     {0, 6},
-     {},
-     2},
-    {OusterProfile::kRng19Rfl8Sig16Nir16Dual,
-     "RNG19_RFL8_SIG16_NIR16_DUAL",
-     32,
-     12,
-     0,
-     32,
-     2,
-     16,
-     0x7FFFF,
-     0.001,
-     2,
-     {0, 8},
-     {4, 10},
-     2},
-    {OusterProfile::kRng15Rfl8Nir8,
-     "RNG15_RFL8_NIR8",
-     32,
-     12,
-     0,
-     32,
-     2,
-     4,
-     0x7FFF,
-     0.008,
-     1,
-     {0, 2},
-     {},
-     1},
-    {OusterProfile::kRng15Rfl8Nir8Dual,
-     "RNG15_RFL8_NIR8_DUAL",
-     32,
-     12,
-     0,
-     32,
-     2,
-     8,
-     0x7FFF,
-     0.008,
-     2,
-     {0, 2},
-     {4, 6},
-     1},
+    {Profile::kLegacy, kLegacy, kRng20, 12, 2, 1, {0, 6}, {}},
+    {Profile::kRng19Rfl8Sig16Nir16, kFrame, kRng19, 12, 2, 1, {0, 6}, {}},
+    {Profile::kRng19Rfl8Sig16Nir16Dual, kFrame, kRng19, 16, 2, 2, {0, 8}, {4, 10}},
+    {Profile::kRng15Rfl8Nir8, kFrame, kRng15, 4, 1, 1, {0, 2}, {}},
+    {Profile::kRng15Rfl8Nir8Dual, kFrame, kRng15, 8, 1, 2, {0, 2}, {4, 6}},
 };
 
 const ProfileLayout& LayoutOf(OusterProfile profile) {
@@ -113,11 +72,12 @@ const ProfileLayout& LayoutOf(OusterProfile profile) {
 }
 
 std::size_t ColumnBytes(const ProfileLayout& layout, std::size_t channels) {
-  return layout.column_head + channels * layout.channel_bytes + layout.column_tail;
+  return layout.frame.column_head + channels * layout.channel_bytes + layout.frame.column_tail;
 }
 
 std::size_t PacketBytes(const ProfileLayout& layout, std::size_t columns, std::size_t channels) {
-  return layout.packet_head + columns * ColumnBytes(layout, channels) + layout.packet_tail;
+  return layout.frame.packet_head + columns * ColumnBytes(layout, channels) +
+         layout.frame.packet_tail;
 }
 
 class OusterSweep final : public SweepDecoder {
@@ -125,8 +85,8 @@ class OusterSweep final : public SweepDecoder {
   OusterSweep(const OusterMetadata& metadata, std::size_t packet_bytes)
       : metadata_(metadata), layout_(LayoutOf(metadata.profile)), packet_bytes_(packet_bytes) {
     for (const double altitude_deg : metadata.altitude_deg) {
-      sine_.push_back(std::sin(kRadPerDeg * altitude_deg));
-      cosine_.push_back(std::cos(kRadPerDeg * altitude_deg));
+      sine_.push_back(std::sin(kDegree * altitude_deg));
+      cosine_.push_back(std::cos(kDegree * altitude_deg));
     }
   }
 
@@ -135,12 +95,12 @@ class OusterSweep final : public SweepDecoder {
     seen_ = true;
     const std::size_t bytes = ColumnBytes(layout_, sine_.size());
     for (std::size_t c = 0; c < metadata_.columns_per_packet; ++c) {
-      AddColumn(packet.substr(layout_.packet_head + c * bytes, bytes), scan);
+      AddColumn(packet.substr(layout_.frame.packet_head + c * bytes, bytes), scan);
     }
   }
 
   std::string Describe() const override {
-    return seen_ ? fmt::format("{}, {}", metadata_.product, layout_.name) : "";
+    return seen_ ? fmt::format("{}, {}", metadata_.product, ToString(layout_.profile)) : "";
   }
 
  private:
@@ -148,7 +108,8 @@ class OusterSweep final : public SweepDecoder {
     if (layout_.profile != OusterProfile::kLegacy) {
       return (NumberAt<std::uint16_t>(column, 10) & 1U) != 0;
     }
-    return NumberAt<std::uint32_t>(column, column.size() - layout_.column_tail) == 0xFFFFFFFFU;
+    return NumberAt<std::uint32_t>(column, column.size() - layout_.frame.column_tail) ==
+           0xFFFFFFFFU;
   }
 
   void AddColumn(std::string_view column, Scan* scan) {
@@ -167,10 +128,10 @@ class OusterSweep final : public SweepDecoder {
     const Eigen::Vector3d origin(metadata_.origin_m * std::cos(theta),
                                  metadata_.origin_m * std::sin(theta), metadata_.origin_up_m);
     for (std::size_t i = 0; i < sine_.size(); ++i) {
-      const std::string_view channel =
-          column.substr(layout_.column_head + i * layout_.channel_bytes, layout_.channel_bytes);
+      const std::string_view channel = column.substr(
+          layout_.frame.column_head + i * layout_.channel_bytes, layout_.channel_bytes);
       const std::uint32_t first = RangeOf(channel, layout_.first);
-      const double azimuth = theta - kRadPerDeg * metadata_.azimuth_deg[i];
+      const double azimuth = theta - kDegree * metadata_.azimuth_deg[i];
       const Eigen::Vector3d beam(std::cos(azimuth) * cosine_[i], std::sin(azimuth) * cosine_[i],
                                  sine_[i]);
       AddReturn(first, channel, layout_.first, beam, origin, time_s, scan);
@@ -186,7 +147,7 @@ class OusterSweep final : public SweepDecoder {
     std::uint32_t word = 0;
     std::memcpy(&word, channel.data() + at.range_at,
                 std::min(sizeof(word), channel.size() - at.range_at));
-    return word & layout_.range_mask;
+    return word & layout_.range.mask;
   }
 
   void AddReturn(std::uint32_t range, std::string_view channel, const OusterReturn& at,
@@ -194,7 +155,7 @@ class OusterSweep final : public SweepDecoder {
                  Scan* scan) const {
     if (range == 0) return;
     const double n = std::hypot(metadata_.origin_m, metadata_.origin_up_m);
-    const Eigen::Vector3d p_lidar = (range * layout_.range_unit_m - n) * beam + origin;
+    const Eigen::Vector3d p_lidar = (range * layout_.range.unit_m - n) * beam + origin;
     const Eigen::Vector3f p = (metadata_.T_sensor_lidar * p_lidar).cast<float>();
     const float intensity = layout_.intensity_bytes == 1
                                 ? NumberAt<std::uint8_t>(channel, at.intensity_at)
@@ -224,7 +185,7 @@ std::optional<std::uint32_t> OusterSensor::PlaceOf(std::string_view packet) cons
 }
 
 std::uint32_t OusterSensor::PlaceInHead(std::string_view head) const {
-  return NumberAt<std::uint16_t>(head, LayoutOf(metadata_.profile).frame_at);
+  return NumberAt<std::uint16_t>(head, LayoutOf(metadata_.profile).frame.frame_at);
 }
 
 bool OusterSensor::BeginsSweep(std::uint32_t before, std::uint32_t now) const {

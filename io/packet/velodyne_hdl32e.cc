@@ -6,7 +6,7 @@
 namespace lamina {
 namespace {
 
-constexpr VelodyneBeam kBeams[] = {
+constexpr VelodyneBeam kHdl32eBeams[] = {
     {-30.67}, {-9.33}, {-29.33}, {-8.0},  {-28.0},  {-6.67}, {-26.67}, {-5.33},
     {-25.33}, {-4.0},  {-24.0},  {-2.67}, {-22.67}, {-1.33}, {-21.33}, {0.0},
     {-20.0},  {1.33},  {-18.67}, {2.67},  {-17.33}, {4.0},   {-16.0},  {5.33},
@@ -14,6 +14,7 @@ constexpr VelodyneBeam kBeams[] = {
 
 }  // namespace
 
-const VelodyneModel kHdl32e = {"HDL-32E", 0x21, 0.002, kBeams, std::size(kBeams), 1, 1.152, 46.08};
+const VelodyneModel kHdl32e = {"HDL-32E", 0x21,  0.002, kHdl32eBeams, std::size(kHdl32eBeams),
+                               1,         1.152, 46.08};
 
 }  // namespace lamina

@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <optional>
 
+#include "core/base/angle.h"
 #include "core/base/error.h"
 #include "io/packet/velodyne_packet.h"
 
@@ -14,7 +15,7 @@ namespace lamina {
 namespace {
 
 constexpr std::uint16_t kLower = 0xDDFF;
-constexpr double kRadPerDeg = M_PI / 180.0, kCm = 0.01;
+constexpr double kCm = 0.01;
 
 // The number in <tag>...</tag>; nothing if there is no such tag.
 std::optional<double> NumberIn(std::string_view xml, const std::string& tag,
@@ -54,8 +55,8 @@ Hdl64eLaser ParseLaser(std::string_view xml, const std::string& name) {
 
 // The point of a laser in the frame of the manual: x to the right, y ahead.
 Eigen::Vector3d PointOf(const Hdl64eLaser& laser, double measured_m, double azimuth_rad) {
-  const double turned = azimuth_rad - kRadPerDeg * laser.rotation_deg;
-  const double elevation = kRadPerDeg * laser.elevation_deg;
+  const double turned = azimuth_rad - kDegree * laser.rotation_deg;
+  const double elevation = kDegree * laser.elevation_deg;
   const double sine = std::sin(turned), cosine = std::cos(turned);
   const auto flat = [&](double range_m) {
     return range_m * std::cos(elevation) - laser.up_m * std::sin(elevation);
@@ -123,7 +124,7 @@ void AddHdl64ePacket(std::string_view packet, const Hdl64eCalibration& calibrati
   for (std::size_t b = 0; b < kVelodyneBlocks; ++b) {
     const std::uint16_t flag = VelodyneFlag(packet, b);
     if (flag != kLower && flag != kVelodyneFlag) continue;
-    const double azimuth = kRadPerDeg * 0.01 * VelodyneAzimuthOf(packet, b);
+    const double azimuth = kDegree * 0.01 * VelodyneAzimuthOf(packet, b);
     for (std::size_t k = 0; k < kVelodyneReturns; ++k) {
       const VelodyneReturn measured = VelodyneReturnAt(packet, b, k);
       if (measured.distance == 0) continue;

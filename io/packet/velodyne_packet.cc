@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 
+#include "core/base/angle.h"
 #include "core/base/error.h"
 #include "io/file/byte_numbers.h"
 
@@ -51,7 +52,7 @@ struct BeamAngles {
   float sine[kReturns], cosine[kReturns];
   explicit BeamAngles(const VelodyneModel& model) : sine{}, cosine{} {
     for (std::size_t i = 0; i < model.beam_count; ++i) {
-      const double elevation = model.beams[i].elevation_deg * M_PI / 180.0;
+      const double elevation = Radians(model.beams[i].elevation_deg);
       sine[i] = static_cast<float>(std::sin(elevation));
       cosine[i] = static_cast<float>(std::cos(elevation));
     }
@@ -136,7 +137,7 @@ void VelodyneDecoder::Add(std::string_view packet, StampNs stamp_ns, const std::
       const double azimuth_deg =
           0.01 * (VelodyneAzimuthOf(packet, b) + turns[b] * in_block_us / block_us) +
           model->beams[beam].azimuth_deg;
-      const auto azimuth = static_cast<float>(azimuth_deg * M_PI / 180.0);
+      const auto azimuth = static_cast<float>(Radians(azimuth_deg));
       const auto range = static_cast<float>(distance * model->range_unit_m);
       const float flat = range * angles.cosine[beam];
       // The azimuth grows clockwise, from the front on.

@@ -6,7 +6,7 @@
 namespace lamina {
 namespace {
 
-constexpr VelodyneBeam kBeams[] = {
+constexpr VelodyneBeam kVlp16Beams[] = {
     {-15.0, 0.0, 0.0112}, {1.0, 0.0, -0.0007},  {-13.0, 0.0, 0.0097}, {3.0, 0.0, -0.0022},
     {-11.0, 0.0, 0.0081}, {5.0, 0.0, -0.0037},  {-9.0, 0.0, 0.0066},  {7.0, 0.0, -0.0051},
     {-7.0, 0.0, 0.0051},  {9.0, 0.0, -0.0066},  {-5.0, 0.0, 0.0037},  {11.0, 0.0, -0.0081},
@@ -14,6 +14,7 @@ constexpr VelodyneBeam kBeams[] = {
 
 }  // namespace
 
-const VelodyneModel kVlp16 = {"VLP-16", 0x22, 0.002, kBeams, std::size(kBeams), 1, 2.304, 55.296};
+const VelodyneModel kVlp16 = {"VLP-16", 0x22,  0.002, kVlp16Beams, std::size(kVlp16Beams),
+                              1,        2.304, 55.296};
 
 }  // namespace lamina

@@ -17,8 +17,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-bool IsDigit(char c) { return c >= '0' && c <= '9'; }
-
 bool ParseWhole(std::string_view word, std::int64_t* value) {
   const char* const end = word.data() + word.size();
   const auto [ptr, error] = std::from_chars(word.data(), end, *value);

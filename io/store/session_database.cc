@@ -19,16 +19,16 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kVersion = "2";
+constexpr const char* kDatabaseVersion = "2";
 // More than is written between two checkpoints of a session: mostly Tidy() does it, beside the
 // writer.
-constexpr std::size_t kMostLogBytes = 8 << 20;
+constexpr std::size_t kMostDatabaseLogBytes = 8 << 20;
 
 // The row of `meta` behind that of a key. There is none in sessions of older programs.
 constexpr const char* kChecksum = ".crc32";
 std::string ChecksumOf(const std::string& value) { return std::to_string(Crc32(value)); }
 
-SessionScan ReadRow(const std::string& path, SQLite::Statement* rows) {
+ScanRecord ReadRow(const std::string& path, SQLite::Statement* rows) {
   try {
     return ReadScanRow(rows);
   } catch (const InputError& error) {
@@ -38,7 +38,7 @@ SessionScan ReadRow(const std::string& path, SQLite::Statement* rows) {
 }
 
 void VisitScans(const std::string& path, const SQLite::Database& database, std::int64_t from,
-                std::int64_t to, const std::function<void(const SessionScan&)>& visit) {
+                std::int64_t to, const std::function<void(const ScanRecord&)>& visit) {
   SQLite::Statement rows(database,
                          "SELECT * FROM scans WHERE scan >= ? AND scan < ? ORDER BY scan");
   rows.bind(1, from);
@@ -67,7 +67,7 @@ struct SessionDatabase::Impl {
                   "SELECT 1 FROM scans WHERE file = ?1 UNION ALL SELECT 1 FROM set_aside WHERE "
                   "file = ?1");
     put_aside.emplace(database, "INSERT OR REPLACE INTO set_aside VALUES(?,?)");
-    log_limit.emplace(&database, kMostLogBytes);
+    log_limit.emplace(&database, kMostDatabaseLogBytes);
   }
 
   template <typename Work>
@@ -88,11 +88,11 @@ struct SessionDatabase::Impl {
   void RefuseOtherVersion() const {
     if (!database.tableExists("meta")) return;
     SQLite::Statement get(database, "SELECT value FROM meta WHERE key = 'version'");
-    if (!get.executeStep() || get.getColumn(0).getString() == kVersion) return;
+    if (!get.executeStep() || get.getColumn(0).getString() == kDatabaseVersion) return;
     throw OtherFormatError(fmt::format(
         "{}: is of version {}, this program reads version {}: finish the session with the program "
         "that made it, or map its scans in a new one",
-        path, get.getColumn(0).getString(), kVersion));
+        path, get.getColumn(0).getString(), kDatabaseVersion));
   }
 
   // Before anything is made in it: the database of another program must stay as it is.
@@ -106,7 +106,7 @@ struct SessionDatabase::Impl {
                                        others.getColumn(0).getString()));
   }
 
-  SessionScan Row(SQLite::Statement* rows) const { return ReadRow(path, rows); }
+  ScanRecord Row(SQLite::Statement* rows) const { return ReadRow(path, rows); }
 
   std::int64_t Number(const char* query) const {
     SQLite::Statement statement(database, query);
@@ -134,8 +134,8 @@ SessionDatabase::SessionDatabase(const std::string& path, bool check) {
     impl_ = std::make_unique<Impl>(path);
     if (check) impl_->Check();
   });
-  if (!Meta("version")) SetMeta("version", kVersion);
-  if (check) ForEach(0, scans(), [](const SessionScan&) {});
+  if (!Meta("version")) SetMeta("version", kDatabaseVersion);
+  if (check) ForEach(0, scans(), [](const ScanRecord&) {});
 }
 
 SessionDatabase::~SessionDatabase() = default;
@@ -183,7 +183,7 @@ void SessionDatabase::Commit() {
   });
 }
 
-void SessionDatabase::Put(const SessionScan& scan) {
+void SessionDatabase::Put(const ScanRecord& scan) {
   impl_->Guarded("cannot be written", [&] { PutRow(scan, &*impl_->put_scan); });
 }
 
@@ -198,7 +198,7 @@ void SessionDatabase::Finalise(const SessionPose& pose) {
       impl_->row_of->reset();
       throw std::logic_error(fmt::format("pose of unknown scan {}", pose.scan));
     }
-    SessionScan scan = impl_->Row(&*impl_->row_of);
+    ScanRecord scan = impl_->Row(&*impl_->row_of);
     impl_->row_of->reset();
     if (pose.skipped && !scan.skipped) return;
     scan.T_world_lidar = pose.T_world_lidar;
@@ -235,13 +235,13 @@ std::int64_t SessionDatabase::set_aside() const {
 }
 
 void SessionDatabase::ForEach(std::int64_t from, std::int64_t to,
-                              const std::function<void(const SessionScan&)>& visit) const {
+                              const std::function<void(const ScanRecord&)>& visit) const {
   impl_->Guarded("cannot be read",
                  [&] { VisitScans(impl_->path, impl_->database, from, to, visit); });
 }
 
 void ForEachScanOf(const std::string& path, std::int64_t to,
-                   const std::function<void(const SessionScan&)>& visit) {
+                   const std::function<void(const ScanRecord&)>& visit) {
   OnSqlite(path, "cannot be read", [&] { VisitScans(path, OpenUntouched(path), 0, to, visit); });
 }
 
@@ -256,17 +256,17 @@ std::vector<SessionDatabase::Sequence> SessionDatabase::Sequences(std::int64_t t
       Sequence sequence;
       sequence.scans = rows.getColumn(1).getInt64();
       const std::int64_t last = rows.getColumn(0).getInt64();
-      ForEach(last, last + 1, [&](const SessionScan& scan) { sequence.last = scan; });
+      ForEach(last, last + 1, [&](const ScanRecord& scan) { sequence.last = scan; });
       sequences.push_back(std::move(sequence));
     }
     return sequences;
   });
 }
 
-std::vector<SessionScan> SessionDatabase::LastOf(const std::string& sequence, std::int64_t to,
-                                                 int most) const {
+std::vector<ScanRecord> SessionDatabase::LastOf(const std::string& sequence, std::int64_t to,
+                                                int most) const {
   return impl_->Guarded("cannot be read", [&] {
-    std::vector<SessionScan> scans;
+    std::vector<ScanRecord> scans;
     SQLite::Statement rows(
         impl_->database,
         "SELECT * FROM scans WHERE sequence = ? AND scan < ? ORDER BY scan DESC LIMIT ?");

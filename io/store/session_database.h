@@ -3,7 +3,7 @@
 //
 //     meta       key, value      version, the options that decide results; and the CRC-32 of each,
 //                                under its key with .crc32 behind
-//     scans      a row a scan    file, stamp, pose, covariance, figures (SessionScan)
+//     scans      a row a scan    file, stamp, pose, covariance, figures (ScanRecord)
 //     solves     a row a window that bundle adjustment solved
 //     set_aside  files that never became a scan, and why
 //
@@ -20,30 +20,9 @@
 
 #include "core/base/error.h"
 #include "core/geometry/scan.h"
+#include "io/store/scan_record.h"
 
 namespace lamina {
-
-// A scan as it is remembered. Figures as in frames.csv.
-struct SessionScan {
-  std::int64_t scan = 0;  // number in the session, from 0
-  std::string file;       // its identity: the name in the inbox
-  std::string sequence;
-  StampNs stamp_ns = 0;
-  bool recorded_stamp = false;
-  std::optional<StampNs> next_stamp_ns;  // of the first scan of a sequence (InboxFile)
-  std::int64_t piece = 0;                // of the map, in whose frame the pose is
-  bool skipped = false;                  // the pose is not of its own points
-  bool final = false;                    // nothing will change the pose any more
-  SE3 T_world_lidar;
-
-  std::string status;  // tracked, first, lost, degenerate, or why it was skipped
-  std::string detail;  // of a skip
-  bool keyframe = false, searched = false;
-  std::int64_t points = 0, clusters = 0, matched = 0, iterations = 0, unobservable_directions = 0;
-  double inlier_share = 0.0, residual_m = 0.0, worst_sigma_m = 0.0;
-  Matrix6d covariance = Matrix6d::Zero();
-  double read_ms = 0, prepare_ms = 0, cluster_ms = 0, odometry_ms = 0, map_ms = 0, solve_ms = 0;
-};
 
 struct SessionSolve {
   std::int64_t before_scan = 0;  // took effect before this scan
@@ -83,7 +62,7 @@ class SessionDatabase {
   void Commit();
 
   // Puts a scan in the place of what was known of it.
-  void Put(const SessionScan& scan);
+  void Put(const ScanRecord& scan);
   void Put(const SessionSolve& solve);
   // Makes a scan's pose final.
   void Finalise(const SessionPose& pose);
@@ -95,15 +74,15 @@ class SessionDatabase {
   std::int64_t set_aside() const;
   // Scans [from, to) in order.
   void ForEach(std::int64_t from, std::int64_t to,
-               const std::function<void(const SessionScan&)>& visit) const;
+               const std::function<void(const ScanRecord&)>& visit) const;
   // The last scan of each sequence before `to`, and the number of its scans there.
   struct Sequence {
-    SessionScan last;
+    ScanRecord last;
     std::int64_t scans = 0;
   };
   std::vector<Sequence> Sequences(std::int64_t to) const;
   // The last scans of a sequence before `to`, at most so many, in order.
-  std::vector<SessionScan> LastOf(const std::string& sequence, std::int64_t to, int most) const;
+  std::vector<ScanRecord> LastOf(const std::string& sequence, std::int64_t to, int most) const;
   // Forgets that solves before a scan or later happened: they are to be repeated.
   void DropSolvesFrom(std::int64_t scan);
 
@@ -126,6 +105,6 @@ class SessionDatabase {
 // Scans [0, to), in order, of a session that stays as it is, to the last byte of its folder. Throws
 // InputError.
 void ForEachScanOf(const std::string& path, std::int64_t to,
-                   const std::function<void(const SessionScan&)>& visit);
+                   const std::function<void(const ScanRecord&)>& visit);
 
 }  // namespace lamina

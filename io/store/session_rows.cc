@@ -60,7 +60,7 @@ std::string Blob(Matrix6d m) {
   return a.written();
 }
 
-std::uint32_t Checksum(SessionScan s) {
+std::uint32_t Checksum(ScanRecord s) {
   for (double* value : {&s.inlier_share, &s.residual_m, &s.worst_sigma_m, &s.read_ms, &s.prepare_ms,
                         &s.cluster_ms, &s.odometry_ms, &s.map_ms, &s.solve_ms}) {
     // As it comes back: SQLite knows one NaN and one zero.
@@ -145,7 +145,7 @@ void BindBlob(int place, const std::string& bytes, SQLite::Statement* statement)
   statement->bind(place, bytes.data(), static_cast<int>(bytes.size()));
 }
 
-void PutRow(const SessionScan& s, SQLite::Statement* statement) {
+void PutRow(const ScanRecord& s, SQLite::Statement* statement) {
   ColumnBinder row(statement);
   row.Number(s.scan);
   row.Blob(s.file);
@@ -186,7 +186,7 @@ void PutRow(const SessionSolve& s, SQLite::Statement* statement) {
   row.Execute();
 }
 
-void FinaliseRow(const SessionScan& scan, SQLite::Statement* statement) {
+void FinaliseRow(const ScanRecord& scan, SQLite::Statement* statement) {
   ColumnBinder row(statement);
   row.Blob(Blob(scan.T_world_lidar));
   row.Number(std::int64_t{Checksum(scan)});
@@ -194,9 +194,9 @@ void FinaliseRow(const SessionScan& scan, SQLite::Statement* statement) {
   row.Execute();
 }
 
-SessionScan ReadScanRow(SQLite::Statement* statement) {
+ScanRecord ReadScanRow(SQLite::Statement* statement) {
   ColumnReader row(statement);
-  SessionScan s;
+  ScanRecord s;
   s.scan = row.Whole();
   s.file = row.Blob();
   s.sequence = row.Blob();

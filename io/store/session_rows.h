@@ -23,15 +23,15 @@ inline constexpr const char* kCountScans = "SELECT IFNULL(MAX(scan) + 1, 0) FROM
 // With a place for each column.
 extern const char* const kPutScan;
 extern const char* const kPutSolve;
-void PutRow(const SessionScan& scan, SQLite::Statement* statement);
+void PutRow(const ScanRecord& scan, SQLite::Statement* statement);
 void PutRow(const SessionSolve& solve, SQLite::Statement* statement);
 
 // Sets the pose of a scan that is as in `scan`.
 extern const char* const kFinaliseScan;
-void FinaliseRow(const SessionScan& scan, SQLite::Statement* statement);
+void FinaliseRow(const ScanRecord& scan, SQLite::Statement* statement);
 
 // Of all columns of scans. Throws InputError if the row does not fit its checksum.
-SessionScan ReadScanRow(SQLite::Statement* row);
+ScanRecord ReadScanRow(SQLite::Statement* row);
 
 // Sets a place (from 1) of a statement to bytes.
 void BindBlob(int place, const std::string& bytes, SQLite::Statement* statement);

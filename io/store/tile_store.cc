@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 
 // SyncToDisk() brings the journal into the file, on a thread that has time. Where that cannot keep
 // up with a writer that never pauses, Commit() has to.
-constexpr std::size_t kMostLogBytes = 32 << 20;
+constexpr std::size_t kMostTileLogBytes = 32 << 20;
 
 // Its being there says that the file was found damaged while in use: SQLite looks at a page when it
 // needs it, not at the start.
@@ -56,7 +56,7 @@ struct TileStore::Impl {
                    "DELETE FROM voxels WHERE rowid IN (SELECT rowid FROM voxels WHERE taken_at <= "
                    "?1 ORDER BY taken_at LIMIT ?2)" +
                        bytes);
-    if (keeps_taken) log_limit.emplace(&database, kMostLogBytes);
+    if (keeps_taken) log_limit.emplace(&database, kMostTileLogBytes);
     CountTiles();
   }
 

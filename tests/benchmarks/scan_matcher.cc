@@ -1,5 +1,6 @@
 #include <benchmark/benchmark.h>
 
+#include "core/base/angle.h"
 #include "frontend/scan_matcher.h"
 #include "tests/benchmarks/world.h"
 
@@ -14,7 +15,7 @@ void BM_ScanMatcherMatch(benchmark::State& state) {
   const std::vector<PointCluster> clusters =
       Untimed(BuildScanClusters(Sweep(world, &draws), map.options().LeafSize()));
   const ScanMatcher matcher{ScanMatcherOptions()};
-  const PosePrediction start = {draws.Offset(0.3 * kRadPerDeg, 0.1), 1e-3 * Matrix6d::Identity()};
+  const PosePrediction start = {draws.Offset(0.3 * kDegree, 0.1), 1e-3 * Matrix6d::Identity()};
   MatchResult result;
   for (auto _ : state) result = matcher.Match(clusters, start, map);
   state.counters["clusters"] = static_cast<double>(clusters.size());

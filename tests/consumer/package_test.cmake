@@ -13,7 +13,7 @@ endfunction()
 file(REMOVE_RECURSE ${SCRATCH})
 file(MAKE_DIRECTORY ${SCRATCH})
 run(${CMAKE_CPACK_COMMAND} --config ${LAMINA_BUILD}/CPackConfig.cmake -B ${SCRATCH}/packages
-  -D CPACK_DEBIAN_COMPRESSION_TYPE=gzip)
+  -D CPACK_DEBIAN_COMPRESSION_TYPE=zstd)
 file(GLOB packages ${SCRATCH}/packages/*.deb)
 list(LENGTH packages count)
 if(NOT count EQUAL PACKAGES)

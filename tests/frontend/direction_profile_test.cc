@@ -28,7 +28,7 @@ class DirectionProfileTest : public testing::Test {
   std::vector<PointCluster> Scan(const World& world) {
     return DeskewClusters(
         ScanFrom(SE3(), world.Sample(2000, 0.005, &draws_), map_.options().LeafSize()),
-        Vector6d::Zero());
+        SweepMotion());
   }
   DirectionProfile::Posterior Posterior(const std::vector<PointCluster>& scan, double at_m,
                                         double predicted_m, double sigma_m) {

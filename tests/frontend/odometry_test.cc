@@ -1,4 +1,5 @@
 #include "frontend/odometry.h"
+#include "core/base/angle.h"
 
 #include <gtest/gtest.h>
 
@@ -86,13 +87,13 @@ TEST_F(OdometryTest, RotationSearchFollowsAJump) {
   for (int i = 0; i < 10; ++i) {
     // Mostly about the vertical, as a hand-held sensor turns.
     const Eigen::Vector3d axis = (Eigen::Vector3d::UnitZ() + 0.3 * draws_.Direction()).normalized();
-    const double angle = draws_.Uniform(10.0, 20.0) * kRadPerDeg * (i % 2 == 0 ? 1.0 : -1.0);
+    const double angle = draws_.Uniform(10.0, 20.0) * kDegree * (i % 2 == 0 ? 1.0 : -1.0);
     const SE3 truth(ExpSO3(angle * axis), draws_.InCube(0.1));
     const OdometryFrame frame =
         odometry_.Register(last.stamp_ns + kScanPeriodNs, Scan(truth), map_);
     EXPECT_EQ(frame.status, Status::kTracked);
     EXPECT_TRUE(frame.searched);
-    EXPECT_LT(RotationAngle(frame.T_world_lidar, truth), 0.3 * kRadPerDeg);
+    EXPECT_LT(RotationAngle(frame.T_world_lidar, truth), 0.3 * kDegree);
     EXPECT_LT((frame.T_world_lidar.t - truth.t).norm(), 0.03);
   }
 }

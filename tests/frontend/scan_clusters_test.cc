@@ -84,6 +84,48 @@ TEST(ScanClusters, DeskewingThemAllMeetsDeskewingEach) {
   EXPECT_EQ(MeanGap(DeskewClusters(still, twist)[7], still[7].points), 0.0);
 }
 
+// Points of a sweep by a sensor that turns and moves faster and faster, of things at rest.
+TEST(ScanClusters, AreDeskewedUnderAMotionThatIsNotSteady) {
+  Draws draws(4);
+  const SweepMotion motion(draws.Twist(0.5, 3.0), draws.Twist(5.0, 8.0));
+  std::vector<TimedPoint> points = RandomPoints(20000, &draws);
+  for (TimedPoint& p : points) p.time_s = 0.1F * std::atan2(p.y, p.x) / 6.2832F;
+  const std::vector<std::vector<TimedPoint>> groups = GroupByCluster(points, 0.8);
+  const std::vector<PointCluster> all = DeskewClusters(BuildScanClusters(points, 0.8), motion);
+  const std::vector<PointCluster> steady =
+      DeskewClusters(BuildScanClusters(points, 0.8), motion.twist);
+  double worst_m = 0.0, steady_m = 0.0;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+    for (const TimedPoint& p : groups[i]) {
+      mean += motion.PoseAt(p.time_s) * Eigen::Vector3d(p.x, p.y, p.z) /
+              static_cast<double>(groups[i].size());
+    }
+    worst_m = std::max(worst_m, (all[i].mean - mean).norm());
+    steady_m = std::max(steady_m, (steady[i].mean - mean).norm());
+  }
+  EXPECT_LT(worst_m, 2e-3);
+  EXPECT_GT(steady_m, 0.02);
+}
+
+TEST(ScanClusters, TimesCountFromTheMiddleOfTheSweep) {
+  Draws draws(5);
+  std::vector<TimedPoint> points = RandomPoints(4000, &draws);
+  for (TimedPoint& p : points) p.time_s = 0.1F * static_cast<float>(draws.Uniform(0.0, 1.0));
+  std::vector<TimedCluster> clusters = BuildScanClusters(points, 0.8);
+  const std::vector<TimedCluster> before = clusters;
+  const StampNs middle_ns = CentreTimes(&clusters);
+  EXPECT_NEAR(static_cast<double>(middle_ns), 0.05e9, 0.005e9);
+  for (std::size_t i = 0; i < clusters.size(); ++i) {
+    EXPECT_NEAR(clusters[i].mean_time_s + 1e-9 * static_cast<double>(middle_ns),
+                before[i].mean_time_s, 1e-15);
+  }
+  // Once is enough.
+  EXPECT_LE(std::abs(CentreTimes(&clusters)), 1);
+  std::vector<TimedCluster> none;
+  EXPECT_EQ(CentreTimes(&none), 0);
+}
+
 TEST(ScanClusters, MergedOnesAreThoseOfTheLargerVoxels) {
   Draws draws(3);
   constexpr double kLeaf = 0.5;

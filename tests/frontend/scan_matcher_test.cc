@@ -1,4 +1,5 @@
 #include "frontend/scan_matcher.h"
+#include "core/base/angle.h"
 
 #include <gtest/gtest.h>
 
@@ -54,11 +55,11 @@ TEST(ScanMatcher, RecoversThePoseInACornerOfThreePlanes) {
   const ScanMatcher matcher{ScanMatcherOptions()};
   for (int i = 0; i < 20; ++i) {
     const SE3 truth = stage.draws.Offset(0.2, 0.6);
-    const SE3 start = Shifted(truth, stage.draws.Offset(2.0 * kRadPerDeg, 0.2));
+    const SE3 start = Shifted(truth, stage.draws.Offset(2.0 * kDegree, 0.2));
     const MatchResult result = matcher.Match(stage.Scan(truth), Predicted(start), stage.map);
     EXPECT_NE(result.status, Status::kTooFewMatches);
     EXPECT_EQ(result.degenerate, 0);
-    EXPECT_LT(RotationAngle(result.T_world_lidar, truth), 0.1 * kRadPerDeg);
+    EXPECT_LT(RotationAngle(result.T_world_lidar, truth), 0.1 * kDegree);
     EXPECT_LT((result.T_world_lidar.t - truth.t).norm(), 0.01);
     EXPECT_GT(result.inlier_share, 0.6);
     EXPECT_LT(result.residual_rms_m, 0.03);
@@ -215,7 +216,7 @@ TEST(ScanMatcher, ACorridorLeavesItsAxisToThePrediction) {
   for (int i = 0; i < 10; ++i) {
     const SE3 truth = stage.draws.Offset(0.05, 0.3);
     const SE3 start =
-        Shifted(truth, SE3(ExpSO3(0.5 * kRadPerDeg * stage.draws.Direction()), {0.3, 0.1, -0.05}));
+        Shifted(truth, SE3(ExpSO3(0.5 * kDegree * stage.draws.Direction()), {0.3, 0.1, -0.05}));
     const MatchResult result = matcher.Match(stage.Scan(truth), Predicted(start), stage.map);
     EXPECT_NE(result.status, Status::kTooFewMatches);
     ASSERT_EQ(result.degenerate, 1);
@@ -223,7 +224,7 @@ TEST(ScanMatcher, ACorridorLeavesItsAxisToThePrediction) {
     EXPECT_GT(result.worst_sigma_m, ScanMatcherOptions().max_direction_sigma_m);
     EXPECT_NEAR(result.T_world_lidar.t.x(), start.t.x(), 0.01);
     EXPECT_LT((result.T_world_lidar.t - truth.t).tail<2>().norm(), 0.01);
-    EXPECT_LT(RotationAngle(result.T_world_lidar, truth), 0.1 * kRadPerDeg);
+    EXPECT_LT(RotationAngle(result.T_world_lidar, truth), 0.1 * kDegree);
     // The covariance says so: far larger along the axis than across.
     EXPECT_GT(result.covariance(3, 3), 100.0 * result.covariance(4, 4));
   }

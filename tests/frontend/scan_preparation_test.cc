@@ -1,4 +1,5 @@
 #include "frontend/scan_preparation.h"
+#include "core/base/angle.h"
 
 #include <gtest/gtest.h>
 
@@ -104,7 +105,7 @@ TEST(ScanPreparation, VerticalCorrectionTurnsAboutThePointsOwnHorizontalAxis) {
   for (std::size_t i = 0; i < scan.points.size(); ++i) {
     const Eigen::Vector3d p = ToVector(scan.points[i]);
     const Eigen::Vector3d axis = p.cross(Eigen::Vector3d::UnitZ()).normalized();
-    const Eigen::Vector3d expected = ExpSO3(0.205 * kRadPerDeg * axis) * p;
+    const Eigen::Vector3d expected = ExpSO3(0.205 * kDegree * axis) * p;
     const Eigen::Vector3d got(prepared.points[i].x, prepared.points[i].y, prepared.points[i].z);
     EXPECT_LT((got - expected).norm(), 1e-6 * p.norm());
     if (std::abs(p.z()) < 0.5 * p.norm()) {

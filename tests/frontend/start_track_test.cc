@@ -1,4 +1,5 @@
 #include "frontend/start_track.h"
+#include "core/base/angle.h"
 
 #include <gtest/gtest.h>
 
@@ -46,7 +47,7 @@ class StartTrackTest : public testing::Test {
     std::vector<TimedPoint> points;
     while (points.size() < 40000) {
       const double azimuth = draws_.Uniform(-M_PI, M_PI);
-      const double elevation = draws_.Uniform(-25.0, 15.0) * M_PI / 180.0;
+      const double elevation = Radians(draws_.Uniform(-25.0, 15.0));
       const Eigen::Vector3d direction(std::cos(elevation) * std::cos(azimuth),
                                       std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
       double range = street_.Cast(T.t, direction);

@@ -9,6 +9,7 @@
 #include <limits>
 #include <vector>
 
+#include "core/base/angle.h"
 #include "frontend/scan_clusters.h"
 #include "tests/support/random_scenes.h"
 
@@ -55,7 +56,7 @@ class BayStreet {
     std::vector<TimedPoint> scan;
     while (static_cast<int>(scan.size()) < points) {
       const double azimuth = draws->Uniform(-M_PI, M_PI);
-      const double elevation = draws->Uniform(-25.0, 15.0) * kRadPerDeg;
+      const double elevation = draws->Uniform(-25.0, 15.0) * kDegree;
       const Eigen::Vector3d direction(std::cos(elevation) * std::cos(azimuth),
                                       std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
       const double range = Cast(T_world_lidar.t, T_world_lidar.q * direction);

@@ -1,6 +1,7 @@
 // Laps round a block of a town, measured by a sensor that makes odometry drift.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -31,6 +32,16 @@ inline std::vector<SE3> Laps(double step_m, double way_m) {
                                                             Eigen::Vector3d::UnitZ())),
                        Eigen::Vector3d(p.x(), p.y(), 1.7));
   }
+  return poses;
+}
+
+// The laps' way between two lengths of it, driven in the other direction.
+inline std::vector<SE3> LapsBack(double step_m, double from_m, double to_m) {
+  std::vector<SE3> poses = Laps(step_m, from_m);
+  poses.erase(poses.begin(), poses.begin() + static_cast<std::ptrdiff_t>(to_m / step_m));
+  std::reverse(poses.begin(), poses.end());
+  const SE3 turned(ExpSO3({0.0, 0.0, M_PI}), Eigen::Vector3d::Zero());
+  for (SE3& pose : poses) pose = pose * turned;
   return poses;
 }
 

@@ -6,6 +6,7 @@
 #include "backend/bundle/cost.h"
 #include "backend/bundle/plane_geometry.h"
 #include "backend/bundle/problem.h"
+#include "core/base/angle.h"
 #include "tests/support/random_scenes.h"
 
 namespace lamina {
@@ -34,9 +35,9 @@ inline BundleScene MakeBundleScene(const BundleSceneOptions& options, Draws* dra
   for (int k = 0; k < options.poses; ++k) {
     scene.truth.push_back(k == 0 ? SE3() : SE3(draws->Pose(1.0).q, draws->InCube(2.0)));
     const SE3& T = scene.truth.back();
-    const SE3 off = k == 0 ? SE3()
-                           : draws->Offset(options.start_rotation_deg * kRadPerDeg,
-                                           options.start_translation_m);
+    const SE3 off =
+        k == 0 ? SE3()
+               : draws->Offset(options.start_rotation_deg * kDegree, options.start_translation_m);
     scene.problem.poses.emplace_back(T.q * off.q, T.t + off.t);
   }
   for (int i = 0; i < options.planes; ++i) {

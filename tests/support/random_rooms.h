@@ -82,7 +82,7 @@ inline std::vector<TimedCluster> ScanFrom(const SE3& T_world_lidar, const Points
 }
 
 inline std::vector<PointCluster> Untimed(const std::vector<TimedCluster>& clusters) {
-  return DeskewClusters(clusters, Vector6d::Zero());
+  return DeskewClusters(clusters, SweepMotion());
 }
 
 // Puts `frames` samples of a world into a map, each at another pose of the same spot.

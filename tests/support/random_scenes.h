@@ -97,6 +97,4 @@ class ThreadLimit {
   tbb::global_control control_;
 };
 
-inline constexpr double kRadPerDeg = 3.14159265358979323846 / 180.0;
-
 }  // namespace lamina

@@ -19,11 +19,11 @@ class RunFolderTest : public FilesTest {
   static constexpr int kMaxIterations = 20;  // as in the default configuration
 
   // 200 scans at 10 m/s, 10 a second, all as they should be but for what `change` does to scan i.
-  static std::vector<SessionScan> Drive(
-      const std::function<void(int i, SessionScan* scan)>& change = {}, int count = 200) {
-    std::vector<SessionScan> scans;
+  static std::vector<ScanRecord> Drive(
+      const std::function<void(int i, ScanRecord* scan)>& change = {}, int count = 200) {
+    std::vector<ScanRecord> scans;
     for (int i = 0; i < count; ++i) {
-      SessionScan scan;
+      ScanRecord scan;
       scan.scan = i;
       scan.stamp_ns = 1'000'000'000'000LL + 100'000'000LL * i;
       scan.recorded_stamp = true;
@@ -44,11 +44,11 @@ class RunFolderTest : public FilesTest {
   }
 
   // The folder `name` with frames.csv, trajectories, summary.json and config.yaml.
-  void WriteRun(const std::vector<SessionScan>& scans, const std::string& name = "run") const {
+  void WriteRun(const std::vector<ScanRecord>& scans, const std::string& name = "run") const {
     std::filesystem::create_directories(Path(name));
     FrameTable table(Path(name + "/frames.csv"), kMaxIterations);
     Trajectory posed, all;
-    for (const SessionScan& scan : scans) {
+    for (const ScanRecord& scan : scans) {
       table.Append(scan);
       all.push_back({scan.stamp_ns, scan.T_world_lidar});
       if (!scan.skipped) posed.push_back(all.back());

@@ -42,27 +42,46 @@ inline std::vector<std::string> Lines(const std::string& text) {
   return lines;
 }
 
-// Ten scans a second, of every `thinning`th point.
-inline Recording SyntheticRecording(synth::SceneKind scene, int frames, std::size_t thinning) {
-  SynthOptions options;
-  options.frames = frames;
-  options.sensor = synth::SensorKind::kVlp16;
-  options.scene = scene;
-  const SynthSequence sequence(options);
-  Recording recording;
-  for (std::size_t i = 0; i < sequence.size(); ++i) {
-    const std::vector<ScanPoint> all = sequence.Generate(i).points;
-    std::vector<ScanPoint> points;
-    for (std::size_t k = 0; k < all.size(); k += thinning) points.push_back(all[k]);
-    recording.push_back({KittiBin(points), 1e-9 * static_cast<double>(sequence.Stamp(i))});
+// Ten scans a second, of every `thinning`th point; a scan is made when it is first asked for.
+class SyntheticDrive {
+ public:
+  SyntheticDrive(synth::SceneKind scene, int frames, std::size_t thinning)
+      : sequence_(OptionsOf(scene, frames)), thinning_(thinning) {}
+
+  // The first ones; no more than there are.
+  Recording First(std::size_t count) {
+    for (std::size_t i = made_.size(); i < count; ++i) {
+      const std::vector<ScanPoint> all = sequence_.Generate(i).points;
+      std::vector<ScanPoint> points;
+      for (std::size_t k = 0; k < all.size(); k += thinning_) points.push_back(all[k]);
+      made_.push_back({KittiBin(points), 1e-9 * static_cast<double>(sequence_.Stamp(i))});
+    }
+    return {made_.begin(), made_.begin() + static_cast<std::ptrdiff_t>(count)};
   }
-  return recording;
+
+ private:
+  static SynthOptions OptionsOf(synth::SceneKind scene, int frames) {
+    SynthOptions options;
+    options.frames = frames;
+    options.sensor = synth::SensorKind::kVlp16;
+    options.scene = scene;
+    return options;
+  }
+
+  SynthSequence sequence_;
+  std::size_t thinning_;
+  Recording made_;
+};
+
+inline Recording SyntheticRecording(synth::SceneKind scene, int frames, std::size_t thinning) {
+  return SyntheticDrive(scene, frames, thinning).First(static_cast<std::size_t>(frames));
 }
 
-// A drive at 10 m/s through a street; made once for all tests of a program. `count` <= 40.
+// The first `count` <= 40 scans of a drive at 10 m/s through a street. Most tests are a process of
+// their own, and need few.
 inline Recording Street(std::size_t count) {
-  static const Recording street = SyntheticRecording(synth::SceneKind::kStreet, 40, 1);
-  return {street.begin(), street.begin() + static_cast<std::ptrdiff_t>(count)};
+  static SyntheticDrive street(synth::SceneKind::kStreet, 40, 1);
+  return street.First(count);
 }
 
 class RunTest : public FilesTest {

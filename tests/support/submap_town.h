@@ -70,12 +70,13 @@ class Town {
 
 // A keyframe at a true pose, which odometry takes for `T_world_lidar`.
 inline FinalKeyframe KeyframeOf(const Town& town, std::int64_t id, const SE3& T_true_lidar,
-                                const SE3& T_world_lidar, double leaf_size_m, Draws* draws) {
+                                const SE3& T_world_lidar, double leaf_size_m, Draws* draws,
+                                double range_m = 35.0) {
   FinalKeyframe keyframe;
   keyframe.id = id;
   keyframe.stamp_ns = 100000000 * id;
   keyframe.T_world_lidar = T_world_lidar;
-  const Points points = town.Seen(T_true_lidar.t, 35.0, 2.0, draws);
+  const Points points = town.Seen(T_true_lidar.t, range_m, 2.0, draws);
   for (const PointCluster& c : Untimed(ScanFrom(T_true_lidar, points, leaf_size_m)))
     keyframe.clusters.push_back(c.Moved(T_world_lidar));
   return keyframe;

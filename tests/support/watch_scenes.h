@@ -138,7 +138,7 @@ class WatchTest : public RunTest {
     std::map<std::string, int> times;
     std::int64_t next = 0;
     const SessionDatabase session(database, true);
-    session.ForEach(0, session.scans(), [&](const SessionScan& scan) {
+    session.ForEach(0, session.scans(), [&](const ScanRecord& scan) {
       EXPECT_EQ(scan.scan, next++);
       ++times[scan.file];
     });

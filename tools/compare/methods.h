@@ -6,7 +6,7 @@
 //   sync_teaser, sync_fgr
 //                the same with more pairs, in a pose graph
 //                                                     tools/compare/global_synchronisation.h
-//   condensed, huang, evm2, evm1, ef, ef_lm, pl
+//   condensed, huang, evm2, evm1, eigen_factors, eigen_factors_lm, plane_landmarks
 //                bundle adjustment                    backend/registration/batch_registration.h
 //
 // Methods that build on one another's work make one job: f2m_X begins with f2f_X, sync_X with X.
@@ -51,8 +51,8 @@ struct CompareInput {
   CompareConfig config;
   // Bundle adjustment: scans are downsampled to this first; 0: not at all.
   double resolution_m = 0.0;
-  // Of its solver; 0: those of the configuration, four times as many where steps creep (huang, ef,
-  // ef_lm).
+  // Of its solver; 0: those of the configuration, four times as many where steps creep (huang,
+  // eigen_factors, eigen_factors_lm).
   int max_iterations = 0;
 };
 

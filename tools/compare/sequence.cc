@@ -34,8 +34,9 @@ const CompareJob kTeaserJob = {"teaser", "sync_teaser"};
 // same everywhere; the order changes no result.
 void PutLongestFirst(std::vector<CompareTask>* tasks) {
   static const std::vector<std::string> kLong = {
-      "f2m_ndt", "f2m_icp_point", "f2f_ndt",  "f2f_icp_point", "pl",   "ef_lm", "sync_teaser",
-      "ef",      "f2m_icp_plane", "f2m_gicp", "sync_fgr",      "huang"};
+      "f2m_ndt",         "f2m_icp_point",    "f2f_ndt",     "f2f_icp_point",
+      "plane_landmarks", "eigen_factors_lm", "sync_teaser", "eigen_factors",
+      "f2m_icp_plane",   "f2m_gicp",         "sync_fgr",    "huang"};
   const auto rank = [](const CompareTask& task) {
     return std::find_first_of(kLong.begin(), kLong.end(), task.methods.begin(),
                               task.methods.end()) -
@@ -77,9 +78,7 @@ std::vector<std::vector<Eigen::Vector3f>> ReadThinned(const std::string& path,
     std::vector<Eigen::Vector3f> kept;
     constexpr double kInverseVoxel = 10.0;
     for (const Eigen::Vector3f& p : points) {
-      const auto next = static_cast<std::int32_t>(kept.size());
-      const VoxelKey key = VoxelKeyOf(p.cast<double>(), kInverseVoxel);
-      if (taken.FindOrInsert(key, next) == next) kept.push_back(p);
+      if (taken.Insert(VoxelKeyOf(p.cast<double>(), kInverseVoxel))) kept.push_back(p);
     }
     scans.push_back(std::move(kept));
   }

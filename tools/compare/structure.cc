@@ -128,8 +128,7 @@ std::vector<MapPoint> MeasureStructure(const std::vector<std::vector<Eigen::Vect
     for (const Eigen::Vector3f& point : scans[k]) {
       const Eigen::Vector3d p = R * point.cast<double>() + T.t;
       if (!IsVoxelKeyInRange(p, 1.0 / kMapVoxelM)) continue;
-      const auto next = static_cast<std::int32_t>(map.size());
-      if (taken.FindOrInsert(VoxelKeyOf(p, 1.0 / kMapVoxelM), next) == next) {
+      if (taken.Insert(VoxelKeyOf(p, 1.0 / kMapVoxelM))) {
         map.push_back({p.cast<float>(), 0.0F});
       }
     }

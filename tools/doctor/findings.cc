@@ -19,7 +19,7 @@ std::optional<RunVerdict> VerdictOn(const RunTable& table) {
   VerdictCounter counter(table.config.frontend.matcher.max_iterations);
   for (const RunScan& scan : table.scans) {
     if (!scan.record.skipped && !scan.has_pose) return std::nullopt;
-    SessionScan record = scan.record;
+    ScanRecord record = scan.record;
     if (!std::isfinite(record.inlier_share)) record.matched = 0;
     counter.Add(record);
   }
@@ -109,7 +109,7 @@ std::string DescribeRun(const RunTable& table) {
   };
   std::string text = fmt::format("{} scans", table.scans.size());
   const auto lost = count(run_rules::IsLost), degenerate = count(run_rules::IsDegenerate);
-  const auto skipped = count([](const SessionScan& scan) { return scan.skipped; });
+  const auto skipped = count([](const ScanRecord& scan) { return scan.skipped; });
   if (lost > 0) text += fmt::format(", {} lost", lost);
   if (degenerate > 0) text += fmt::format(", {} degenerate", degenerate);
   if (skipped > 0) text += fmt::format(", {} skipped", skipped);

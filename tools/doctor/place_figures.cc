@@ -52,16 +52,16 @@ PlaceFigures FiguresOf(const RunTable& table, const WeakPlaces& places, const We
   figures.interval_s = table.scans[place.first].interval_s;
   figures.usual_interval_s = places.UsualIntervalAt(place.first);
   AddMotion(table, place, &figures);
-  const auto points = [](const SessionScan& scan) {
+  const auto points = [](const ScanRecord& scan) {
     return scan.skipped || scan.points == 0 ? kUnknown : static_cast<double>(scan.points);
   };
   const std::size_t before = place.first - std::min(place.first, kBefore);
   figures.points = MedianOver(table, place.first, place.last + 1, points);
   figures.points_before = MedianOver(table, before, place.first, points);
-  figures.overlap = MedianOver(table, place.first, place.last + 1, [](const SessionScan& scan) {
+  figures.overlap = MedianOver(table, place.first, place.last + 1, [](const ScanRecord& scan) {
     return scan.skipped || scan.clusters == 0 ? kUnknown : rules::Overlap(scan);
   });
-  figures.fit = MedianOver(table, place.first, place.last + 1, [](const SessionScan& scan) {
+  figures.fit = MedianOver(table, place.first, place.last + 1, [](const ScanRecord& scan) {
     return scan.skipped || scan.matched == 0 ? kUnknown : rules::Fit(scan);
   });
   return figures;

@@ -18,7 +18,7 @@ std::string FormatFigure(double value, const SymptomKind& kind) {
 // What ends a loss.
 std::string HowItWentOn(const RunTable& table, const WeakPlace& place) {
   for (std::size_t i = place.last + 1; i < table.scans.size(); ++i) {
-    const SessionScan& scan = table.scans[i].record;
+    const ScanRecord& scan = table.scans[i].record;
     if (scan.skipped) continue;
     if (scan.piece != table.scans[place.last].record.piece) {
       return fmt::format("; piece {} begins at scan {}", scan.piece, scan.scan);

@@ -21,10 +21,10 @@ constexpr std::size_t kMergedOver = 5;
 // Scans of a piece whose map is still of one or two scans: little of a scan meets it.
 constexpr int kYoungScans = 2;
 
-bool SequenceGoesBack(const SessionScan& scan) { return scan.status == "stamp_not_after_last"; }
+bool SequenceGoesBack(const ScanRecord& scan) { return scan.status == "stamp_not_after_last"; }
 
 // What odometry and map take, which is done for one scan after the other.
-double SerialMs(const SessionScan& scan) { return scan.odometry_ms + scan.map_ms; }
+double SerialMs(const ScanRecord& scan) { return scan.odometry_ms + scan.map_ms; }
 
 struct Limits {
   double value;
@@ -131,7 +131,7 @@ void WeakPlaces::FindMotions() {
       continue;
     }
     const auto pose = [&](std::size_t at) {
-      const SessionScan& record = table_.scans[at].record;
+      const ScanRecord& record = table_.scans[at].record;
       return StampedPose{record.stamp_ns, record.T_world_lidar};
     };
     if (chain.size() == 2) {
@@ -150,7 +150,7 @@ void WeakPlaces::FindNewPieces() {
   std::map<std::int64_t, int> matched;  // by piece
   std::set<std::string> recordings;
   for (std::size_t i = 0; i < table_.scans.size(); ++i) {
-    const SessionScan& scan = table_.scans[i].record;
+    const ScanRecord& scan = table_.scans[i].record;
     if (scan.skipped) continue;
     const auto [at, fresh] = matched.try_emplace(scan.piece, 0);
     const bool first_of_recording = recordings.insert(scan.sequence).second;
@@ -165,7 +165,7 @@ double WeakPlaces::UsualIntervalAt(std::size_t i) const {
 
 double WeakPlaces::FigureOf(Symptom symptom, std::size_t i) const {
   const RunScan& scan = table_.scans[i];
-  const SessionScan& record = scan.record;
+  const ScanRecord& record = scan.record;
   const bool matched = rules::IsMatched(record);
   switch (symptom) {
     case Symptom::kLost:
@@ -199,7 +199,7 @@ double WeakPlaces::FigureOf(Symptom symptom, std::size_t i) const {
 }
 
 bool WeakPlaces::Shows(Symptom symptom, std::size_t i) const {
-  const SessionScan& scan = table_.scans[i].record;
+  const ScanRecord& scan = table_.scans[i].record;
   const double figure = FigureOf(symptom, i);
   switch (symptom) {
     case Symptom::kLost:

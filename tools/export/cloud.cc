@@ -45,7 +45,7 @@ WorldScan ReadWorldScan(const ScanSource& scans, const PosedScan& posed,
   const double period_s = SweepPeriodOfScan(scans, posed.scan, options.frame_period_s);
   const PreparedScan prepared =
       PrepareScan(scan, options.preparation, period_s, scans.T_vehicle_lidar(posed.scan));
-  const SweepDeskew deskew(posed.twist);
+  const SweepDeskew deskew(posed.sweep);
   const Eigen::Matrix3d R = posed.T_world_lidar.R();
   WorldScan world;
   world.intensities = KeptIntensities(scan, options.preparation, prepared.points.size());

@@ -28,10 +28,9 @@ struct Voxel {
 class VoxelClusters {
  public:
   Voxel& At(VoxelKey key) {
-    const auto next = static_cast<std::int32_t>(voxels_.size());
-    const std::int32_t index = index_.FindOrInsert(key, next);
-    if (index == next) voxels_.push_back({key, 0, {}});
-    return voxels_[static_cast<size_t>(index)];
+    Voxel& voxel = index_.Gather(key, &voxels_);
+    voxel.key = key;
+    return voxel;
   }
   const std::vector<Voxel>& voxels() const { return voxels_; }
 
@@ -53,7 +52,7 @@ struct VoxelFigures {
 VoxelClusters ClustersOfScan(const PreparedScan& scan, const PosedScan& posed,
                              double voxel_size_m) {
   const double inverse_size = 1.0 / voxel_size_m;
-  const SweepDeskew deskew(posed.twist);
+  const SweepDeskew deskew(posed.mean_twist);
   const Eigen::Matrix3d R = posed.T_world_lidar.R();
   VoxelClusters clusters;
   for (const TimedPoint& point : scan.points) {

@@ -80,7 +80,7 @@ Trial MapTrial(const Promise& promise, int seed, const std::vector<std::string>&
   }
   MappingCallbacks callbacks;
   callbacks.on_scan = [&](const MappedScan& report) {
-    const SessionScan record = RecordOf(report);
+    const ScanRecord record = RecordOf(report);
     TrialFrame& frame = trial.frames[report.index];
     frame.status = record.status;
     frame.piece = report.piece;

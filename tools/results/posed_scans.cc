@@ -4,10 +4,26 @@
 #include <cmath>
 #include <limits>
 
-#include "core/geometry/central_twist.h"
+#include "core/geometry/sweep_motion.h"
 #include "tools/metrics/trajectory_metrics.h"
 
 namespace lamina {
+namespace {
+
+Vector6d MeanTwist(const Trajectory& poses, std::size_t i) {
+  Vector6d sum = Vector6d::Zero();
+  int terms = 0;
+  for (std::size_t k = i == 0 ? 1 : i; k < std::min(i + 2, poses.size()); ++k) {
+    const double dt = SecondsBetween(poses[k - 1].stamp_ns, poses[k].stamp_ns);
+    if (dt <= 0.0) continue;
+    sum += TwistLog(poses[k - 1].T_world_lidar.Inverse() * poses[k].T_world_lidar) / dt;
+    ++terms;
+  }
+  return terms > 0 ? Vector6d(sum / terms) : sum;
+}
+
+}  // namespace
+
 std::vector<StampNs> ScanStamps(const ScanSource& scans) {
   std::vector<StampNs> stamps(scans.size());
   for (size_t i = 0; i < stamps.size(); ++i) stamps[i] = scans.Stamp(i);
@@ -32,8 +48,8 @@ std::vector<PosedScan> PoseScans(const ScanSource& scans, const Trajectory& traj
   for (size_t i = 0; i < poses.size(); ++i) {
     const auto scan = std::lower_bound(by_stamp.begin(), by_stamp.end(),
                                        std::make_pair(wanted[i].stamp_ns, size_t{0}));
-    posed[i] = {scan->second, poses[i].T_world_lidar, Vector6d::Zero()};
-    CentralTwist(poses, i, kAnyGapS, &posed[i].twist);
+    posed[i] = {scan->second, poses[i].T_world_lidar, SweepMotion(), MeanTwist(poses, i)};
+    MotionThrough(poses, i, kAnyGapS, &posed[i].sweep);
   }
   return posed;
 }
@@ -47,21 +63,26 @@ double SweepPeriodOfScan(const ScanSource& scans, size_t i, double fallback_s) {
   return SweepPeriod(stamps, fallback_s);
 }
 
-SweepDeskew::SweepDeskew(const Vector6d& twist)
-    : rate_(twist.head<3>().norm()),
+SweepDeskew::SweepDeskew(const SweepMotion& sweep)
+    : sweep_(sweep),
+      steady_(sweep.acceleration.isZero()),
+      rate_(sweep.twist.head<3>().norm()),
       axis_(Eigen::Vector3d::Zero()),
-      velocity_(twist.tail<3>()),
+      velocity_(sweep.twist.tail<3>()),
       bent_once_(Eigen::Vector3d::Zero()),
       bent_twice_(Eigen::Vector3d::Zero()) {
   if (rate_ < 1e-12) return;
-  axis_ = twist.head<3>() / rate_;
+  axis_ = sweep.twist.head<3>() / rate_;
   bent_once_ = axis_.cross(velocity_) / rate_;
   bent_twice_ = axis_.cross(axis_.cross(velocity_)) / rate_;
 }
 
 Eigen::Vector3d SweepDeskew::operator()(const TimedPoint& p) const {
   const Eigen::Vector3d x(p.x, p.y, p.z);
-  const double tau = p.time_s;
+  return steady_ ? Steady(x, p.time_s) : sweep_.PoseAt(p.time_s) * x;
+}
+
+Eigen::Vector3d SweepDeskew::Steady(const Eigen::Vector3d& x, double tau) const {
   const double angle = rate_ * tau;
   const double sine = std::sin(angle);
   const double half = std::sin(0.5 * angle);

@@ -1,18 +1,21 @@
 // Scans of a recording together with the poses that some trajectory gives them: what judging a
 // trajectory by its map, and exporting that map, both start from.
 //
-// A scan is taken while the sensor moves. With xi the body twist at scan i (rad/s, m/s), a point p
-// measured tau seconds after the scan's stamp stands, in the LiDAR frame of the stamp, at
+// A scan is taken while the sensor moves. With xi the body twist at scan i (rad/s, m/s) and a its
+// change, a point p measured tau seconds after the scan's stamp stands, in the LiDAR frame of the
+// stamp, at
 //
-//     p' = Exp(tau xi) p
+//     p' = Exp(tau xi + tau^2/2 a) p
 //
-// xi is core/geometry/central_twist.h; tau comes from PrepareScan (frontend/scan_preparation.h).
+// xi and a are those of core/geometry/sweep_motion.h; tau comes from PrepareScan
+// (frontend/scan_preparation.h).
 #pragma once
 
 #include <cstddef>
 #include <vector>
 
 #include "core/geometry/scan.h"
+#include "core/geometry/sweep_motion.h"
 #include "frontend/scan_preparation.h"
 #include "io/recording/scan_source.h"
 
@@ -21,7 +24,10 @@ namespace lamina {
 struct PosedScan {
   std::size_t scan = 0;  // position in the ScanSource
   SE3 T_world_lidar;
-  Vector6d twist = Vector6d::Zero();  // [w; v] in the LiDAR frame, rad/s and m/s
+  SweepMotion sweep;
+  // The mean of the motions from the pose before and to the one after, or the one that exists: what
+  // trajectories are judged by, those of others too.
+  Vector6d mean_twist = Vector6d::Zero();
 };
 
 std::vector<StampNs> ScanStamps(const ScanSource& scans);
@@ -35,13 +41,17 @@ std::vector<PosedScan> PoseScans(const ScanSource& scans, const Trajectory& traj
 // the first scans of a recording have the right period too. `fallback_s` where stamps tell nothing.
 double SweepPeriodOfScan(const ScanSource& scans, std::size_t i, double fallback_s);
 
-// p -> Exp(tau xi) p for many points of one scan. Thread-safe once constructed.
+// p -> Exp(tau xi + tau^2/2 a) p for many points of one scan. Thread-safe once constructed.
 class SweepDeskew {
  public:
-  explicit SweepDeskew(const Vector6d& twist);
+  explicit SweepDeskew(const SweepMotion& sweep);
   Eigen::Vector3d operator()(const TimedPoint& p) const;
 
  private:
+  Eigen::Vector3d Steady(const Eigen::Vector3d& x, double tau) const;
+
+  SweepMotion sweep_;
+  bool steady_;                 // no acceleration
   double rate_;                 // |w|, rad/s
   Eigen::Vector3d axis_;        // w / |w|, zero if there is no rotation
   Eigen::Vector3d velocity_;    // v

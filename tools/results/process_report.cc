@@ -28,7 +28,7 @@ FrameTable::FrameTable(const std::string& path, int max_iterations)
       "piece,read_ms,prepare_ms,cluster_ms,odometry_ms,map_ms,solve_ms\n");
 }
 
-void FrameTable::Append(const SessionScan& s) {
+void FrameTable::Append(const ScanRecord& s) {
   std::string line = fmt::format("{},", s.scan);
   AppendSeconds(s.stamp_ns, &line);
   line += fmt::format(",{},{},{},{},{},{},{:.4f},{:.5f},{},{},{:.5f}", s.status, s.keyframe ? 1 : 0,
@@ -42,7 +42,7 @@ void FrameTable::Append(const SessionScan& s) {
   verdict_.Add(s);
 }
 
-void FrameTable::CountPiece(const SessionScan& s) {
+void FrameTable::CountPiece(const ScanRecord& s) {
   const auto [at, fresh] = pieces_.try_emplace(s.piece);
   PieceFigures& piece = at->second;
   if (fresh) {

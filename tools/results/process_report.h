@@ -10,7 +10,7 @@
 #include "backend/mapping/mapped_scan.h"
 #include "backend/mapping/report.h"
 #include "io/file/file_writer.h"
-#include "io/store/session_database.h"
+#include "io/store/scan_record.h"
 #include "tools/results/verdict.h"
 
 namespace lamina {
@@ -30,7 +30,7 @@ class FrameTable {
  public:
   // max_iterations: see VerdictCounter.
   FrameTable(const std::string& path, int max_iterations);
-  void Append(const SessionScan& scan);
+  void Append(const ScanRecord& scan);
   void Commit() { writer_.Commit(); }
   // Those of the scans so far, by number.
   const std::map<std::int64_t, PieceFigures>& pieces() const { return pieces_; }
@@ -43,7 +43,7 @@ class FrameTable {
   RunVerdict Judge() const { return verdict_.Judge(); }
 
  private:
-  void CountPiece(const SessionScan& scan);
+  void CountPiece(const ScanRecord& scan);
   std::int64_t FrameOf(std::int64_t piece) const;
 
   FileWriter writer_;

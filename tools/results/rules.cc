@@ -15,12 +15,12 @@ double Acceleration(double change, double dt_s, double error) {
 
 }  // namespace
 
-double Overlap(const SessionScan& scan) {
+double Overlap(const ScanRecord& scan) {
   return scan.clusters > 0 ? static_cast<double>(scan.matched) / static_cast<double>(scan.clusters)
                            : 0.0;
 }
 
-double Fit(const SessionScan& scan) {
+double Fit(const ScanRecord& scan) {
   return scan.matched > 0 ? scan.inlier_share * static_cast<double>(scan.clusters) /
                                 static_cast<double>(scan.matched)
                           : 0.0;

@@ -25,7 +25,7 @@
 #include <optional>
 
 #include "core/geometry/scan.h"
-#include "io/store/session_database.h"
+#include "io/store/scan_record.h"
 
 namespace lamina::run_rules {
 
@@ -62,20 +62,20 @@ inline constexpr double kUnevenGapPeriods = 5.0;
 inline constexpr double kMostBehindS = 1.0;
 
 // Whether its pose is of its own points.
-inline bool IsLost(const SessionScan& scan) { return !scan.skipped && scan.status == "lost"; }
-inline bool IsDegenerate(const SessionScan& scan) { return scan.status == "degenerate"; }
-inline bool IsMatched(const SessionScan& scan) {
+inline bool IsLost(const ScanRecord& scan) { return !scan.skipped && scan.status == "lost"; }
+inline bool IsDegenerate(const ScanRecord& scan) { return scan.status == "degenerate"; }
+inline bool IsMatched(const ScanRecord& scan) {
   return !scan.skipped && !IsLost(scan) && scan.matched > 0;
 }
 
 // max_iterations: of the matcher.
-inline bool IsUnconverged(const SessionScan& scan, int max_iterations) {
+inline bool IsUnconverged(const ScanRecord& scan, int max_iterations) {
   return IsMatched(scan) && scan.iterations >= max_iterations;
 }
 
 // Share of the clusters that meet planes, and of the kernel's weights among those.
-double Overlap(const SessionScan& scan);
-double Fit(const SessionScan& scan);
+double Overlap(const ScanRecord& scan);
+double Fit(const ScanRecord& scan);
 
 // Acceleration between three poses that follow one another, less what errors of the poses may make
 // of it.

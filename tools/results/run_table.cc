@@ -31,7 +31,7 @@ bool HasPoseOfItsOwn(std::string_view status) {
 // Puts a cell of the table into the scan; false if it is no value of the column.
 using CellReader = std::function<bool(std::string_view cell, RunScan* scan)>;
 
-CellReader Integer(std::int64_t SessionScan::*member) {
+CellReader Integer(std::int64_t ScanRecord::*member) {
   return [member](std::string_view cell, RunScan* scan) {
     double value = 0.0;
     if (!ParseNumber(cell, &value) || !(std::abs(value) <= kMostInteger)) return false;
@@ -41,7 +41,7 @@ CellReader Integer(std::int64_t SessionScan::*member) {
 }
 
 // May be NaN: a figure that was not measured.
-CellReader Figure(double SessionScan::*member) {
+CellReader Figure(double ScanRecord::*member) {
   return [member](std::string_view cell, RunScan* scan) {
     return ParseNumber(cell, &(scan->record.*member));
   };
@@ -68,21 +68,21 @@ struct Column {
 
 const std::vector<Column>& Columns() {
   static const std::vector<Column> columns{
-      {"scan", Integer(&SessionScan::scan), nullptr},
+      {"scan", Integer(&ScanRecord::scan), nullptr},
       {"status", ReadStatus, nullptr},
       {"stamp_s", ReadStamp, "gaps, jumps of speed and poses"},
-      {"piece", Integer(&SessionScan::piece), "pieces of the map"},
-      {"points", Integer(&SessionScan::points), "scans of few points"},
-      {"clusters", Integer(&SessionScan::clusters), "overlap and fit"},
-      {"matched", Integer(&SessionScan::matched), "overlap and fit"},
-      {"iterations", Integer(&SessionScan::iterations), "matches that did not converge"},
-      {"inlier_share", Figure(&SessionScan::inlier_share), "shares of inliers"},
-      {"residual_m", Figure(&SessionScan::residual_m), "residuals"},
-      {"unobservable_directions", Integer(&SessionScan::unobservable_directions),
+      {"piece", Integer(&ScanRecord::piece), "pieces of the map"},
+      {"points", Integer(&ScanRecord::points), "scans of few points"},
+      {"clusters", Integer(&ScanRecord::clusters), "overlap and fit"},
+      {"matched", Integer(&ScanRecord::matched), "overlap and fit"},
+      {"iterations", Integer(&ScanRecord::iterations), "matches that did not converge"},
+      {"inlier_share", Figure(&ScanRecord::inlier_share), "shares of inliers"},
+      {"residual_m", Figure(&ScanRecord::residual_m), "residuals"},
+      {"unobservable_directions", Integer(&ScanRecord::unobservable_directions),
        "how many directions are open"},
-      {"worst_sigma_m", Figure(&SessionScan::worst_sigma_m), "how far directions are open"},
-      {"odometry_ms", Figure(&SessionScan::odometry_ms), "slow scans"},
-      {"map_ms", Figure(&SessionScan::map_ms), "slow scans"},
+      {"worst_sigma_m", Figure(&ScanRecord::worst_sigma_m), "how far directions are open"},
+      {"odometry_ms", Figure(&ScanRecord::odometry_ms), "slow scans"},
+      {"map_ms", Figure(&ScanRecord::map_ms), "slow scans"},
   };
   return columns;
 }

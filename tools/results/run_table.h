@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "config/config.h"
-#include "io/store/session_database.h"
+#include "io/store/scan_record.h"
 
 namespace lamina {
 
@@ -21,7 +21,7 @@ struct RunScan {
   // Figures that the table lacks are 0, or NaN where 0 would mean something: inlier_share,
   // residual_m, worst_sigma_m. `sequence` is the recording and recorded_stamp that of
   // its piece, by summary.json.
-  SessionScan record;
+  ScanRecord record;
   bool has_stamp = false, has_pose = false;
   // Length of the way from the first scan of its piece, in metres; NaN where no pose is known.
   double way_m = kUnknown;

@@ -108,7 +108,7 @@ double ShareHistogram::Median() const {
   return static_cast<double>(i) / static_cast<double>(counts_.size() - 1);
 }
 
-void VerdictCounter::Add(const SessionScan& scan) {
+void VerdictCounter::Add(const ScanRecord& scan) {
   if (scan.skipped) return last_.clear();
   ++frames_;
   pieces_.insert(scan.piece);
@@ -126,7 +126,7 @@ void VerdictCounter::Add(const SessionScan& scan) {
   CountJump(scan);
 }
 
-void VerdictCounter::CountJump(const SessionScan& scan) {
+void VerdictCounter::CountJump(const ScanRecord& scan) {
   // Steps without recorded stamps tell no speed.
   if (!scan.recorded_stamp) return last_.clear();
   if (last_piece_ != scan.piece) last_.clear();

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "io/store/session_database.h"
+#include "io/store/scan_record.h"
 
 namespace lamina {
 
@@ -50,13 +50,13 @@ class VerdictCounter {
   explicit VerdictCounter(int max_iterations) : max_iterations_(max_iterations) {}
 
   // Scans in order, those that were skipped too.
-  void Add(const SessionScan& scan);
+  void Add(const ScanRecord& scan);
   // A piece that was found to be connected to another one.
   void Join(std::int64_t piece) { pieces_.erase(piece); }
   RunVerdict Judge() const;
 
  private:
-  void CountJump(const SessionScan& scan);
+  void CountJump(const ScanRecord& scan);
 
   int max_iterations_;
   std::int64_t frames_ = 0, lost_ = 0, degenerate_ = 0;

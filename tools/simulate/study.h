@@ -11,7 +11,8 @@
 //             times 1e8, so that a gap of 1e-8 means something without noise, too
 //   fits      the cost is no higher than at the true poses (but for 1e-6 of the scale above). The
 //             global optimum never is, a wrong one hardly ever: whether a formulation that
-//             minimises something else (ef, ef_lm, pl) has found the right place, too
+//             minimises something else (eigen_factors, plane_landmarks) has found the right place,
+//             too
 //   success   fits, and gap < 1e-6
 #pragma once
 

@@ -140,8 +140,7 @@ class Thinning {
   void Add(const std::vector<Eigen::Vector3f>& points, std::vector<ScanPoint>* kept) {
     for (const Eigen::Vector3f& p : points) {
       const VoxelKey key = VoxelKeyOf(p.cast<double>(), 1.0 / kVoxelM);
-      const auto next = static_cast<std::int32_t>(seen_.size());
-      if (seen_.FindOrInsert(key, next) == next) kept->push_back({p.x(), p.y(), p.z(), 0.0F});
+      if (seen_.Insert(key)) kept->push_back({p.x(), p.y(), p.z(), 0.0F});
     }
   }
 

@@ -28,7 +28,7 @@ std::size_t ContinueInbox(const SessionDatabase& database, Inbox* inbox) {
   // Recordings of which nothing is left stand among the files set aside.
   std::int64_t ended = 0;
   for (const SessionDatabase::Sequence& sequence : database.Sequences(database.scans())) {
-    const SessionScan& last = sequence.last;
+    const ScanRecord& last = sequence.last;
     const auto number = ScanNumber(last.sequence, last.file);
     if (number && database.Knows(last.sequence)) ++ended;
     inbox->Continue({last.sequence, number ? *number + 1 : static_cast<std::size_t>(sequence.scans),
@@ -41,7 +41,7 @@ std::unique_ptr<StreamedScans> ContinueScans(const SessionDatabase& database, st
                                              const ScanSourceOptions& options) {
   auto scans = std::make_unique<StreamedScans>(static_cast<std::size_t>(next), options);
   for (const SessionDatabase::Sequence& sequence : database.Sequences(next)) {
-    for (const SessionScan& row :
+    for (const ScanRecord& row :
          database.LastOf(sequence.last.sequence, next, static_cast<int>(StreamedScans::kHistory))) {
       scans->AppendPast(row.sequence, static_cast<std::size_t>(row.scan), row.stamp_ns);
     }
@@ -49,7 +49,7 @@ std::unique_ptr<StreamedScans> ContinueScans(const SessionDatabase& database, st
   return scans;
 }
 
-bool RepeatedFiles::Ready(const SessionScan& row) {
+bool RepeatedFiles::Ready(const ScanRecord& row) {
   if (!ScanNumber(row.sequence, row.file)) return true;
   if (opener_.busy() && opener_.done()) Take();
   if (opened_name_ == row.sequence && opened_ != nullptr) return true;
@@ -66,7 +66,7 @@ void RepeatedFiles::Take() {
   if (opened_ == nullptr) opened_ = std::make_shared<MissingRecording>(opened.error);
 }
 
-InboxFile RepeatedFiles::FileOf(const SessionScan& row) {
+InboxFile RepeatedFiles::FileOf(const ScanRecord& row) {
   const std::optional<std::size_t> number = ScanNumber(row.sequence, row.file);
   InboxFile file{row.file,           files_.Find(number ? row.sequence : row.file),
                  row.sequence,       row.stamp_ns,

@@ -30,9 +30,9 @@ class RepeatedFiles {
       : files_(files), options_(options) {}
 
   // Whether FileOf will not have to wait; if its recording is not open, it is opened beside.
-  bool Ready(const SessionScan& row);
+  bool Ready(const ScanRecord& row);
   // A scan whose recording cannot be opened any more is there, and says why when it is read.
-  InboxFile FileOf(const SessionScan& row);
+  InboxFile FileOf(const ScanRecord& row);
 
  private:
   void Take();

@@ -60,7 +60,7 @@ WatchDaemon::WatchDaemon(WatchSetup setup)
   OpenInbox();
   if (!setup_.http) return;
   session_->TrackTiles();
-  session_->database().ForEach(0, session_->next_scan(), [this](const SessionScan& row) {
+  session_->database().ForEach(0, session_->next_scan(), [this](const ScanRecord& row) {
     verdict_.Add(row);
     if (!row.skipped) view_.AddPast({row.scan, row.stamp_ns, row.T_world_lidar, row.piece});
   });
@@ -109,13 +109,13 @@ SessionSetup WatchDaemon::MakeSessionSetup() const {
 
 SessionHooks WatchDaemon::Hooks() {
   SessionHooks hooks;
-  hooks.on_mapped = [this](const MappedScan& report, const SessionScan&) { OnMapped(report); };
-  hooks.on_scan = [this](const MappedScan& report, const SessionScan& row) { OnScan(report, row); };
+  hooks.on_mapped = [this](const MappedScan& report, const ScanRecord&) { OnMapped(report); };
+  hooks.on_scan = [this](const MappedScan& report, const ScanRecord& row) { OnScan(report, row); };
   hooks.on_final = [this](const FinalPose& pose) {
     if (setup_.http && !pose.skipped) view_.RevisePoses({LivePoseOf(pose)});
   };
   hooks.on_look = [](const PlaceReport& report) { LogLook(report); };
-  hooks.on_durable = [this](const SessionScan& row) { OnDurable(row); };
+  hooks.on_durable = [this](const ScanRecord& row) { OnDurable(row); };
   hooks.on_checkpoint = [this](const SessionCheckpoint& checkpoint, std::int64_t released) {
     OnCheckpoint(checkpoint, released);
   };
@@ -159,7 +159,7 @@ void WatchDaemon::Run(const std::atomic<bool>& stop) {
 
 // Scans that were recorded after the checkpoint that was loaded, from their files as they are now.
 void WatchDaemon::Repeat(const std::atomic<bool>& stop) {
-  const std::vector<SessionScan>& rows = session_->to_repeat();
+  const std::vector<ScanRecord>& rows = session_->to_repeat();
   RepeatedFiles files(files_, setup_.config.scans);
   for (std::size_t i = 0; i < rows.size() && !stop;) {
     if (!room_.Enough()) {
@@ -241,7 +241,7 @@ void WatchDaemon::WarnRepeated(const std::string& kind, const std::string& line)
   if (const auto shown = repeated_.Next(kind, line)) spdlog::warn("{}", *shown);
 }
 
-void WatchDaemon::OnScan(const MappedScan& report, const SessionScan& row) {
+void WatchDaemon::OnScan(const MappedScan& report, const ScanRecord& row) {
   if (report.began_piece && report.piece > 0) spdlog::warn(NewPieceMessage(report));
   if (report.skipped) {
     ++rejected_;
@@ -288,7 +288,7 @@ void WatchDaemon::ShowScan(const MappedScan& report) {
 }
 
 // On the log's thread.
-void WatchDaemon::OnDurable(const SessionScan& row) {
+void WatchDaemon::OnDurable(const ScanRecord& row) {
   UnderWay under_way;
   {
     const std::lock_guard<std::mutex> lock(mutex_);

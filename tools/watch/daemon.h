@@ -69,9 +69,9 @@ class WatchDaemon {
   void TakeNotices();
   bool MapWaiting(const std::atomic<bool>& stop);
   void OnMapped(const MappedScan& report);
-  void OnScan(const MappedScan& report, const SessionScan& row);
+  void OnScan(const MappedScan& report, const ScanRecord& row);
   void WarnRepeated(const std::string& kind, const std::string& line);
-  void OnDurable(const SessionScan& row);
+  void OnDurable(const ScanRecord& row);
   void OnCheckpoint(const SessionCheckpoint& checkpoint, std::int64_t released);
   void ShowStatus(LiveState state);
   void ShowOpenPoses();

@@ -94,7 +94,7 @@ std::int64_t WatchFiles::Release(const SessionDatabase& database, std::int64_t f
   if (policy_ == DonePolicy::kKeep) return to;
   std::int64_t next = from;
   try {
-    database.ForEach(from, to, [&](const SessionScan& scan) {
+    database.ForEach(from, to, [&](const ScanRecord& scan) {
       if (!ScanNumber(scan.sequence, scan.file)) ReleaseOne(scan);
       next = scan.scan + 1;
     });
@@ -153,7 +153,7 @@ void WatchFiles::ReleaseRecording(const std::string& name) const {
   }
 }
 
-void WatchFiles::ReleaseOne(const SessionScan& scan) const {
+void WatchFiles::ReleaseOne(const ScanRecord& scan) const {
   const fs::path from = fs::path(inbox_) / scan.file;
   try {
     if (!fs::exists(fs::symlink_status(from))) return;

@@ -41,7 +41,7 @@ class WatchFiles {
  private:
   // Throws InputError, OutputError.
   void CopyToRejected(const std::string& name) const;
-  void ReleaseOne(const SessionScan& scan) const;
+  void ReleaseOne(const ScanRecord& scan) const;
   void ReleaseRecordings(const SessionDatabase& database, std::int64_t to) const;
   void ReleaseRecording(const std::string& name) const;
   void MoveTo(const char* folder, const std::string& name) const;

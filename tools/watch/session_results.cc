@@ -18,7 +18,7 @@ void WriteSessionResults(const std::string& folder, const LaminaConfig& config, 
   const Mapping& mapping = session->mapping();
   FrameTable table(path("frames.csv"), config.frontend.matcher.max_iterations);
   session->database().ForEach(0, session->next_scan(),
-                              [&](const SessionScan& row) { table.Append(row); });
+                              [&](const ScanRecord& row) { table.Append(row); });
   table.Commit();
   WritePieceTrajectories(folder, table.pieces(),
                          [&](const FinalPoses::Visit& visit) { session->ForEachPose(visit); });

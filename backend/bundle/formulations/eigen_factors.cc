@@ -129,14 +129,12 @@ double EigenFactorsCost::ValueAndGradient(const std::vector<SE3>& poses,
   return cost;
 }
 
-const Formulation& EigenFactorsLeastSquaresFormulation() {
-  static constexpr Formulation kFormulation = {"ef_lm",
-                                               "Eigen-Factors, least squares",
-                                               "Ferrer 2019",
-                                               /*needs_points=*/false,
-                                               /*takes_priors=*/false,
-                                               /*creeps=*/true,
-                                               MakeCost<EigenFactorsCost>};
+const Formulation& EigenFactorsLmFormulation() {
+  static constexpr Formulation kFormulation = {
+      "eigen_factors_lm",     "Eigen-Factors, least squares", "Ferrer 2019",
+      /*needs_points=*/false,
+      /*takes_priors=*/false,
+      /*creeps=*/true,        MakeCost<EigenFactorsCost>};
   return kFormulation;
 }
 

@@ -1,5 +1,5 @@
-// Formulations `ef` and `ef_lm`: Eigen-Factors (Ferrer, "Eigen-Factors: Plane Estimation for
-// Multi-Frame and Time-Continuous Point Cloud Alignment", IROS 2019).
+// Formulations `eigen_factors` and `eigen_factors_lm`: Eigen-Factors (Ferrer, "Eigen-Factors: Plane
+// Estimation for Multi-Frame and Time-Continuous Point Cloud Alignment", IROS 2019).
 //
 // In homogeneous coordinates q = [p; 1], a frame's points on a plane are S_k = sum q q' (4x4), and
 // the plane pi = [nu; d], |pi| = 1, is the eigenvector of the smallest eigenvalue of
@@ -12,10 +12,10 @@
 //
 //     g_k = Y_k' S_k y_k,     Y_k = dy_k/d[w; t] = [ [R'nu]x  0;  0  nu' ]
 //
-// `ef` descends along it (gradient_descent.h). `ef_lm` writes pi'Q pi = sum_k |L_k' y_k|^2 with
-// S_k = L_k L_k' by Cholesky (by the symmetric root where S_k is singular, as for the points of an
-// exact plane), holds pi during a step as Huang et al. do for their comparison, and so gives
-// Levenberg-Marquardt residuals: its frames decouple.
+// `eigen_factors` descends along it (gradient_descent.h). `eigen_factors_lm` writes pi'Q pi = sum_k
+// |L_k' y_k|^2 with S_k = L_k L_k' by Cholesky (by the symmetric root where S_k is singular, as for
+// the points of an exact plane), holds pi during a step as Huang et al. do for their comparison,
+// and so gives Levenberg-Marquardt residuals: its frames decouple.
 //
 // Private to backend/bundle/formulations.
 #pragma once
@@ -54,6 +54,6 @@ class EigenFactorsCost final : public BundleCost {
   std::vector<Factor> held_;
 };
 
-const Formulation& EigenFactorsLeastSquaresFormulation();
+const Formulation& EigenFactorsLmFormulation();
 
 }  // namespace lamina

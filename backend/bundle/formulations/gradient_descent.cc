@@ -120,14 +120,11 @@ BundleResult DescendEigenFactors(const BundleProblem& problem, const BundleAdjus
 }
 
 const Formulation& EigenFactorsFormulation() {
-  static constexpr Formulation kFormulation = {"ef",
-                                               "Eigen-Factors",
-                                               "Ferrer 2019",
-                                               /*needs_points=*/false,
-                                               /*takes_priors=*/false,
-                                               /*creeps=*/true,
-                                               nullptr,
-                                               DescendEigenFactors};
+  static constexpr Formulation kFormulation = {
+      "eigen_factors",        "Eigen-Factors", "Ferrer 2019",
+      /*needs_points=*/false,
+      /*takes_priors=*/false,
+      /*creeps=*/true,        nullptr,         DescendEigenFactors};
   return kFormulation;
 }
 

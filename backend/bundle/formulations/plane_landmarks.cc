@@ -273,14 +273,11 @@ BundleResult SolvePlaneLandmarks(const BundleProblem& problem, const BundleAdjus
 }
 
 const Formulation& PlaneLandmarksFormulation() {
-  static constexpr Formulation kFormulation = {"pl",
-                                               "Plane landmarks",
-                                               "Geneva et al. 2018",
-                                               /*needs_points=*/false,
-                                               /*takes_priors=*/false,
-                                               /*creeps=*/false,
-                                               nullptr,
-                                               SolvePlaneLandmarks};
+  static constexpr Formulation kFormulation = {
+      "plane_landmarks",      "Plane landmarks", "Geneva et al. 2018",
+      /*needs_points=*/false,
+      /*takes_priors=*/false,
+      /*creeps=*/false,       nullptr,           SolvePlaneLandmarks};
   return kFormulation;
 }
 

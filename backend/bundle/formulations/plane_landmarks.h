@@ -1,5 +1,5 @@
-// Formulation `pl`: planes as landmarks, estimated beside the poses (LIPS: Geneva, Eckenhoff, Yang,
-// Huang, "LIPS: LiDAR-Inertial 3D Plane SLAM", IROS 2018).
+// Formulation `plane_landmarks`: planes as landmarks, estimated beside the poses (LIPS: Geneva,
+// Eckenhoff, Yang, Huang, "LIPS: LiDAR-Inertial 3D Plane SLAM", IROS 2018).
 //
 // A plane is its closest point to an anchor, Pi = d nu, d > 0. What a frame has measured of it is
 // the plane fitted to its own cluster, Pi_k, in the LiDAR frame; the residual is

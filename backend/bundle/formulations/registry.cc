@@ -2,20 +2,19 @@
 
 #include <stdexcept>
 
-#include "backend/bundle/formulations/alternating_cost.h"
 #include "backend/bundle/formulations/eigen_factors.h"
+#include "backend/bundle/formulations/evm1_cost.h"
+#include "backend/bundle/formulations/evm2_cost.h"
 #include "backend/bundle/formulations/gradient_descent.h"
+#include "backend/bundle/formulations/huang_cost.h"
 #include "backend/bundle/formulations/plane_landmarks.h"
-#include "backend/bundle/formulations/pointwise_cost.h"
-#include "backend/bundle/formulations/second_order_cost.h"
 
 namespace lamina {
 
 const std::vector<const Formulation*>& Formulations() {
   static const std::vector<const Formulation*> formulations = {
-      &CondensedFormulation(),     &AlternatingFormulation(),
-      &SecondOrderFormulation(),   &PointwiseFormulation(),
-      &EigenFactorsFormulation(),  &EigenFactorsLeastSquaresFormulation(),
+      &CondensedFormulation(),     &HuangFormulation(),        &Evm2Formulation(),
+      &Evm1Formulation(),          &EigenFactorsFormulation(), &EigenFactorsLmFormulation(),
       &PlaneLandmarksFormulation()};
   return formulations;
 }

@@ -7,6 +7,7 @@
 #include <array>
 #include <limits>
 
+#include "core/base/angle.h"
 #include "tests/support/random_bundles.h"
 
 namespace lamina {
@@ -102,7 +103,7 @@ TEST(BundleAdjuster, RecoversExactPosesFromNoiseFreeData) {
   for (unsigned seed = 0; seed < 5; ++seed) {
     Draws draws(seed);
     const BundleScene scene = MakeBundleScene({}, &draws);
-    ASSERT_GT(LargestRotation(scene.problem.poses, scene.truth), 1.9 * kRadPerDeg);
+    ASSERT_GT(LargestRotation(scene.problem.poses, scene.truth), 1.9 * kDegree);
     const BundleResult result = AdjustBundle(scene.problem, ExactSolve());
     EXPECT_TRUE(result.usable());
     EXPECT_LT(LargestRotation(result.poses, scene.truth), 1e-6);
@@ -146,7 +147,7 @@ TEST(BundleAdjuster, MarginalisedWindowMeetsTheFullBatch) {
     BundleProblem rest = Marginalised(scene.problem, 4, full.poses);
     const std::vector<SE3> expected = rest.poses;
     for (SE3& T : rest.poses) {
-      const SE3 off = draws.Offset(kRadPerDeg, 0.05);
+      const SE3 off = draws.Offset(kDegree, 0.05);
       T = SE3(T.q * off.q, T.t + off.t);
     }
     const BundleResult result = AdjustBundle(rest, ExactSolve());

@@ -271,6 +271,47 @@ TEST(CondensedCost, FixedClustersActAsFramesThatCannotMove) {
   }
 }
 
+// What was found out at some poses is used again there, and nowhere else.
+TEST(CondensedCost, DoesNotDependOnWhereItWasAskedBefore) {
+  Draws draws(10);
+  const BundleScene scene = MakeBundleScene(SmallScene(), &draws);
+  const auto fresh = [&](const std::vector<SE3>& poses, ReducedSystem* system) {
+    CondensedCost(scene.problem).Linearise(poses, system);
+  };
+  CondensedCost cost(scene.problem);
+  std::vector<SE3> poses = scene.problem.poses;
+  for (int i = 0; i < 5; ++i) {
+    ReducedSystem expected, system;
+    fresh(poses, &expected);
+    EXPECT_EQ(cost.Value(poses), expected.cost);
+    cost.Linearise(poses, &system);
+    EXPECT_EQ(system.cost, expected.cost);
+    EXPECT_EQ(system.gradient, expected.gradient);
+    EXPECT_EQ(system.diagonal, expected.diagonal);
+    EXPECT_EQ(system.rows, expected.rows);
+    ReducedSystem gradient;
+    cost.FindGradient(poses, &gradient);
+    EXPECT_EQ(gradient.cost, expected.cost);
+    EXPECT_LT((gradient.gradient - expected.gradient).norm(), 1e-12 * expected.gradient.norm());
+    cost.LineariseWithoutRows(poses, &gradient);
+    EXPECT_EQ(gradient.gradient, expected.gradient);
+    EXPECT_EQ(gradient.diagonal, expected.diagonal);
+    for (std::size_t p = 0; p < scene.problem.planes.size(); ++p) {
+      const Plane& plane = scene.problem.planes[p];
+      ReducedSystem::Rows rows[8];
+      ASSERT_LE(plane.count, 8);
+      cost.MakeRows(p, rows);
+      for (int k = 0; k < plane.count; ++k) {
+        EXPECT_EQ(rows[k], expected.rows[static_cast<std::size_t>(plane.first + k)]);
+      }
+    }
+    poses[1].t.x() += 1e-3;
+    cost.Value(poses);
+    ReducedSystem::Rows none[8];
+    EXPECT_THROW(cost.MakeRows(0, none), std::logic_error);
+  }
+}
+
 TEST(CondensedCost, RefusesObservationsOfPosesThatDoNotExist) {
   Draws draws(9);
   BundleScene scene = MakeBundleScene(SmallScene(), &draws);

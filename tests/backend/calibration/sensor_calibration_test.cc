@@ -4,12 +4,11 @@
 
 #include <cmath>
 
+#include "core/base/angle.h"
 #include "tests/support/random_rooms.h"
 
 namespace lamina {
 namespace {
-
-constexpr double kRad = M_PI / 180.0;
 
 Trajectory Straight(std::size_t count, double step_m) {
   Trajectory poses;
@@ -82,7 +81,7 @@ class RoomWalk {
     std::vector<TimedPoint> points;
     for (const double elevation : elevations_) {
       for (int a = 0; a < 720; ++a) {
-        const double azimuth = a * kRad / 2.0, e = elevation * kRad;
+        const double azimuth = a * kDegree / 2.0, e = elevation * kDegree;
         const auto ray = [&](double up) {
           return Eigen::Vector3d(std::cos(azimuth) * std::cos(up), std::sin(azimuth) * std::cos(up),
                                  std::sin(up));
@@ -117,13 +116,13 @@ CalibrationResult Calibrate(std::vector<CalibrationSegment> segments) {
 }
 
 TEST(SensorCalibration, FindsBothOffsets) {
-  const CalibrationResult result = Calibrate(Segments(RoomWalk(0.4 * kRad, 0.04, Rings(32)), 5));
+  const CalibrationResult result = Calibrate(Segments(RoomWalk(0.4 * kDegree, 0.04, Rings(32)), 5));
   ASSERT_EQ(result.status, CalibrationResult::Status::kConverged);
   EXPECT_TRUE(result.determined[0] && result.determined[1]);
   // Leaves that straddle the corners of so small a room mix two walls.
-  EXPECT_NEAR(result.offsets(0) / kRad, -0.4, 0.02);
+  EXPECT_NEAR(result.offsets(0) / kDegree, -0.4, 0.02);
   EXPECT_NEAR(result.offsets(1), -0.04, 0.003);
-  EXPECT_LT(result.sigma(0) / kRad, 0.02);
+  EXPECT_LT(result.sigma(0) / kDegree, 0.02);
   EXPECT_LT(result.sigma(1), 0.005);
   EXPECT_LT(result.rounds.back().thickness_m, 0.95 * result.rounds.front().thickness_m);
 }
@@ -132,7 +131,7 @@ TEST(SensorCalibration, LevelRingDoesNotDetermineElevation) {
   const CalibrationResult result = Calibrate(Segments(RoomWalk(0.0, 0.04, {0.0}), 5));
   EXPECT_FALSE(result.determined[0]);
   EXPECT_EQ(result.offsets(0), 0.0);
-  EXPECT_GT(result.sigma(0) / kRad, CalibrationOptions().max_elevation_sigma_deg);
+  EXPECT_GT(result.sigma(0) / kDegree, CalibrationOptions().max_elevation_sigma_deg);
 }
 
 TEST(SensorCalibration, NothingSeenIsNotDetermined) {

@@ -24,7 +24,7 @@ WindowFrame RandomFrame(std::int64_t id, bool timed, Draws* draws) {
   frame.id = id;
   frame.stamp_ns = id * kPeriodNs;
   frame.T_world_lidar = draws->Offset(0.2, 1.0);
-  frame.twist = draws->Twist(0.2, 2.0);
+  frame.sweep = {draws->Twist(0.2, 2.0), draws->Twist(0.5, 3.0)};
   for (int i = 0; i < 300; ++i) {
     TimedCluster c;
     c.points = ClusterOf(draws->Cloud(draws->Integer(1, 12), draws->InCube(6.0), 0.3));
@@ -96,10 +96,10 @@ TEST(SlidingWindow, MovingAndMovingBackRestoresTheMap) {
     for (std::int64_t id = 0; id < 6; ++id) window.Push(RandomFrame(id, timed, &draws));
     const Aggregates before = AllAggregates(window, map);
     ASSERT_GT(before.size(), 300U);
-    std::vector<std::pair<SE3, Vector6d>> states;
+    std::vector<std::pair<SE3, SweepMotion>> states;
     for (std::size_t i = 0; i < 6; ++i) {
       const WindowFrame& frame = window.frames()[i];
-      states.emplace_back(frame.T_world_lidar, frame.twist);
+      states.emplace_back(frame.T_world_lidar, frame.sweep);
       window.Move(i, frame.T_world_lidar * draws.Offset(0.05, 0.2), draws.Twist(0.2, 2.0));
     }
     EXPECT_GT(LargestGap(before, AllAggregates(window, map)), 0.01);
@@ -123,7 +123,7 @@ TEST(SlidingWindow, TheMapHoldsTheSumOfTheFramesInIt) {
     for (std::size_t k = 0; k < frame.leaves.size(); ++k) {
       const double weight = std::min(frame.measured[k].points.count, 4.0);
       EXPECT_NEAR(frame.in_map[k].count, weight, 1e-12);
-      const PointCluster expected = frame.measured[k].Deskewed(frame.twist);
+      const PointCluster expected = frame.measured[k].Deskewed(frame.sweep);
       EXPECT_LT(MeanGap(frame.in_map[k], expected.Moved(frame.T_world_lidar)), 1e-3);
       sums[frame.leaves[k]] += frame.in_map[k];
       if (frame.id < 2) of_first[frame.leaves[k]] += frame.in_map[k];
@@ -131,12 +131,21 @@ TEST(SlidingWindow, TheMapHoldsTheSumOfTheFramesInIt) {
   }
   EXPECT_LT(LargestGap(sums, AllAggregates(window, map)), 1e-9);
   // What leaves the window becomes fixed as it stood; the sum stays.
-  window.PopOldest();
+  FinalKeyframe left, next;
+  window.PopOldest(&left);
   EXPECT_EQ(window.frames().front().id, 1);
-  window.PopOldest();
+  window.PopOldest(&next);
   EXPECT_EQ(window.frames().size(), 3U);
   Aggregates fixed, all;
   for (const auto& [leaf, cluster] : of_first) fixed[leaf] = map.FixedAggregate(leaf);
+  // Who asks is told just that.
+  EXPECT_EQ(left.id, 0);
+  left.clusters.insert(left.clusters.end(), next.clusters.begin(), next.clusters.end());
+  PointCluster told, became;
+  for (const PointCluster& cluster : left.clusters) told += cluster;
+  for (const auto& [leaf, cluster] : fixed) became += cluster;
+  EXPECT_NEAR(told.count, became.count, 1e-6 * told.count);
+  EXPECT_LT(MeanGap(told, became), 1e-6);
   for (const auto& [leaf, cluster] : sums) all[leaf] = map.Aggregate(leaf);
   // To single precision, in which fixed clusters are kept.
   EXPECT_LT(LargestGap(of_first, fixed), 1e-6);
@@ -269,13 +278,13 @@ TEST(SlidingWindow, FarAwayClustersAreLeftOut) {
   frame.measured[3].points.mean.x() = 1e8;
   window.Push(frame);
   EXPECT_EQ(window.frames()[0].leaves[3], VoxelMap::kNoNode);
-  window.Move(0, draws.Offset(0.1, 1.0), Vector6d::Zero());
+  window.Move(0, draws.Offset(0.1, 1.0), SweepMotion());
   map.Refresh();
   EXPECT_TRUE(window.BuildProblem().poses.size() == 1U);
   window.PopOldest();
 }
 
-TEST(SlidingWindow, CentralTwistIsTheMeanOfTheMotionsBeforeAndAfter) {
+TEST(SlidingWindow, MotionIsThatThroughTheFramesBeforeAndAfter) {
   VoxelMap map(UncappedMap());
   SlidingWindow window(SlidingWindowOptions(), &map);
   for (std::int64_t k = 0; k < 4; ++k) {
@@ -285,10 +294,16 @@ TEST(SlidingWindow, CentralTwistIsTheMeanOfTheMotionsBeforeAndAfter) {
     frame.T_world_lidar.t.x() = 0.1 * static_cast<double>(k * k);
     window.Push(frame);
   }
-  EXPECT_NEAR(window.CentralTwist(0)(3), 1.0, 1e-9);
-  EXPECT_NEAR(window.CentralTwist(1)(3), 2.0, 1e-9);
-  EXPECT_NEAR(window.CentralTwist(2)(3), 3.0, 1e-9);  // the gap after it says nothing
-  EXPECT_EQ(window.CentralTwist(3).norm(), 0.0);
+  for (std::size_t k = 0; k < 2; ++k) {
+    EXPECT_NEAR(window.MotionAt(k).twist(3), 2.0 * static_cast<double>(k), 1e-9);
+    EXPECT_NEAR(window.MotionAt(k).acceleration(3), 20.0, 1e-9);
+  }
+  // The gap after it says nothing.
+  EXPECT_NEAR(window.MotionAt(2).twist(3), 3.0, 1e-9);
+  EXPECT_EQ(window.MotionAt(3).twist.norm(), 0.0);
+  StampedPose next{21 * kPeriodNs, window.frames()[3].T_world_lidar};
+  next.T_world_lidar.t.x() += 0.4;
+  EXPECT_NEAR(window.MotionAt(3, &next).twist(3), 4.0, 1e-9);
 }
 
 }  // namespace

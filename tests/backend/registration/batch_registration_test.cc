@@ -187,7 +187,7 @@ TEST(BatchRegistration, ParallelPlanesHoldOpenDirectionsAndSolveTheRest) {
     batch.frames.push_back(
         FrameAt(truth, start, floor.Sample(20000, 0.005, &draws), static_cast<std::size_t>(k)));
   }
-  for (const char* name : {"condensed", "huang", "ef", "pl"}) {
+  for (const char* name : {"condensed", "huang", "eigen_factors", "plane_landmarks"}) {
     RegistrationOptions options;
     options.solver.max_iterations = 500;
     const RegistrationResult result =

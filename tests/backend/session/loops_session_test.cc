@@ -1,6 +1,11 @@
 // Sessions whose map is corrected by loops: left and continued around corrections.
 #include <gtest/gtest.h>
 
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
 #include "tests/support/drifting_drive.h"
 #include "tests/support/session_scenes.h"
 
@@ -9,15 +14,17 @@ namespace {
 
 class LoopsSessionTest : public SessionTest {
  protected:
-  Recording RecordLap() const {
+  // Scans of a town from there, with half a minute of darkness before the `dark`th.
+  Recording RecordTown(std::vector<SE3> truth, double share, std::size_t dark) const {
+    constexpr StampNs kDarkNs = 30'000'000'000;
     const Town town(1, 90.0);
     Recording recording;
-    recording.truth = Laps(1.2, 280.0);
-    const std::vector<Scan> scans = CrookedScans(town, recording.truth, 0.01);
+    recording.truth = std::move(truth);
+    const std::vector<Scan> scans = CrookedScans(town, recording.truth, share);
     for (std::size_t i = 0; i < scans.size(); ++i) {
       InboxFile file;
       file.name = "scan" + std::to_string(1000 + i) + ".bin";
-      file.stamp_ns = MadeUpStamp(i, {});
+      file.stamp_ns = MadeUpStamp(i, {}) + (i < dark ? 0 : kDarkNs);
       if (i == 0) file.next_stamp_ns = MadeUpStamp(1, {});
       file.path = Write("inbox/" + file.name, KittiBin(scans[i].points));
       recording.files.push_back(file);
@@ -28,7 +35,8 @@ class LoopsSessionTest : public SessionTest {
 
 TEST_F(LoopsSessionTest, LeftAroundCorrections) {
   mapping_ = LapOptions();
-  const Recording recording = RecordLap();
+  const std::vector<SE3> laps = Laps(1.2, 280.0);
+  const Recording recording = RecordTown(laps, 0.01, laps.size());
   SessionSetup whole = Setup("whole"), stopped = Setup("stopped");
   whole.session.checkpoint_every_scans = stopped.session.checkpoint_every_scans = 3;
   const Result result = FinishSession(whole, recording);
@@ -49,6 +57,35 @@ TEST_F(LoopsSessionTest, LeftAroundCorrections) {
   const SE3 around = published[last - lap].T_world_lidar.Inverse() * published[last].T_world_lidar;
   const SE3 truth = recording.truth[last - lap].Inverse() * recording.truth[last];
   EXPECT_LT((around.t - truth.t).norm(), 0.3);
+}
+
+TEST_F(LoopsSessionTest, LeftWhileALostSensorIsLookedFor) {
+  mapping_ = LapOptions();
+  std::vector<SE3> truth = Laps(1.2, 110.0);
+  const std::size_t dark = truth.size();
+  const std::vector<SE3> elsewhere = LapsBack(1.0, 85.0, 35.0);
+  truth.insert(truth.end(), elsewhere.begin(), elsewhere.end());
+  const Recording recording = RecordTown(truth, 0.0, dark);
+  SessionSetup whole = Setup("whole"), stopped = Setup("stopped");
+  whole.session.checkpoint_every_scans = stopped.session.checkpoint_every_scans = 3;
+  std::vector<PlaceReport> looks;
+  {
+    SessionHooks hooks;
+    hooks.on_look = [&](const PlaceReport& report) { looks.push_back(report); };
+    Session session(whole, hooks);
+    Map(&session, recording, static_cast<std::int64_t>(recording.files.size()));
+    EXPECT_EQ(session.mapping().counts().found, 1U);
+  }
+  const Result result = FinishSession(whole, recording);
+  ASSERT_GE(looks.size(), 2U);
+  ASSERT_TRUE(looks.back().found.has_value());
+  // Before the first look, after one that is to be repeated, at the one that finds, and after.
+  const auto first = static_cast<std::int64_t>(looks.front().scan);
+  const auto found = static_cast<std::int64_t>(looks.back().scan);
+  EXPECT_GT(first, static_cast<std::int64_t>(dark));
+  for (const std::int64_t stop : {first - 4, first + 1, found, found + 1, found + 3, found + 8})
+    MapUntil(stopped, recording, stop, stop % 2 == 0 ? Leave::kAtOnce : Leave::kWhenDone);
+  ExpectSame(FinishSession(stopped, recording), result);
 }
 
 }  // namespace

@@ -45,7 +45,7 @@ class PiecesTest : public SessionTest {
   }
 
   struct Mapped {
-    std::vector<SessionScan> rows;
+    std::vector<ScanRecord> rows;
     std::vector<FinalPose> poses;
     std::map<std::int64_t, std::multiset<std::string>> map;  // surfels by piece
     MappingCounts counts;
@@ -54,7 +54,7 @@ class PiecesTest : public SessionTest {
     fs::remove_all(Path(folder));
     Mapped mapped;
     SessionHooks hooks;
-    hooks.on_scan = [&](const MappedScan&, const SessionScan& row) { mapped.rows.push_back(row); };
+    hooks.on_scan = [&](const MappedScan&, const ScanRecord& row) { mapped.rows.push_back(row); };
     Session session(Setup(folder), hooks);
     Map(&session, recording, static_cast<std::int64_t>(recording.files.size()));
     session.Finish();
@@ -96,6 +96,8 @@ class PiecesTest : public SessionTest {
 TEST_F(PiecesTest, AlternatingRecordingsGiveWhatEachGivesAlone) {
   const std::vector<Recording> alone = {Named("a", 24, 4.0), Named("b", 26, 5.0, 2),
                                         Named("c", 18, 3.0, 3)};
+  std::vector<Mapped> singles;
+  for (const Recording& recording : alone) singles.push_back(MapAll(recording, "single"));
   for (const std::size_t run : {1U, 3U, 100U}) {
     SCOPED_TRACE(run);
     const Recording all = Alternating(alone, run);
@@ -104,7 +106,7 @@ TEST_F(PiecesTest, AlternatingRecordingsGiveWhatEachGivesAlone) {
     EXPECT_EQ(together.counts.lost, 0U);
     ASSERT_EQ(together.poses.size(), all.files.size());
     for (std::size_t r = 0; r < alone.size(); ++r) {
-      const Mapped single = MapAll(alone[r], "single");
+      const Mapped& single = singles[r];
       const auto piece = static_cast<std::int64_t>(r);
       EXPECT_TRUE(PosesOf(together, piece) == PosesOf(single, 0)) << "poses of " << r;
       EXPECT_TRUE(together.map.at(piece) == single.map.at(0)) << "map of " << r;
@@ -210,7 +212,7 @@ TEST_F(PiecesTest, TheRecordingSilentLongestIsEndedForANewOne) {
   take(0, 5);
   const Mapped mapped = MapAll(all, "session");
   std::vector<std::int64_t> pieces;
-  for (const SessionScan& row : mapped.rows) pieces.push_back(row.piece);
+  for (const ScanRecord& row : mapped.rows) pieces.push_back(row.piece);
   EXPECT_THAT(pieces, ElementsAre(0, 1, 0, 1, 0, 1, 0, 1, 2, 2, 2, 2, 1, 3, 3));
   EXPECT_EQ(mapped.counts.pieces, 4U);
   for (std::int64_t piece = 0; piece < 4; ++piece) EXPECT_LT(WorstError(mapped, all, piece), 0.05);
@@ -237,7 +239,7 @@ TEST_F(PiecesTest, ASilentRecordingDoesNotHoldUpThePosesOfOthers) {
   hooks.on_final = [&](const FinalPose& pose) {
     EXPECT_EQ(static_cast<std::int64_t>(pose.scan), final++);
   };
-  hooks.on_scan = [&](const MappedScan&, const SessionScan&) { ++mapped; };
+  hooks.on_scan = [&](const MappedScan&, const ScanRecord&) { ++mapped; };
   Session session(Setup("session"), hooks);
   for (std::int64_t end = 1; end <= 46; ++end) {
     Map(&session, all, end);

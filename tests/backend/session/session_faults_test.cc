@@ -184,10 +184,10 @@ TEST_F(SessionFaultsTest, AFolderThatCannotBeMadeIsNamed) {
 TEST_F(SessionFaultsTest, AFileThatIsGoneWhileRepeatingKeepsItsPose) {
   const SessionSetup setup = Left();
   const std::int64_t newest = CheckpointsIn(setup.folder).front();
-  std::map<std::int64_t, SessionScan> gone;
+  std::map<std::int64_t, ScanRecord> gone;
   {
     const SessionDatabase database(setup.folder + "/session.db", true);
-    database.ForEach(newest, 13, [&](const SessionScan& row) {
+    database.ForEach(newest, 13, [&](const ScanRecord& row) {
       if (row.scan == newest || row.scan == 12) gone[row.scan] = row;
     });
   }

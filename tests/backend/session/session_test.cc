@@ -135,7 +135,7 @@ TEST_F(SessionContinueTest, ScansAreRepeatedFromTheLastCheckpointOn) {
   const Session session(setup, {});
   EXPECT_EQ(session.next_scan(), newest);
   ASSERT_EQ(static_cast<std::int64_t>(session.to_repeat().size()), 13 - newest);
-  for (const SessionScan& row : session.to_repeat()) {
+  for (const ScanRecord& row : session.to_repeat()) {
     EXPECT_EQ(row.file, recording.files[static_cast<std::size_t>(row.scan)].name);
   }
 }
@@ -169,8 +169,8 @@ TEST_F(SessionContinueTest, HooksTellEachScanOnceAndInOrder) {
   std::vector<SessionCheckpoint> checkpoints;
   std::int64_t released = 0;
   SessionHooks hooks;
-  hooks.on_scan = [&](const MappedScan&, const SessionScan& row) { mapped.push_back(row.scan); };
-  hooks.on_durable = [&](const SessionScan& row) {
+  hooks.on_scan = [&](const MappedScan&, const ScanRecord& row) { mapped.push_back(row.scan); };
+  hooks.on_durable = [&](const ScanRecord& row) {
     durable.push_back(row.scan);
     EXPECT_TRUE(SessionDatabase(setup.folder + "/session.db", false).Knows(row.file));
   };
@@ -201,7 +201,7 @@ TEST_F(SessionContinueTest, StoppingInTheMiddleLosesNothing) {
   const SessionSetup setup = Setup("stopped");
   std::atomic<bool> stop{false};
   SessionHooks hooks;
-  hooks.on_scan = [&](const MappedScan&, const SessionScan& row) { stop = row.scan >= 8; };
+  hooks.on_scan = [&](const MappedScan&, const ScanRecord& row) { stop = row.scan >= 8; };
   {
     Session session(setup, hooks);
     StreamedScans scans = recording.From(0);

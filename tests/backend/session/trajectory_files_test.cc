@@ -16,7 +16,7 @@ class TrajectoryFilesTest : public FilesTest {
   void AddScans(int count) {
     database_->Begin();
     for (int i = 0; i < count; ++i) {
-      SessionScan scan;
+      ScanRecord scan;
       scan.scan = static_cast<std::int64_t>(scans_.size());
       scan.file = std::to_string(scan.scan);
       scan.stamp_ns = 100000000 * scan.scan;

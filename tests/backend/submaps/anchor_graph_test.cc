@@ -5,6 +5,7 @@
 #include <cmath>
 #include <vector>
 
+#include "core/base/angle.h"
 #include "tests/support/random_scenes.h"
 
 namespace lamina {
@@ -33,7 +34,7 @@ struct Problem {
 // the later laps has a loop to the lap before.
 Problem Laps(unsigned seed) {
   constexpr int kLap = 40, kLaps = 3;
-  constexpr double kRotation = 0.3 * kRadPerDeg, kTranslation = 0.3;
+  constexpr double kRotation = 0.3 * kDegree, kTranslation = 0.3;
   Draws draws(seed);
   Problem problem;
   for (int i = 0; i < kLap * kLaps; ++i) {
@@ -57,7 +58,7 @@ Problem Laps(unsigned seed) {
     graph.poses.push_back(graph.poses.back() * graph.odometry.back().T_from_to);
   }
   for (std::size_t i = kLap; i < problem.truth.size(); ++i)
-    graph.loops.push_back(measured(i - kLap, i, 0.1 * kRadPerDeg, 0.05));
+    graph.loops.push_back(measured(i - kLap, i, 0.1 * kDegree, 0.05));
   return problem;
 }
 
@@ -89,7 +90,7 @@ TEST(AnchorGraph, AFifthOfWrongLoopsChangesLittle) {
       const auto to = static_cast<std::size_t>(draws.Integer(poses / 2 + 1, poses - 1));
       SE3 wrong = i % 2 == 0 ? SE3(ExpSO3({0, 0, draws.Uniform(-3.1, 3.1)}), draws.InCube(20.0))
                              : problem.truth[from].Inverse() * alias * problem.truth[to];
-      problem.graph.loops.push_back({from, to, wrong, Information(0.1 * kRadPerDeg, 0.05)});
+      problem.graph.loops.push_back({from, to, wrong, Information(0.1 * kDegree, 0.05)});
     }
     const AnchorGraphResult result = SolveAnchorGraph(problem.graph, {});
     ASSERT_TRUE(result.good);
@@ -104,7 +105,7 @@ TEST(AnchorGraph, AWrongLoopOverAShortWayDoesNotBendOdometry) {
   const AnchorGraphResult clean = SolveAnchorGraph(problem.graph, {});
   const SE3 alias(Eigen::Quaterniond::Identity(), {6.0, 0.0, 0.0});
   problem.graph.loops.push_back({50, 53, problem.truth[50].Inverse() * problem.truth[53] * alias,
-                                 Information(0.1 * kRadPerDeg, 0.05)});
+                                 Information(0.1 * kDegree, 0.05)});
   const AnchorGraphResult result = SolveAnchorGraph(problem.graph, {});
   EXPECT_FALSE(result.kept.back());
   EXPECT_NEAR(problem.Error(result.poses), problem.Error(clean.poses), 1e-3);

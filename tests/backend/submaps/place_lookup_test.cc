@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "backend/submaps/submap_registration.h"
+#include "core/base/angle.h"
 #include "tests/support/submap_town.h"
 
 namespace lamina {
@@ -87,14 +88,14 @@ TEST_F(PlaceLookup, FindsTheStreetAgainInBothDirectionsAndWithATiltedSensor) {
     EXPECT_EQ(found[0].other, 0U);
     const SE3 truth = Truth(query, 0);
     EXPECT_LT(OffM(found[0].T_other_query, truth, query), 2.0);
-    EXPECT_LT(RotationAngle(found[0].T_other_query, truth), 6.0 * kRadPerDeg);
+    EXPECT_LT(RotationAngle(found[0].T_other_query, truth), 6.0 * kDegree);
 
     const SubmapTarget target(places[0].submap, MapOptions());
     const SubmapMatch match = SubmapRegistration(ScanMatcherOptions())
                                   .Register(query.query, target, found[0].T_other_query);
     EXPECT_EQ(Refusal(match, VerificationOptions()), "");
     EXPECT_LT(OffM(match.T_other_query, truth, query), 0.03);
-    EXPECT_LT(RotationAngle(match.T_other_query, truth), 0.1 * kRadPerDeg);
+    EXPECT_LT(RotationAngle(match.T_other_query, truth), 0.1 * kDegree);
   }
 }
 
@@ -158,7 +159,7 @@ TEST(LevelFrame, UpIsFoundFromFloorAndWalls) {
   builder.Add(keyframe);
   const Eigen::Vector3d up =
       UpOfPlanes(LeafPlanes(*builder.Finish()), Eigen::Vector3d::UnitZ(), 35.0);
-  EXPECT_LT(std::acos(up.dot(tilt.q.conjugate() * Eigen::Vector3d::UnitZ())), 0.5 * kRadPerDeg);
+  EXPECT_LT(std::acos(up.dot(tilt.q.conjugate() * Eigen::Vector3d::UnitZ())), 0.5 * kDegree);
   EXPECT_EQ(UpOfPlanes({}, Eigen::Vector3d::UnitX(), 35.0), Eigen::Vector3d::UnitX());
 }
 

@@ -1,4 +1,5 @@
 #include "core/geometry/point_cluster.h"
+#include "core/base/angle.h"
 
 #include <gtest/gtest.h>
 
@@ -232,7 +233,7 @@ TEST(TimedCluster, AQuickTurnDoesNotPushWallsOutwards) {
   Draws draws(12);
   for (const double turn_deg : {7.0, 14.0, 20.0}) {
     Vector6d twist = Vector6d::Zero();
-    twist << 0.0, 0.0, turn_deg * kRadPerDeg / 0.1, 1.0, 0.5, 0.0;
+    twist << 0.0, 0.0, turn_deg * kDegree / 0.1, 1.0, 0.5, 0.0;
     const Eigen::Vector3d place(20.0, 0.0, 0.0);
     double outward = 0.0;
     constexpr int kVoxels = 400;

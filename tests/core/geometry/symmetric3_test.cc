@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Eigenvalues>
+#include <vector>
 
 #include "tests/support/random_scenes.h"
 
@@ -52,6 +53,25 @@ TEST(Symmetric3, SmallEigenvaluesKeepTheirDigits) {
     EXPECT_NEAR(e.l(1), 1e-3, 1e-15);
     // Rounding the entries to double alone moves it by some 1e-16.
     EXPECT_NEAR(e.l(2), 1e-12, 1e-15);
+  }
+}
+
+TEST(Symmetric3, ManyAtOnceHaveTheBitsOfEachAlone) {
+  Draws draws(5);
+  for (std::size_t count = 0; count < 40; ++count) {
+    std::vector<Symmetric3> s(count);
+    for (std::size_t i = 0; i < count; ++i) {
+      // Some are of few points, some diagonal, some zero.
+      for (int k = draws.Integer(0, 4); k > 0; --k) s[i].AddOuter(1.0, draws.InCube(1.0));
+      if (i % 5 == 0) s[i] = {s[i].xx, 0.0, 0.0, s[i].yy, 0.0, s[i].zz};
+    }
+    std::vector<Eigen3> together(count);
+    EigenDecompose(s.data(), count, together.data());
+    for (std::size_t i = 0; i < count; ++i) {
+      const Eigen3 alone = EigenDecompose(s[i]);
+      EXPECT_EQ(alone.l, together[i].l);
+      EXPECT_EQ(alone.u, together[i].u);
+    }
   }
 }
 

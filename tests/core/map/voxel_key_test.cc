@@ -73,6 +73,19 @@ TEST(VoxelIndex, AgreesWithStdMapOverRandomOperations) {
   for (const auto& [key, value] : expected) EXPECT_EQ(index.Find(key), value);
 }
 
+TEST(VoxelIndex, IsASetAndGathersInTheOrderOfTheFirst) {
+  VoxelIndex set, index;
+  std::vector<int> counts;
+  for (const VoxelKey key : {7U, 3U, 7U, 9U, 3U, 7U}) {
+    const bool known = set.Find(key) != VoxelIndex::kNone;
+    EXPECT_EQ(set.Insert(key), !known);
+    ++index.Gather(key, &counts);
+  }
+  EXPECT_EQ(set.size(), 3U);
+  EXPECT_EQ(counts, (std::vector<int>{3, 2, 1}));
+  EXPECT_EQ(index.Find(3), 1);
+}
+
 TEST(VoxelIndex, HoldsMillionsInLittleMemory) {
   const std::vector<VoxelKey> keys = BlockKeys(180, 180, 9);
   ASSERT_GT(keys.size(), 2000000U);

@@ -1,6 +1,7 @@
 // Packets of Ouster's sensors: where their points are, for every profile, and what their metadata
 // must say.
 #include "io/packet/ouster_packet.h"
+#include "core/base/angle.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -82,7 +83,7 @@ TEST_P(OusterProfiles, PointsAreWhereTheBeamsHit) {
     ASSERT_THAT(scan.points, SizeIs(15 * returns));
     // Column 17: 17/64 of a turn clockwise from the back, 7 deg down, 3 deg to the side.
     const double theta = 2.0 * M_PI * (1.0 - 17.0 / 64.0);
-    const double azimuth = theta - 3.0 * M_PI / 180.0, down = -7.0 * M_PI / 180.0;
+    const double azimuth = theta - Radians(3.0), down = Radians(-7.0);
     for (std::size_t k = 0; k < returns; ++k) {
       const double r = (k == 0 ? 5000 : 6000) * c.unit_m - 0.02;
       const ScanPoint& p = scan.points[returns + k];

@@ -1,5 +1,6 @@
 // Packets of an HDL-64E and the calibration that they need.
 #include "io/packet/velodyne_hdl64e.h"
+#include "core/base/angle.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -39,7 +40,7 @@ TEST(VelodyneHdl64e, PointsByTheCalibrationOfTheSensor) {
   ASSERT_THAT(scan.points, SizeIs(2));
   // 30 m and 1 m more, 3 deg up; the beam begins 20 cm above and 2.6 cm aside; 90 deg to the right,
   // less the laser's own 3 deg.
-  const double up = 3.0 * M_PI / 180.0, turned = 87.0 * M_PI / 180.0;
+  const double up = Radians(3.0), turned = Radians(87.0);
   const double flat = 31.0 * std::cos(up) - 0.2 * std::sin(up);
   const double right = flat * std::sin(turned) - 0.026 * std::cos(turned);
   const double ahead = flat * std::cos(turned) + 0.026 * std::sin(turned);
@@ -49,8 +50,7 @@ TEST(VelodyneHdl64e, PointsByTheCalibrationOfTheSensor) {
   EXPECT_EQ(scan.points[0].intensity, 50.0F);
   EXPECT_NEAR(scan.time_s[0], 3 * 1.5e-6, 1e-9);
   // Near by its corrections are those measured there: between 0.9 and 1.1 m more.
-  EXPECT_NEAR(std::hypot(scan.points[1].x, scan.points[1].y), 3.0 * std::cos(40 * M_PI / 180.0),
-              0.4);
+  EXPECT_NEAR(std::hypot(scan.points[1].x, scan.points[1].y), 3.0 * std::cos(Radians(40)), 0.4);
   EXPECT_NEAR(scan.time_s[1], 48e-6 + 8 * 1.5e-6, 1e-9);
 }
 

@@ -1,5 +1,6 @@
 // Packets of Velodyne sensors: where their points are, and when they were measured.
 #include "io/packet/velodyne_packet.h"
+#include "core/base/angle.h"
 
 #include <cmath>
 
@@ -36,7 +37,7 @@ TEST(VelodynePacket, PointsOfAVlp16) {
   blocks[3].distance[16] = 2000;
   const Scan scan = Decode({VelodynePacket(blocks, kVlp16Id, 0x37, 1000)});
   ASSERT_THAT(scan.points, SizeIs(2));
-  const double up = M_PI / 180.0, turned = 0.4 * M_PI / 180.0 * 2.304 / 110.592;
+  const double up = kDegree, turned = Radians(0.4) * 2.304 / 110.592;
   EXPECT_NEAR(scan.points[0].x, 10.0 * std::cos(up) * std::cos(turned), 1e-5);
   EXPECT_NEAR(scan.points[0].y, -10.0 * std::cos(up) * std::sin(turned), 1e-5);
   EXPECT_NEAR(scan.points[0].z, 10.0 * std::sin(up) - 0.0007, 1e-5);
@@ -54,12 +55,12 @@ TEST(VelodynePacket, OtherSensors) {
   blocks[2].distance[3] = 1000;
   const Scan puck = Decode({VelodynePacket(blocks, kVlp32cId, 0x37, 0)});
   ASSERT_THAT(puck.points, SizeIs(1));
-  EXPECT_NEAR(puck.points[0].z, -4.0 * std::sin(15.639 * M_PI / 180.0), 1e-5);
+  EXPECT_NEAR(puck.points[0].z, -4.0 * std::sin(Radians(15.639)), 1e-5);
   // 1.4 deg before straight behind.
-  EXPECT_NEAR(std::atan2(-puck.points[0].y, -puck.points[0].x), 1.4 * M_PI / 180.0, 1e-4);
+  EXPECT_NEAR(std::atan2(-puck.points[0].y, -puck.points[0].x), Radians(1.4), 1e-4);
   EXPECT_NEAR(puck.time_s[0], (2 * 55.296 + 2.304) * 1e-6, 1e-9);
   const Scan hdl = Decode({VelodynePacket(blocks, kHdl32eId, 0x37, 0)});
-  EXPECT_NEAR(hdl.points.at(0).z, -2.0 * std::sin(8.0 * M_PI / 180.0), 1e-5);
+  EXPECT_NEAR(hdl.points.at(0).z, -2.0 * std::sin(Radians(8.0)), 1e-5);
   EXPECT_NEAR(hdl.time_s[0], (2 * 46.08 + 3 * 1.152) * 1e-6, 1e-9);
   EXPECT_THAT(MessageOf<InputError>([&] { Decode({VelodynePacket(blocks, 0x63, 0x37, 0)}); }),
               HasSubstr("a.pcap#1: packets of a Velodyne sensor that is not read (0x63)"));

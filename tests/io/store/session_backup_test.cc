@@ -23,7 +23,7 @@ class SessionAtWork {
   void Go(int scans) {
     database_->Begin();
     for (int i = 0; i < scans; ++i, ++next_) {
-      SessionScan scan;
+      ScanRecord scan;
       scan.scan = next_;
       scan.file = std::to_string(next_);
       database_->Put(scan);

@@ -23,7 +23,7 @@ using testing::AllOf;
 using testing::HasSubstr;
 
 // All fields as bytes, so that NaN equals NaN.
-std::string BytesOf(SessionScan s) {
+std::string BytesOf(ScanRecord s) {
   StateArchive a;
   bool has_next = s.next_stamp_ns.has_value();
   StampNs next = s.next_stamp_ns.value_or(0);
@@ -35,9 +35,9 @@ std::string BytesOf(SessionScan s) {
   return a.written();
 }
 
-SessionScan Scan(std::int64_t number, const std::string& file, const std::string& sequence = "") {
+ScanRecord Scan(std::int64_t number, const std::string& file, const std::string& sequence = "") {
   Draws draws(static_cast<unsigned>(number));
-  SessionScan s;
+  ScanRecord s;
   s.scan = number;
   s.file = file;
   s.sequence = sequence;
@@ -48,8 +48,8 @@ SessionScan Scan(std::int64_t number, const std::string& file, const std::string
 }
 
 // No field as it is by default.
-SessionScan Full(std::int64_t number, const std::string& file) {
-  SessionScan s = Scan(number, file, "drives/one");
+ScanRecord Full(std::int64_t number, const std::string& file) {
+  ScanRecord s = Scan(number, file, "drives/one");
   s.recorded_stamp = s.skipped = s.final = s.keyframe = s.searched = true;
   s.next_stamp_ns = -1;
   s.detail = "why: \"\xe2\x80\xa6\"\n\xff";
@@ -77,10 +77,10 @@ class SessionDatabaseTest : public FilesTest {
   std::unique_ptr<SessionDatabase> Open() const {
     return std::make_unique<SessionDatabase>(File(), true);
   }
-  static std::vector<SessionScan> All(const SessionDatabase& database) {
-    std::vector<SessionScan> rows;
+  static std::vector<ScanRecord> All(const SessionDatabase& database) {
+    std::vector<ScanRecord> rows;
     database.ForEach(0, std::numeric_limits<std::int64_t>::max(),
-                     [&](const SessionScan& row) { rows.push_back(row); });
+                     [&](const ScanRecord& row) { rows.push_back(row); });
     return rows;
   }
   void Execute(const std::string& statement) const {
@@ -102,7 +102,7 @@ class SessionDatabaseTest : public FilesTest {
 
 TEST_F(SessionDatabaseTest, EveryFieldComesBackToTheLastBit) {
   constexpr double kInf = std::numeric_limits<double>::infinity();
-  std::vector<SessionScan> rows = {Full(0, "a.bin"), Scan(1, "b.bin")};
+  std::vector<ScanRecord> rows = {Full(0, "a.bin"), Scan(1, "b.bin")};
   rows.push_back(Full(2, "c.bin"));
   rows[2].inlier_share = std::numeric_limits<double>::quiet_NaN();
   rows[2].residual_m = kInf;
@@ -115,9 +115,9 @@ TEST_F(SessionDatabaseTest, EveryFieldComesBackToTheLastBit) {
   rows[2].points = std::numeric_limits<std::int64_t>::max();
   {
     const auto database = Open();
-    for (const SessionScan& row : rows) database->Put(row);
+    for (const ScanRecord& row : rows) database->Put(row);
   }
-  const std::vector<SessionScan> read = All(*Open());
+  const std::vector<ScanRecord> read = All(*Open());
   ASSERT_EQ(read.size(), rows.size());
   for (std::size_t i = 0; i < rows.size(); ++i) {
     EXPECT_EQ(BytesOf(read[i]), BytesOf(rows[i])) << "row " << i;
@@ -134,7 +134,7 @@ TEST_F(SessionDatabaseTest, NamesAreBytes) {
     database->Put(Scan(static_cast<std::int64_t>(i), names[i], names[i]));
     EXPECT_TRUE(database->Knows(names[i]));
   }
-  const std::vector<SessionScan> rows = All(*Open());
+  const std::vector<ScanRecord> rows = All(*Open());
   ASSERT_EQ(rows.size(), names.size());
   for (std::size_t i = 0; i < names.size(); ++i) {
     EXPECT_EQ(rows[i].file, names[i]);
@@ -171,9 +171,9 @@ TEST_F(SessionDatabaseTest, ScansAreShownInOrderFromAndTo) {
   for (const int i : {3, 0, 2, 1, 4}) database->Put(Scan(i, std::to_string(i)));
   EXPECT_EQ(database->scans(), 5);
   std::vector<std::int64_t> seen;
-  database->ForEach(1, 4, [&](const SessionScan& row) { seen.push_back(row.scan); });
+  database->ForEach(1, 4, [&](const ScanRecord& row) { seen.push_back(row.scan); });
   EXPECT_EQ(seen, (std::vector<std::int64_t>{1, 2, 3}));
-  database->ForEach(5, 9, [&](const SessionScan&) { ADD_FAILURE(); });
+  database->ForEach(5, 9, [&](const ScanRecord&) { ADD_FAILURE(); });
 }
 
 TEST_F(SessionDatabaseTest, AFinalPoseIsPutIntoItsRow) {
@@ -183,10 +183,10 @@ TEST_F(SessionDatabaseTest, AFinalPoseIsPutIntoItsRow) {
     for (int i = 0; i < 2; ++i) database->Put(Scan(i, std::to_string(i)));
     database->Finalise({1, T, false});
   }
-  SessionScan expected = Scan(1, "1");
+  ScanRecord expected = Scan(1, "1");
   expected.T_world_lidar = T;
   expected.final = true;
-  const std::vector<SessionScan> rows = All(*Open());
+  const std::vector<ScanRecord> rows = All(*Open());
   EXPECT_EQ(BytesOf(rows[0]), BytesOf(Scan(0, "0")));
   EXPECT_EQ(BytesOf(rows[1]), BytesOf(expected));
   EXPECT_THROW(Open()->Finalise({7, T, false}), std::logic_error);
@@ -194,14 +194,14 @@ TEST_F(SessionDatabaseTest, AFinalPoseIsPutIntoItsRow) {
 
 TEST_F(SessionDatabaseTest, APoseBetweenNeighboursDoesNotReplaceOneOfAScansOwn) {
   const auto database = Open();
-  SessionScan skipped = Scan(0, "0"), own = Scan(1, "1");
+  ScanRecord skipped = Scan(0, "0"), own = Scan(1, "1");
   skipped.skipped = true;
   database->Put(skipped);
   database->Put(own);
   const SE3 T = Draws(9).Pose(1.0);
   database->Finalise({0, T, true});
   database->Finalise({1, T, true});
-  const std::vector<SessionScan> rows = All(*database);
+  const std::vector<ScanRecord> rows = All(*database);
   EXPECT_EQ(rows[0].T_world_lidar.t, T.t);
   EXPECT_TRUE(rows[0].final);
   EXPECT_EQ(BytesOf(rows[1]), BytesOf(own));
@@ -213,7 +213,7 @@ TEST_F(SessionDatabaseTest, TheLastScansOfASequenceComeInOrder) {
   for (int i = 0; i < 6; ++i) database->Put(Scan(i, std::to_string(i), sequences[i]));
   const auto told = [&](std::int64_t to, int most) {
     std::string text;
-    for (const SessionScan& row : database->LastOf("b", to, most)) text += row.file;
+    for (const ScanRecord& row : database->LastOf("b", to, most)) text += row.file;
     return text;
   };
   EXPECT_EQ(told(6, 2), "45");
@@ -380,9 +380,9 @@ TEST_F(SessionDatabaseTest, AnOverwrittenPageIsDamageOrHasNoEffect) {
     fs::remove(File() + "-shm");
     try {
       const auto database = Open();
-      const std::vector<SessionScan> rows = All(*database);
+      const std::vector<ScanRecord> rows = All(*database);
       ASSERT_EQ(rows.size(), 60U) << "page " << pages;
-      for (const SessionScan& row : rows) {
+      for (const ScanRecord& row : rows) {
         EXPECT_TRUE(database->Knows(row.file));
         EXPECT_EQ(BytesOf(row), BytesOf(Full(row.scan, std::to_string(row.scan))));
       }
@@ -481,7 +481,7 @@ class EndlessWriter {
 
   void Write(int scans, std::size_t detail_bytes) {
     for (int i = 0; i < scans; ++i, ++next_) {
-      SessionScan scan = Scan(next_, std::to_string(next_));
+      ScanRecord scan = Scan(next_, std::to_string(next_));
       scan.detail = std::string(detail_bytes, 'd');
       database_->Begin();
       database_->Put(scan);
@@ -516,7 +516,7 @@ TEST_F(SessionDatabaseTest, TheLogBeginsAnewAfterALongReaderForWhomNobodyWaits) 
   const auto database = Open(), reader = Open();
   EndlessWriter writer(database.get());
   writer.Write(1, 100);
-  reader->ForEach(0, 1, [&](const SessionScan&) { writer.Write(100, 300000); });
+  reader->ForEach(0, 1, [&](const ScanRecord&) { writer.Write(100, 300000); });
   const std::uintmax_t under_reader = fs::file_size(File() + "-wal");
   EXPECT_GT(under_reader, 30000000U);
   writer.Write(100, 300000);

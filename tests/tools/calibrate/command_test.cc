@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "backend/calibration/recording_calibration.h"
+#include "core/base/angle.h"
 #include "tests/support/memory_scans.h"
 #include "tests/support/run_helpers.h"
 
@@ -21,7 +22,7 @@ using testing::Not;
 ScanPoint Misread(const ScanPoint& p, double elevation_deg, double range_m) {
   const double rho = std::hypot(p.x, p.y);
   const double range = std::hypot(rho, p.z) + range_m;
-  const double elevation = std::atan2(p.z, rho) + elevation_deg * M_PI / 180.0;
+  const double elevation = std::atan2(p.z, rho) + Radians(elevation_deg);
   const double flat = range * std::cos(elevation) / rho;
   return {static_cast<float>(p.x * flat), static_cast<float>(p.y * flat),
           static_cast<float>(range * std::sin(elevation)), p.intensity};
@@ -73,9 +74,9 @@ TEST(Calibrate, FindsTheOffsetsOfAStreet) {
         Calibrate(MemoryScans(MisreadStreet(30, c.seed, c.elevation_deg, c.range_m)));
     EXPECT_EQ(found.result.status, CalibrationResult::Status::kConverged);
     EXPECT_TRUE(found.settled);
-    EXPECT_NEAR(found.offsets(0) * 180.0 / M_PI, -c.elevation_deg, 0.01);
+    EXPECT_NEAR(Degrees(found.offsets(0)), -c.elevation_deg, 0.01);
     EXPECT_NEAR(found.offsets(1), -c.range_m, 0.003);
-    EXPECT_LT(found.result.sigma(0) * 180.0 / M_PI, 0.01);
+    EXPECT_LT(Degrees(found.result.sigma(0)), 0.01);
     EXPECT_LT(found.result.sigma(1), 0.005);
     EXPECT_LE(found.passes.back().map.median_m, found.passes.front().map.median_m + 1e-4);
   }
@@ -85,7 +86,7 @@ TEST(Calibrate, KeepsFramesApartThatNothingConnects) {
   const RecordingCalibration found =
       Calibrate(TwoRecordings(MisreadStreet(30, 1, 0.3, 0.0), MisreadStreet(15, 2, 0.3, 0.0)));
   EXPECT_TRUE(found.settled);
-  EXPECT_NEAR(found.offsets(0) * 180.0 / M_PI, -0.3, 0.02);
+  EXPECT_NEAR(Degrees(found.offsets(0)), -0.3, 0.02);
 }
 
 class CalibrateCommandTest : public RunTest {};

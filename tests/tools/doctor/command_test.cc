@@ -29,8 +29,8 @@ using testing::StartsWith;
 class DoctorTest : public RunFolderTest {
  protected:
   // Lost over 20 scans, then a new piece; ten scans that do not converge; a residual.
-  static std::vector<SessionScan> BadDrive() {
-    return Drive([](int i, SessionScan* scan) {
+  static std::vector<ScanRecord> BadDrive() {
+    return Drive([](int i, ScanRecord* scan) {
       if (i >= 40 && i < 50) scan->iterations = kMaxIterations;
       if (i == 80) scan->residual_m = 0.5;
       if (i >= 100 && i < 120) scan->status = "lost";
@@ -80,7 +80,7 @@ TEST_F(DoctorTest, AGoodRunIsOneLine) {
 }
 
 TEST_F(DoctorTest, ARunThatIsAlikeFromEndToEndHasItsVerdict) {
-  WriteRun(Drive([](int, SessionScan* scan) { scan->inlier_share = 0.25, scan->matched = 300; }));
+  WriteRun(Drive([](int, ScanRecord* scan) { scan->inlier_share = 0.25, scan->matched = 300; }));
   EXPECT_THAT(DoctorText(Found(), "p"),
               AllOf(HasSubstr("verdict doubtful: the median share of inliers is 0.25"),
                     HasSubstr("no single place stands out")));

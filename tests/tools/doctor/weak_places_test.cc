@@ -30,7 +30,7 @@ struct Found {
 
 class WeakPlacesTest : public RunFolderTest {
  protected:
-  using Change = std::function<void(int i, SessionScan* scan)>;
+  using Change = std::function<void(int i, ScanRecord* scan)>;
 
   // The places of such a drive.
   std::vector<Found> PlacesOf(const Change& change, int count = 200) {
@@ -58,13 +58,13 @@ class WeakPlacesTest : public RunFolderTest {
 
 bool Within(int i, int first, int last) { return i >= first && i <= last; }
 
-void Lose(SessionScan* scan) {
+void Lose(ScanRecord* scan) {
   scan->status = "lost";
   scan->matched = 100;
   scan->inlier_share = 0.05;
 }
 
-void Skip(SessionScan* scan, const char* status) {
+void Skip(ScanRecord* scan, const char* status) {
   scan->skipped = true;
   scan->status = status;
   scan->matched = scan->clusters = scan->points = 0;
@@ -73,7 +73,7 @@ void Skip(SessionScan* scan, const char* status) {
 TEST_F(WeakPlacesTest, ACleanRunHasNone) {
   EXPECT_THAT(PlacesOf({}), IsEmpty());
   // Nor the second scan of a piece, which meets a map of one scan.
-  EXPECT_THAT(PlacesOf([](int i, SessionScan* scan) {
+  EXPECT_THAT(PlacesOf([](int i, ScanRecord* scan) {
                 if (i == 1) scan->inlier_share = 0.15;
               }),
               IsEmpty());
@@ -83,13 +83,13 @@ TEST_F(WeakPlacesTest, ACleanRunHasNone) {
 struct Case {
   const char* name;
   Symptom symptom;
-  void (*change)(SessionScan* scan);
+  void (*change)(ScanRecord* scan);
 };
 
 class EachSymptom : public WeakPlacesTest, public testing::WithParamInterface<Case> {};
 
 TEST_P(EachSymptom, IsFoundWhereItIs) {
-  const auto found = PlacesOf([](int i, SessionScan* scan) {
+  const auto found = PlacesOf([](int i, ScanRecord* scan) {
     if (Within(i, 50, 59) || Within(i, 120, 122)) GetParam().change(scan);
   });
   // The longer one first.
@@ -101,42 +101,41 @@ INSTANTIATE_TEST_SUITE_P(
     , EachSymptom,
     testing::Values(
         Case{"Lost", Symptom::kLost, Lose},
-        Case{"Unconverged", Symptom::kUnconverged,
-             [](SessionScan* scan) { scan->iterations = 20; }},
+        Case{"Unconverged", Symptom::kUnconverged, [](ScanRecord* scan) { scan->iterations = 20; }},
         Case{"Degenerate", Symptom::kDegenerate,
-             [](SessionScan* scan) {
+             [](ScanRecord* scan) {
                scan->status = "degenerate";
                scan->worst_sigma_m = 0.3;
              }},
         Case{"FewInliers", Symptom::kFewInliers,
-             [](SessionScan* scan) {
+             [](ScanRecord* scan) {
                scan->matched = 150;
                scan->inlier_share = 0.12;
              }},
-        Case{"PoorFit", Symptom::kPoorFit, [](SessionScan* scan) { scan->inlier_share = 0.4; }},
-        Case{"Residual", Symptom::kResidual, [](SessionScan* scan) { scan->residual_m = 0.15; }},
-        Case{"Skipped", Symptom::kSkipped, [](SessionScan* scan) { Skip(scan, "too_few_points"); }},
-        Case{"Slow", Symptom::kSlow, [](SessionScan* scan) { scan->odometry_ms = 1000.0; }}),
+        Case{"PoorFit", Symptom::kPoorFit, [](ScanRecord* scan) { scan->inlier_share = 0.4; }},
+        Case{"Residual", Symptom::kResidual, [](ScanRecord* scan) { scan->residual_m = 0.15; }},
+        Case{"Skipped", Symptom::kSkipped, [](ScanRecord* scan) { Skip(scan, "too_few_points"); }},
+        Case{"Slow", Symptom::kSlow, [](ScanRecord* scan) { scan->odometry_ms = 1000.0; }}),
     [](const testing::TestParamInfo<Case>& i) { return std::string(i.param.name); });
 
 TEST_F(WeakPlacesTest, JumpsOfSpeedAndTurnAreFoundByThePoses) {
-  EXPECT_THAT(PlacesOf([](int i, SessionScan* scan) {
+  EXPECT_THAT(PlacesOf([](int i, ScanRecord* scan) {
                 if (i == 70) scan->T_world_lidar.t.y() = 0.6;
               }),
               testing::ElementsAre(Found{Symptom::kSpeedJump, 69, 71}));
   EXPECT_EQ(places_->places()[0].worst_at, 70U);
-  EXPECT_THAT(PlacesOf([](int i, SessionScan* scan) {
+  EXPECT_THAT(PlacesOf([](int i, ScanRecord* scan) {
                 if (i == 70) scan->T_world_lidar.q = ExpSO3({0, 0, 0.6});
               }),
               testing::ElementsAre(Found{Symptom::kTurnJump, 69, 71}));
   // Where stamps are made up, nothing tells the speed.
-  EXPECT_THAT(PlacesOf([](int i, SessionScan* scan) {
+  EXPECT_THAT(PlacesOf([](int i, ScanRecord* scan) {
                 scan->recorded_stamp = false;
                 if (i == 70) scan->T_world_lidar.t.y() = 0.6;
               }),
               IsEmpty());
   // Full braking is none.
-  EXPECT_THAT(PlacesOf([](int i, SessionScan* scan) {
+  EXPECT_THAT(PlacesOf([](int i, ScanRecord* scan) {
                 const double t = std::clamp(0.1 * (i - 100), 0.0, 1.25);
                 if (i >= 100) scan->T_world_lidar.t.x() = 100.0 + 10.0 * t - 4.0 * t * t;
               }),
@@ -144,14 +143,14 @@ TEST_F(WeakPlacesTest, JumpsOfSpeedAndTurnAreFoundByThePoses) {
 }
 
 TEST_F(WeakPlacesTest, MissingScansAndStampsThatGoBack) {
-  EXPECT_THAT(PlacesOf([](int i, SessionScan* scan) {
+  EXPECT_THAT(PlacesOf([](int i, ScanRecord* scan) {
                 if (i < 80) return;
                 scan->stamp_ns += 300'000'000;
                 scan->T_world_lidar.t.x() += 3.0;
               }),
               testing::ElementsAre(Found{Symptom::kGap, 80, 80}));
   EXPECT_THAT(AdviceOn(0).measured, HasSubstr("about 3 missing"));
-  EXPECT_THAT(PlacesOf([](int i, SessionScan* scan) {
+  EXPECT_THAT(PlacesOf([](int i, ScanRecord* scan) {
                 if (i != 80) return;
                 Skip(scan, "stamp_not_after_last");
                 scan->stamp_ns -= 900'000'000;
@@ -161,7 +160,7 @@ TEST_F(WeakPlacesTest, MissingScansAndStampsThatGoBack) {
 
 TEST_F(WeakPlacesTest, KeyframesAreUnevenAndNotMissing) {
   const auto keyframes = [](int gap_s) {
-    return [gap_s](int i, SessionScan* scan) {
+    return [gap_s](int i, ScanRecord* scan) {
       scan->stamp_ns += 100'000'000LL * (2 * i + i % 3) + (i < 90 ? 0 : 1'000'000'000LL * gap_s);
       scan->T_world_lidar.t.x() = 2.0 * SecondsBetween(1'000'000'000'000LL, scan->stamp_ns);
     };
@@ -172,7 +171,7 @@ TEST_F(WeakPlacesTest, KeyframesAreUnevenAndNotMissing) {
 
 TEST_F(WeakPlacesTest, ANewPieceOfOneRecordingAndNoneOfAnother) {
   const auto two = [](const char* second) {
-    return [second](int i, SessionScan* scan) {
+    return [second](int i, ScanRecord* scan) {
       scan->sequence = i < 100 ? "a" : second;
       scan->piece = i < 100 ? 0 : 1;
       if (i >= 100) scan->T_world_lidar.t.x() -= 100.0;
@@ -183,7 +182,7 @@ TEST_F(WeakPlacesTest, ANewPieceOfOneRecordingAndNoneOfAnother) {
 }
 
 TEST_F(WeakPlacesTest, FolderInTurnsAreNeitherGapsNorJumps) {
-  EXPECT_THAT(PlacesOf([](int i, SessionScan* scan) {
+  EXPECT_THAT(PlacesOf([](int i, ScanRecord* scan) {
                 scan->sequence = i % 2 == 0 ? "a" : "b";
                 scan->piece = i % 2;
                 if (scan->piece == 1) scan->T_world_lidar.t.y() = 500.0;
@@ -200,7 +199,7 @@ TEST_F(WeakPlacesTest, AMapOverItsBudgetIsToldOfTheRun) {
 }
 
 TEST_F(WeakPlacesTest, PlacesAFewScansApartAreOne) {
-  EXPECT_THAT(PlacesOf([](int i, SessionScan* scan) {
+  EXPECT_THAT(PlacesOf([](int i, ScanRecord* scan) {
                 if (i == 50 || i == 56 || i == 63) scan->iterations = 20;
               }),
               testing::ElementsAre(Found{Symptom::kUnconverged, 50, 56},
@@ -209,7 +208,7 @@ TEST_F(WeakPlacesTest, PlacesAFewScansApartAreOne) {
 }
 
 TEST_F(WeakPlacesTest, OfPlacesOfOneLengthTheSymptomDecides) {
-  const auto found = PlacesOf([](int i, SessionScan* scan) {
+  const auto found = PlacesOf([](int i, ScanRecord* scan) {
     if (Within(i, 20, 23)) scan->residual_m = 0.3;
     if (Within(i, 40, 43)) scan->status = "degenerate";
     if (Within(i, 60, 63)) scan->iterations = 20;
@@ -224,14 +223,14 @@ TEST_F(WeakPlacesTest, OfPlacesOfOneLengthTheSymptomDecides) {
 
 TEST_F(WeakPlacesTest, CausesAreReadOffWhatLiesAround) {
   const auto lost_after = [&](const Change& change) {
-    const auto found = PlacesOf([&](int i, SessionScan* scan) {
+    const auto found = PlacesOf([&](int i, ScanRecord* scan) {
       if (Within(i, 100, 110)) Lose(scan);
       change(i, scan);
     });
     EXPECT_EQ(found.at(0), (Found{Symptom::kLost, 100, 110}));
     return AdviceOn(0);
   };
-  const PlaceAdvice gap = lost_after([](int i, SessionScan* scan) {
+  const PlaceAdvice gap = lost_after([](int i, ScanRecord* scan) {
     if (i >= 100) scan->stamp_ns += 9'900'000'000;
   });
   EXPECT_THAT(gap.cause, AllOf(HasSubstr("10.0 s without scans"), HasSubstr("about 100 m")));
@@ -239,16 +238,16 @@ TEST_F(WeakPlacesTest, CausesAreReadOffWhatLiesAround) {
   EXPECT_THAT(gap.measured, HasSubstr("11 of 11 scans lost"));
   EXPECT_THAT(gap.measured, HasSubstr("found again at scan 111"));
   EXPECT_THAT(gap.where, AllOf(HasSubstr("scans 100 to 110"), HasSubstr("m along the way")));
-  EXPECT_THAT(lost_after([](int i, SessionScan* scan) {
+  EXPECT_THAT(lost_after([](int i, ScanRecord* scan) {
                 if (Within(i, 100, 110)) scan->points = 3000;
               }).cause,
               HasSubstr("fall from 20000 to 3000"));
-  const PlaceAdvice turning = lost_after([](int i, SessionScan* scan) {
+  const PlaceAdvice turning = lost_after([](int i, ScanRecord* scan) {
     if (i >= 99) scan->T_world_lidar.q = ExpSO3({0, 0, 0.3});
   });
   EXPECT_THAT(turning.cause, HasSubstr("turns by 17.2°"));
   EXPECT_THAT(turning.settings, Contains("frontend.search.range_deg=30"));
-  EXPECT_THAT(lost_after([](int, SessionScan*) {}).cause, HasSubstr("10 % of a scan meets"));
+  EXPECT_THAT(lost_after([](int, ScanRecord*) {}).cause, HasSubstr("10 % of a scan meets"));
 }
 
 // Whatever is proposed must be an option with a value that it may have.
@@ -256,7 +255,7 @@ TEST_F(WeakPlacesTest, EverySettingIsOne) {
   std::size_t settings = 0;
   for (const std::int64_t points : {20000, 1000}) {
     for (const double step_m : {1.0, 4.0}) {
-      PlacesOf([&](int i, SessionScan* scan) {
+      PlacesOf([&](int i, ScanRecord* scan) {
         scan->points = points;
         scan->T_world_lidar.t.x() = step_m * i;
         if (Within(i, 10, 12)) Lose(scan);
@@ -288,7 +287,7 @@ TEST_F(WeakPlacesTest, EverySettingIsOne) {
 }
 
 TEST_F(WeakPlacesTest, LinesThatCannotBeUsedAreCounted) {
-  WriteRun(Drive([](int i, SessionScan* scan) {
+  WriteRun(Drive([](int i, ScanRecord* scan) {
     if (i == 7) scan->residual_m = std::nan("");
   }));
   const std::string whole = Bytes(Path("run/frames.csv"));
@@ -356,7 +355,7 @@ TEST_F(WeakPlacesTest, ExtremeNumbersHarmNothing) {
 }
 
 TEST_F(WeakPlacesTest, NegativeStampsAreWrittenAndRead) {
-  WriteRun(Drive([](int, SessionScan* scan) { scan->stamp_ns -= 1'000'500'000'000; }));
+  WriteRun(Drive([](int, ScanRecord* scan) { scan->stamp_ns -= 1'000'500'000'000; }));
   EXPECT_THAT(Bytes(Path("run/frames.csv")), HasSubstr("\n0,-0.500000000,first"));
   EXPECT_THAT(PlacesOfFolder(), IsEmpty());
   EXPECT_THAT(table_->notes, IsEmpty());

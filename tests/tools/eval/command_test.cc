@@ -76,7 +76,7 @@ class EvalCommandTest : public testing::Test {
 };
 
 // Along x, a pose each 0.1 s.
-Trajectory Straight(int count, double step_m) {
+Trajectory StraightDrive(int count, double step_m) {
   Trajectory trajectory;
   for (int i = 0; i < count; ++i) {
     trajectory.push_back({i * StampNs{100000000} + 5000000000,
@@ -86,8 +86,8 @@ Trajectory Straight(int count, double step_m) {
 }
 
 TEST_F(EvalCommandTest, ComparesByLineWhereThereAreNoStamps) {
-  WriteKittiTrajectory(Path("truth.txt"), Straight(401, 1.0));
-  WriteKittiTrajectory(Path("estimate.txt"), Straight(301, 1.02));
+  WriteKittiTrajectory(Path("truth.txt"), StraightDrive(401, 1.0));
+  WriteKittiTrajectory(Path("estimate.txt"), StraightDrive(301, 1.02));
   ASSERT_EQ(Run({"--estimate", Path("estimate.txt"), "--truth", Path("truth.txt"), "--align",
                  "first", "--frames", "0:301", "--json", Path("out.json")}),
             0);
@@ -104,11 +104,11 @@ TEST_F(EvalCommandTest, ComparesByLineWhereThereAreNoStamps) {
 }
 
 TEST_F(EvalCommandTest, ComparesByStampWhereThereAreStamps) {
-  Trajectory estimate = Straight(100, 1.01);
+  Trajectory estimate = StraightDrive(100, 1.01);
   estimate.erase(estimate.begin() + 3, estimate.begin() + 13);
   for (StampedPose& pose : estimate) pose.stamp_ns += 4000000;
   WriteTumTrajectory(Path("estimate.txt"), estimate);
-  WriteTumTrajectory(Path("truth.txt"), Straight(100, 1.0));
+  WriteTumTrajectory(Path("truth.txt"), StraightDrive(100, 1.0));
   const std::vector<std::string> arguments{
       "--estimate", Path("estimate.txt"), "--truth", Path("truth.txt"), "--json", Path("out.json")};
   ASSERT_EQ(Run(arguments), 0);
@@ -124,8 +124,8 @@ TEST_F(EvalCommandTest, ComparesByStampWhereThereAreStamps) {
 }
 
 TEST_F(EvalCommandTest, RefusesToMatchStampsWithLines) {
-  WriteTumTrajectory(Path("estimate.txt"), Straight(10, 1.0));
-  WriteKittiTrajectory(Path("truth.txt"), Straight(10, 1.0));
+  WriteTumTrajectory(Path("estimate.txt"), StraightDrive(10, 1.0));
+  WriteKittiTrajectory(Path("truth.txt"), StraightDrive(10, 1.0));
   EXPECT_THAT(
       MessageOf<InputError>({"--estimate", Path("estimate.txt"), "--truth", Path("truth.txt")}),
       HasSubstr("estimate has stamps and the truth has none"));
@@ -136,7 +136,7 @@ TEST_F(EvalCommandTest, TurnsCameraPosesWithTheCalibration) {
   Eigen::Matrix3d R;
   R << 0, -1, 0, 0, 0, -1, 1, 0, 0;
   const SE3 T_camera_lidar(R, Eigen::Vector3d(0.1, -0.2, -0.3));
-  Trajectory lidar = Straight(50, 1.0);
+  Trajectory lidar = StraightDrive(50, 1.0);
   for (size_t i = 0; i < lidar.size(); ++i) {
     lidar[i].T_world_lidar.q = ExpSO3({0.0, 0.0, 0.01 * static_cast<double>(i)});
   }
@@ -175,8 +175,8 @@ void WritePlateScans(const std::filesystem::path& folder) {
 
 TEST_F(EvalCommandTest, JudgesTrajectoriesByTheirMaps) {
   WritePlateScans(folder_ / "scans");
-  WriteKittiTrajectory(Path("kitti.txt"), Straight(4, 0.0));
-  WriteTumTrajectory(Path("tum.txt"), Straight(4, 0.0));
+  WriteKittiTrajectory(Path("kitti.txt"), StraightDrive(4, 0.0));
+  WriteTumTrajectory(Path("tum.txt"), StraightDrive(4, 0.0));
   ASSERT_EQ(Run({"--estimate", Path("kitti.txt"), "--other", "again=" + Path("tum.txt"), "--truth",
                  Path("tum.txt"), "--scans", Path("scans"), "--json", Path("out.json")}),
             0);
@@ -195,7 +195,7 @@ TEST_F(EvalCommandTest, JudgesTrajectoriesByTheirMaps) {
 }
 
 TEST_F(EvalCommandTest, SaysWhatIsMissingOrWrong) {
-  WriteTumTrajectory(Path("a.txt"), Straight(10, 1.0));
+  WriteTumTrajectory(Path("a.txt"), StraightDrive(10, 1.0));
   const std::string a = Path("a.txt");
   EXPECT_THAT(MessageOf<OptionError>({"--estimate", a}), HasSubstr("--truth, --scans"));
   EXPECT_THAT(MessageOf<OptionError>({"--estimate", a, "--scans", Path(""), "--calib", a}),
@@ -221,8 +221,8 @@ TEST_F(EvalCommandTest, DrawsPictures) {
   if (std::system("gnuplot --version >/dev/null 2>&1") != 0) {
     GTEST_SKIP() << "gnuplot is not installed";
   }
-  WriteTumTrajectory(Path("truth.txt"), Straight(50, 1.0));
-  WriteTumTrajectory(Path("estimate.txt"), Straight(50, 1.01));
+  WriteTumTrajectory(Path("truth.txt"), StraightDrive(50, 1.0));
+  WriteTumTrajectory(Path("estimate.txt"), StraightDrive(50, 1.01));
   const std::vector<std::string> arguments{"--estimate", Path("estimate.txt"),
                                            "--truth",    Path("truth.txt"),
                                            "--other",    "it's=" + Path("truth.txt")};

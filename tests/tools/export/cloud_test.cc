@@ -119,14 +119,14 @@ TEST_F(ExportCloudTest, SmallBudgetGivesTheSamePoints) {
 // One point in space, seen from a turning, moving sensor at ten moments of one sweep.
 TEST_F(ExportCloudTest, PointsAreDeskewed) {
   std::vector<PosedScan> posed(1);
-  posed[0].twist << 0.2, 0.1, 1.0, 10.0, 1.0, 0.0;
-  posed[0].T_world_lidar = TwistExp(3.0 * posed[0].twist);
+  posed[0].sweep.twist << 0.2, 0.1, 1.0, 10.0, 1.0, 0.0;
+  posed[0].T_world_lidar = TwistExp(3.0 * posed[0].sweep.twist);
   const Eigen::Vector3d target = posed[0].T_world_lidar * Eigen::Vector3d(10.0, 5.0, 1.0);
   Scan scan;
   for (int i = 0; i < 10; ++i) {
     const float time_s = 0.01F * static_cast<float>(i);
     const SE3 T_world_lidar =
-        posed[0].T_world_lidar * TwistExp(static_cast<double>(time_s) * posed[0].twist);
+        posed[0].T_world_lidar * TwistExp(static_cast<double>(time_s) * posed[0].sweep.twist);
     scan.points.push_back(ToScanPoint(T_world_lidar.Inverse() * target, 7.0F));
     scan.time_s.push_back(time_s);
   }

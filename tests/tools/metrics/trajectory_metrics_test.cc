@@ -1,4 +1,5 @@
 #include "tools/metrics/trajectory_metrics.h"
+#include "core/base/angle.h"
 
 #include <gtest/gtest.h>
 
@@ -129,7 +130,7 @@ TEST(TrajectoryMetrics, RotationDriftIsItsRate) {
   const Trajectory truth = Straight(501, 1.0);
   Trajectory estimate = truth;
   for (StampedPose& pose : estimate) {
-    const double angle = degrees_per_m * pose.T_world_lidar.t.x() * M_PI / 180.0;
+    const double angle = Radians(degrees_per_m * pose.T_world_lidar.t.x());
     pose.T_world_lidar.q = ExpSO3(Eigen::Vector3d(angle, 0.0, 0.0));
   }
   const TrajectoryErrors e = CompareTrajectories(estimate, truth, Alignment::kFirst);

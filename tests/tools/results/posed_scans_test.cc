@@ -30,6 +30,11 @@ TEST(SweepDeskew, IsTheExponentialOfTheTwist) {
     const Eigen::Vector3d expected =
         TwistExp(static_cast<double>(p.time_s) * twist) * Eigen::Vector3d(p.x, p.y, p.z);
     EXPECT_LT((SweepDeskew(twist)(p) - expected).norm(), 1e-8);
+    const SweepMotion unsteady(twist, Vector6d::Constant(3.0));
+    EXPECT_LT(
+        (SweepDeskew(unsteady)(p) - unsteady.PoseAt(p.time_s) * Eigen::Vector3d(p.x, p.y, p.z))
+            .norm(),
+        1e-8);
   }
 }
 
@@ -59,7 +64,7 @@ TEST(PoseScans, OfScansWithOneStampTakesTheFirst) {
   EXPECT_EQ(posed[2].scan, 1U);
 }
 
-TEST(PoseScans, TwistIsTheMeanOfTheMotionsAround) {
+TEST(PoseScans, MotionIsThatThroughThePosesAround) {
   const MemoryScans scans(EmptyScans({0, 100000000, 300000000}));
   Vector6d before;
   before << 0.1, 0.2, -0.3, 5.0, 1.0, 0.0;
@@ -71,10 +76,12 @@ TEST(PoseScans, TwistIsTheMeanOfTheMotionsAround) {
       {0, first}, {100000000, second}, {300000000, second * TwistExp(0.2 * after)}};
   const std::vector<PosedScan> posed = PoseScans(scans, trajectory, 1e-3);
   ASSERT_EQ(posed.size(), 3U);
-  EXPECT_LT((posed[0].twist - before).norm(), 1e-9);
-  EXPECT_LT((posed[1].twist - 0.5 * (before + after)).norm(), 1e-9);
-  EXPECT_LT((posed[2].twist - after).norm(), 1e-9);
-  EXPECT_EQ(PoseScans(scans, {trajectory[1]}, 1e-3)[0].twist, Vector6d(Vector6d::Zero()));
+  const Vector6d change = (after - before) / 0.15;
+  EXPECT_LT((posed[0].sweep.twist - (before - 0.05 * change)).norm(), 1e-9);
+  EXPECT_LT((posed[1].sweep.twist - (2.0 * before + after) / 3.0).norm(), 1e-9);
+  EXPECT_LT((posed[1].sweep.acceleration - change).norm(), 1e-9);
+  EXPECT_LT((posed[2].sweep.twist - after).norm(), 1e-9);
+  EXPECT_EQ(PoseScans(scans, {trajectory[1]}, 1e-3)[0].sweep.twist, Vector6d(Vector6d::Zero()));
 }
 
 TEST(SweepPeriodOfScan, KnowsThePeriodFromTheFirstScanOn) {

@@ -14,10 +14,10 @@ using testing::IsEmpty;
 constexpr int kMaxIterations = 20;
 
 // A drive of 200 scans at 10 m/s, all as they should be but for what `change` does to scan i.
-RunVerdict Drive(const std::function<void(int i, SessionScan* scan)>& change = {}) {
+RunVerdict Drive(const std::function<void(int i, ScanRecord* scan)>& change = {}) {
   VerdictCounter counter(kMaxIterations);
   for (int i = 0; i < 200; ++i) {
-    SessionScan scan;
+    ScanRecord scan;
     scan.scan = i;
     scan.stamp_ns = 100'000'000LL * i;
     scan.recorded_stamp = true;
@@ -43,7 +43,7 @@ TEST(RunVerdictTest, AGoodRunIsSaidToBe) {
 TEST(RunVerdictTest, NoScansAndOneScanHaveNothingAgainstThem) {
   EXPECT_EQ(VerdictCounter(kMaxIterations).Judge().grade, RunVerdict::Grade::kGood);
   VerdictCounter counter(kMaxIterations);
-  SessionScan first;
+  ScanRecord first;
   first.status = "first";
   counter.Add(first);
   EXPECT_EQ(counter.Judge().grade, RunVerdict::Grade::kGood);
@@ -52,7 +52,7 @@ TEST(RunVerdictTest, NoScansAndOneScanHaveNothingAgainstThem) {
 TEST(RunVerdictTest, MotionsThatNoVehicleMakesAreWrong) {
   // Every tenth pose is half a metre off: 50 and more m/s^2.
   const auto off_each = [](int each) {
-    return [each](int i, SessionScan* scan) {
+    return [each](int i, ScanRecord* scan) {
       if (i % each == each - 1) scan->T_world_lidar.t.x() += 0.5;
     };
   };
@@ -60,13 +60,13 @@ TEST(RunVerdictTest, MotionsThatNoVehicleMakesAreWrong) {
   EXPECT_THAT(ToString(Drive(off_each(10))), HasSubstr("which no vehicle makes"));
   EXPECT_EQ(Drive(off_each(100)).grade, RunVerdict::Grade::kDoubtful);
   // Full braking is none; nor is a gap of seconds.
-  EXPECT_EQ(Drive([](int i, SessionScan* scan) {
+  EXPECT_EQ(Drive([](int i, ScanRecord* scan) {
               const double braking_s = std::clamp(0.1 * (i - 100), 0.0, 1.25);
               if (i < 100) return;
               scan->T_world_lidar.t.x() = 100.0 + 10.0 * braking_s - 4.0 * braking_s * braking_s;
             }).grade,
             RunVerdict::Grade::kGood);
-  EXPECT_EQ(Drive([](int i, SessionScan* scan) {
+  EXPECT_EQ(Drive([](int i, ScanRecord* scan) {
               if (i < 100) return;
               scan->stamp_ns += 3'000'000'000LL;
               scan->T_world_lidar.t.x() += 25.0;
@@ -76,7 +76,7 @@ TEST(RunVerdictTest, MotionsThatNoVehicleMakesAreWrong) {
 
 TEST(RunVerdictTest, UnevenStepsWithoutStampsAreNoSpeeds) {
   const auto uneven = [](bool recorded) {
-    return [recorded](int i, SessionScan* scan) {
+    return [recorded](int i, ScanRecord* scan) {
       scan->T_world_lidar.t.x() = 3.0 * i + (i % 2) * 1.5;
       scan->recorded_stamp = recorded;
     };
@@ -87,7 +87,7 @@ TEST(RunVerdictTest, UnevenStepsWithoutStampsAreNoSpeeds) {
 
 TEST(RunVerdictTest, MatchesThatDoNotConvergeAreWrong) {
   const auto share = [](int each) {
-    return [each](int i, SessionScan* scan) {
+    return [each](int i, ScanRecord* scan) {
       if (i % each == 0) scan->iterations = kMaxIterations;
     };
   };
@@ -97,13 +97,13 @@ TEST(RunVerdictTest, MatchesThatDoNotConvergeAreWrong) {
 }
 
 TEST(RunVerdictTest, ScansTooFarApartMatchLittle) {
-  const RunVerdict verdict = Drive([](int, SessionScan* scan) { scan->inlier_share = 0.10; });
+  const RunVerdict verdict = Drive([](int, ScanRecord* scan) { scan->inlier_share = 0.10; });
   EXPECT_EQ(verdict.grade, RunVerdict::Grade::kWrong);
   EXPECT_THAT(ToString(verdict), HasSubstr("share of inliers is 0.10"));
 }
 
 TEST(RunVerdictTest, WhatWeighsMostIsSaidFirst) {
-  const RunVerdict verdict = Drive([](int i, SessionScan* scan) {
+  const RunVerdict verdict = Drive([](int i, ScanRecord* scan) {
     if (i >= 40 && i < 160) scan->status = "lost";
     scan->piece = i < 160 ? 0 : 1;
     if (i % 11 == 0) scan->iterations = kMaxIterations;
@@ -117,7 +117,7 @@ TEST(RunVerdictTest, WhatWeighsMostIsSaidFirst) {
 }
 
 TEST(RunVerdictTest, PosesOfDifferentPiecesAreNoMotion) {
-  const RunVerdict verdict = Drive([](int i, SessionScan* scan) {
+  const RunVerdict verdict = Drive([](int i, ScanRecord* scan) {
     scan->piece = i / 100;
     if (scan->piece == 1) scan->T_world_lidar.t.x() = 1e4;
   });

@@ -83,8 +83,8 @@ TEST_F(SimulateCommandTest, ComparesAllFormulations) {
 }
 
 TEST_F(SimulateCommandTest, TimesAloneDependOnTheThreads) {
-  const std::vector<std::string> arguments =
-      Tiny({"--formulations", "condensed,huang,ef", "--sweep", "start", "--values", "3,1"});
+  const std::vector<std::string> arguments = Tiny(
+      {"--formulations", "condensed,huang,eigen_factors", "--sweep", "start", "--values", "3,1"});
   const auto run = [&](const std::string& threads, const std::string& out) {
     std::vector<std::string> all = arguments;
     all.insert(all.end(), {"--threads", threads});
@@ -132,7 +132,7 @@ TEST_F(SimulateCommandTest, OptionsAgainstTheirRules) {
   } kCases[] = {
       {{"--formulations", "condensed,evm3"}, {"--formulations", "evm3", "evm2"}},
       {{"--formulations", ""}, {"--formulations", "must be one of"}},
-      {{"--formulations", "ef,ef"}, {"--formulations", "twice"}},
+      {{"--formulations", "eigen_factors,eigen_factors"}, {"--formulations", "twice"}},
       {{"--sweep", "colour"}, {"--sweep", "colour", "planes"}},
       {{"--generator", "huge"}, {"--generator", "huge", "balm2"}},
       {{"--sweep", "noise", "--values", "0.1,much"}, {"--values", "'much' is not a number"}},
@@ -151,7 +151,7 @@ TEST_F(SimulateCommandTest, OptionsAgainstTheirRules) {
       {{"--threads", "-1"}, {"--threads", "-1"}},
       {{"--poses", "1"}, {"--poses = 1", "[2, "}},
       {{"--visibility", "2"}, {"--visibility", "= 2", "[0, 1]"}},
-      {{"--nees", "--formulations", "ef"}, {"--nees", "condensed"}},
+      {{"--nees", "--formulations", "eigen_factors"}, {"--nees", "condensed"}},
       {{"--nees", "--noise-m", "0"}, {"--nees", "above 0"}},
   };
   for (const auto& bad : kCases) {

@@ -1,4 +1,5 @@
 #include "tools/simulate/scene.h"
+#include "core/base/angle.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -111,7 +112,7 @@ TEST_P(SimulatedScenes, StartErrorsAreThoseAskedFor) {
   EXPECT_EQ(scene.problem.poses[0].t, scene.truth[0].t);
   EXPECT_EQ(scene.problem.poses[0].q.coeffs(), scene.truth[0].q.coeffs());
   for (std::size_t k = 1; k < scene.truth.size(); ++k) {
-    EXPECT_NEAR(RotationAngle(scene.problem.poses[k], scene.truth[k]) / kRadPerDeg, 7.0, 1e-9);
+    EXPECT_NEAR(RotationAngle(scene.problem.poses[k], scene.truth[k]) / kDegree, 7.0, 1e-9);
     EXPECT_NEAR((scene.problem.poses[k].t - scene.truth[k].t).norm(), 0.3, 1e-12);
   }
 }

@@ -80,7 +80,7 @@ TEST(SimulateStudy, ARowsSeedGivesItsSceneAgain) {
 }
 
 TEST(SimulateStudy, WithoutNoisePosesAreExact) {
-  StudyOptions study = SmallStudy({"condensed", "evm2", "huang", "pl"});
+  StudyOptions study = SmallStudy({"condensed", "evm2", "huang", "plane_landmarks"});
   study.sweeps[0].values = {0.0};
   for (const TrialResult& r : Results(study)) {
     const std::string name = r.formulation->name;
@@ -137,7 +137,7 @@ TEST(SimulateReport, MediansAndShares) {
 TEST(SimulatePlot, HasAColumnForEachSweepAndACurveForEachFormulation) {
   std::vector<TrialSummary> summaries;
   for (const SweepKind sweep : {SweepKind::kPlanes, SweepKind::kNoise}) {
-    for (const char* f : {"condensed", "pl"}) {
+    for (const char* f : {"condensed", "plane_landmarks"}) {
       for (const double value : {3.0, 1.0}) {
         TrialSummary s;
         s.sweep = sweep;
@@ -151,7 +151,7 @@ TEST(SimulatePlot, HasAColumnForEachSweepAndACurveForEachFormulation) {
   const std::string script = StudyScript(summaries, "x.png");
   EXPECT_THAT(script, HasSubstr("layout 2,2"));
   EXPECT_THAT(script, HasSubstr("$sweep0_0 << EOD\n1 1 1\n3 3 3\nEOD"));
-  EXPECT_THAT(script, HasSubstr("title 'pl'"));
+  EXPECT_THAT(script, HasSubstr("title 'plane_landmarks'"));
   EXPECT_THAT(script, HasSubstr("'noise (m)'"));
 }
 

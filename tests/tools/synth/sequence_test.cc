@@ -1,4 +1,5 @@
 #include "tools/synth/sequence.h"
+#include "core/base/angle.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -211,9 +212,9 @@ TEST(SynthSequence, MirrorSeesAllAroundAndFillsItsGaps) {
       for (std::size_t group = 0; group < sensor.groups(); ++group) {
         sensor.Directions(frame, group, &directions);
         for (const Eigen::Vector3d& d : directions) {
-          const double up = std::asin(d.z()) * 180.0 / M_PI;
+          const double up = Degrees(std::asin(d.z()));
           EXPECT_TRUE(up > -7.01 && up < 52.01) << up;
-          const double around = std::atan2(d.y(), d.x()) * 180.0 / M_PI;
+          const double around = Degrees(std::atan2(d.y(), d.x()));
           seen.emplace(static_cast<int>(std::floor(around / 3)), static_cast<int>(up + 9) / 3);
         }
       }
@@ -241,8 +242,8 @@ TEST(SynthSequence, RosetteDoesNotRepeat) {
       highest = std::max(highest, std::abs(std::asin(d.z())));
     }
   }
-  EXPECT_NEAR(widest * 180.0 / M_PI, 35.2, 0.3);
-  EXPECT_NEAR(highest * 180.0 / M_PI, 38.6, 0.3);
+  EXPECT_NEAR(Degrees(widest), 35.2, 0.3);
+  EXPECT_NEAR(Degrees(highest), 38.6, 0.3);
 }
 
 TEST(SynthSequence, MoversAreSeenAndMove) {

@@ -88,7 +88,7 @@ TEST_F(WatchFilesTest, ATruncatedFileIsTakenWhenItIsComplete) {
   EXPECT_EQ(Summary("session")["skipped_scans"], 0);
   const SessionDatabase database(Path("session/session.db"), true);
   std::vector<std::string> order;
-  database.ForEach(4, 7, [&](const SessionScan& scan) { order.push_back(scan.file); });
+  database.ForEach(4, 7, [&](const ScanRecord& scan) { order.push_back(scan.file); });
   EXPECT_THAT(order, ElementsAre("other/velodyne/000001.bin", "velodyne/000003.bin",
                                  "velodyne/000004.bin"));
 }
@@ -185,7 +185,7 @@ class ReleasedFilesTest : public WatchTest {
   void MakeScans() {
     database_ = std::make_unique<SessionDatabase>(Path("session.db"), true);
     for (int i = 0; i < kScans; ++i) {
-      SessionScan scan;
+      ScanRecord scan;
       scan.scan = i;
       scan.file = std::to_string(i) + ".bin";
       scan.skipped = i == 0;

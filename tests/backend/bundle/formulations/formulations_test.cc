@@ -6,8 +6,8 @@
 #include <stdexcept>
 
 #include "backend/bundle/adjuster.h"
-#include "backend/bundle/formulations/alternating_cost.h"
 #include "backend/bundle/formulations/eigen_factors.h"
+#include "backend/bundle/formulations/huang_cost.h"
 #include "backend/bundle/formulations/registry.h"
 #include "tests/support/random_bundles.h"
 
@@ -67,7 +67,7 @@ TEST_P(EveryFormulation, ReturnsTheExactPosesWithoutNoise) {
         AdjustBundle(scene.problem, LongSolve(), FindFormulation(GetParam()));
     EXPECT_TRUE(result.usable());
     // Eigen-Factors' 4x4 matrices hold squared coordinates: rounding hides the last of the way.
-    EXPECT_LT(LargestError(result.poses, scene.truth), GetParam() == "ef" ? 1e-5 : 1e-6)
+    EXPECT_LT(LargestError(result.poses, scene.truth), GetParam() == "eigen_factors" ? 1e-5 : 1e-6)
         << result.iterations << " iterations, cost " << result.final_cost;
   }
 }
@@ -185,7 +185,7 @@ Eigen::MatrixXd NumericHessian(const BundleProblem& problem, BundleCost* cost) {
   return 0.5 * (H + H.transpose());
 }
 
-TEST(SecondOrderCost, HessianIsExact) {
+TEST(Evm2Cost, HessianIsExact) {
   for (unsigned seed = 0; seed < 10; ++seed) {
     const BundleScene scene = Scene(Noisy(), seed);
     const auto cost = FindFormulation("evm2").make_cost(scene.problem);
@@ -197,9 +197,9 @@ TEST(SecondOrderCost, HessianIsExact) {
   }
 }
 
-// The cost by the points alone: what PointwiseCost's Hessian is the second derivative of, poses
+// The cost by the points alone: what Evm1Cost's Hessian is the second derivative of, poses
 // entering by the first derivative of the points.
-TEST(PointwiseCost, HessianIsThatOfThePointsWithLinearMotion) {
+TEST(Evm1Cost, HessianIsThatOfThePointsWithLinearMotion) {
   const BundleScene scene = Scene(Noisy(), 1);
   const BundleProblem& problem = scene.problem;
   const auto cost = FindFormulation("evm1").make_cost(problem);
@@ -244,10 +244,10 @@ TEST(PointwiseCost, HessianIsThatOfThePointsWithLinearMotion) {
   EXPECT_LT((H - expected).norm(), 1e-4 * expected.norm());
 }
 
-TEST(AlternatingCost, IsThePapersSumAndItsMatrixTheGaussNewtonOne) {
+TEST(HuangCost, IsThePapersSumAndItsMatrixTheGaussNewtonOne) {
   const BundleScene scene = Scene(Noisy(), 2);
   const BundleProblem& problem = scene.problem;
-  AlternatingCost cost(problem);
+  HuangCost cost(problem);
   Eigen::VectorXd g;
   Eigen::MatrixXd H;
   const double value = LineariseDense(problem, problem.poses, &cost, &g, &H);
@@ -327,7 +327,8 @@ TEST(PlaneLandmarks, ConvergeInAFewSteps) {
   ASSERT_GT(LargestError(scene.problem.poses, scene.truth), 0.05);
   BundleAdjusterOptions solve = LongSolve();
   solve.max_iterations = 8;
-  const BundleResult result = AdjustBundle(scene.problem, solve, FindFormulation("pl"));
+  const BundleResult result =
+      AdjustBundle(scene.problem, solve, FindFormulation("plane_landmarks"));
   EXPECT_LT(LargestError(result.poses, scene.truth), 1e-9);
 }
 
@@ -344,7 +345,7 @@ TEST(Formulations, AreFoundByNameAndByNoOther) {
 TEST(Formulations, RefuseWhatTheyCannotExpress) {
   BundleScene scene = Scene(Noisy(), 6);
   scene.problem.priors.push_back({0, 1, SE3(), Matrix6d::Identity()});
-  for (const char* name : {"huang", "ef", "ef_lm", "pl"}) {
+  for (const char* name : {"huang", "eigen_factors", "eigen_factors_lm", "plane_landmarks"}) {
     EXPECT_THROW(AdjustBundle(scene.problem, LongSolve(), FindFormulation(name)), std::logic_error);
   }
   EXPECT_TRUE(AdjustBundle(scene.problem, LongSolve(), FindFormulation("evm2")).usable());

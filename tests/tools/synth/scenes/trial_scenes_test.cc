@@ -5,6 +5,7 @@
 #include <cmath>
 #include <set>
 
+#include "core/base/angle.h"
 #include "core/base/error.h"
 #include "tools/synth/sequence.h"
 
@@ -120,10 +121,10 @@ TEST(SynthProfile, SpinsByTheGivenAngleAndNods) {
   double lowest = 1.0;
   for (std::size_t i = 10; i < 99; ++i) {
     const SE3 step = sequence.TruePose(i).Inverse() * sequence.TruePose(i + 1);
-    EXPECT_NEAR(step.q.angularDistance(Eigen::Quaterniond::Identity()) * 180.0 / M_PI, 20.0, 4.0);
+    EXPECT_NEAR(Degrees(step.q.angularDistance(Eigen::Quaterniond::Identity())), 20.0, 4.0);
     lowest = std::min(lowest, sequence.TruePose(i).R()(2, 2));
   }
-  EXPECT_NEAR(std::acos(lowest) * 180.0 / M_PI, 8.0, 1.0);
+  EXPECT_NEAR(Degrees(std::acos(lowest)), 8.0, 1.0);
 }
 
 TEST(SynthProfile, ShakesAtFiveHertz) {

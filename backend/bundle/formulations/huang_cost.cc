@@ -1,4 +1,4 @@
-#include "backend/bundle/formulations/alternating_cost.h"
+#include "backend/bundle/formulations/huang_cost.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,7 @@
 
 namespace lamina {
 
-AlternatingCost::AlternatingCost(const BundleProblem& problem)
+HuangCost::HuangCost(const BundleProblem& problem)
     : problem_(problem), index_(problem), axes_(problem.observations.size()) {
   for (std::size_t i = 0; i < axes_.size(); ++i) {
     const PointCluster& c = problem.observations[i].cluster;
@@ -18,7 +18,7 @@ AlternatingCost::AlternatingCost(const BundleProblem& problem)
   }
 }
 
-void AlternatingCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* system) {
+void HuangCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* system) {
   const PoseMatrices matrices(poses);
   held_ = MakePlaneFrames(problem_, matrices);
   system->cost = PassOverFrames(
@@ -46,7 +46,7 @@ void AlternatingCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* sy
       system);
 }
 
-double AlternatingCost::Value(const std::vector<SE3>& poses) const {
+double HuangCost::Value(const std::vector<SE3>& poses) const {
   return SumOfSquares(
       problem_, PoseMatrices(poses),
       [&](std::size_t p, std::size_t o, const Eigen::Matrix3d& R, const Eigen::Vector3d& t) {
@@ -58,14 +58,14 @@ double AlternatingCost::Value(const std::vector<SE3>& poses) const {
       });
 }
 
-const Formulation& AlternatingFormulation() {
+const Formulation& HuangFormulation() {
   static constexpr Formulation kFormulation = {"huang",
                                                "Huang",
                                                "Huang et al. 2021",
                                                /*needs_points=*/false,
                                                /*takes_priors=*/false,
                                                /*creeps=*/true,
-                                               MakeCost<AlternatingCost>};
+                                               MakeCost<HuangCost>};
   return kFormulation;
 }
 

@@ -17,10 +17,10 @@
 
 namespace lamina {
 
-class AlternatingCost final : public BundleCost {
+class HuangCost final : public BundleCost {
  public:
   // Keeps a reference: the problem must outlive the cost. Throws as BundleIndex.
-  explicit AlternatingCost(const BundleProblem& problem);
+  explicit HuangCost(const BundleProblem& problem);
 
   void Linearise(const std::vector<SE3>& poses, ReducedSystem* system) override;
   double Value(const std::vector<SE3>& poses) const override;
@@ -33,6 +33,6 @@ class AlternatingCost final : public BundleCost {
   std::vector<PlaneFrame> held_;
 };
 
-const Formulation& AlternatingFormulation();
+const Formulation& HuangFormulation();
 
 }  // namespace lamina

@@ -22,10 +22,10 @@
 
 namespace lamina {
 
-class SecondOrderCost final : public BundleCost {
+class Evm2Cost final : public BundleCost {
  public:
   // Keeps a reference: the problem must outlive the cost. Throws as BundleIndex.
-  explicit SecondOrderCost(const BundleProblem& problem) : problem_(problem), index_(problem) {}
+  explicit Evm2Cost(const BundleProblem& problem) : problem_(problem), index_(problem) {}
 
   void Linearise(const std::vector<SE3>& poses, ReducedSystem* system) override;
   double Value(const std::vector<SE3>& poses) const override;
@@ -35,6 +35,6 @@ class SecondOrderCost final : public BundleCost {
   BundleIndex index_;
 };
 
-const Formulation& SecondOrderFormulation();
+const Formulation& Evm2Formulation();
 
 }  // namespace lamina

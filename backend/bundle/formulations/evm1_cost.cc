@@ -1,4 +1,4 @@
-#include "backend/bundle/formulations/pointwise_cost.h"
+#include "backend/bundle/formulations/evm1_cost.h"
 
 #include <stdexcept>
 
@@ -58,7 +58,7 @@ void AddPoints(const FramePassItem& item, const PointList& points, const PlaneFr
 
 }  // namespace
 
-PointwiseCost::PointwiseCost(const BundleProblem& problem) : problem_(problem), index_(problem) {
+Evm1Cost::Evm1Cost(const BundleProblem& problem) : problem_(problem), index_(problem) {
   bool complete = problem.points.size() == problem.observations.size();
   for (const PointList& points : problem.points) complete = complete && !points.empty();
   for (const Plane& plane : problem.planes) complete = complete && plane.fixed.Empty();
@@ -68,7 +68,7 @@ PointwiseCost::PointwiseCost(const BundleProblem& problem) : problem_(problem), 
   }
 }
 
-std::vector<PlaneFrame> PointwiseCost::Frames(const PoseMatrices& poses) const {
+std::vector<PlaneFrame> Evm1Cost::Frames(const PoseMatrices& poses) const {
   constexpr std::size_t kChunk = 4;  // planes
   std::vector<PlaneFrame> frames(problem_.planes.size());
   ParallelChunks(frames.size(), kChunk, [&](std::size_t begin, std::size_t end) {
@@ -86,7 +86,7 @@ std::vector<PlaneFrame> PointwiseCost::Frames(const PoseMatrices& poses) const {
   return frames;
 }
 
-void PointwiseCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* system) {
+void Evm1Cost::Linearise(const std::vector<SE3>& poses, ReducedSystem* system) {
   const PoseMatrices matrices(poses);
   LineariseEigenvalueCost(
       problem_, index_, matrices, Frames(matrices),
@@ -96,18 +96,18 @@ void PointwiseCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* syst
       system);
 }
 
-double PointwiseCost::Value(const std::vector<SE3>& poses) const {
+double Evm1Cost::Value(const std::vector<SE3>& poses) const {
   return EigenvalueCost(problem_, Frames(PoseMatrices(poses)));
 }
 
-const Formulation& PointwiseFormulation() {
+const Formulation& Evm1Formulation() {
   static constexpr Formulation kFormulation = {"evm1",
                                                "BALM",
                                                "Liu and Zhang 2021",
                                                /*needs_points=*/true,
                                                /*takes_priors=*/true,
                                                /*creeps=*/false,
-                                               MakeCost<PointwiseCost>};
+                                               MakeCost<Evm1Cost>};
   return kFormulation;
 }
 

@@ -22,11 +22,11 @@
 
 namespace lamina {
 
-class PointwiseCost final : public BundleCost {
+class Evm1Cost final : public BundleCost {
  public:
   // Keeps a reference: the problem must outlive the cost. Throws std::logic_error if the problem
   // carries no points, or planes with a fixed cluster (whose points are gone), and as BundleIndex.
-  explicit PointwiseCost(const BundleProblem& problem);
+  explicit Evm1Cost(const BundleProblem& problem);
 
   void Linearise(const std::vector<SE3>& poses, ReducedSystem* system) override;
   double Value(const std::vector<SE3>& poses) const override;
@@ -38,6 +38,6 @@ class PointwiseCost final : public BundleCost {
   BundleIndex index_;
 };
 
-const Formulation& PointwiseFormulation();
+const Formulation& Evm1Formulation();
 
 }  // namespace lamina

@@ -1,4 +1,4 @@
-#include "backend/bundle/formulations/second_order_cost.h"
+#include "backend/bundle/formulations/evm2_cost.h"
 
 #include "backend/bundle/frame_pass.h"
 
@@ -30,7 +30,7 @@ void AddSecondOrder(const FramePassItem& item, const PlaneFrame& f) {
 
 }  // namespace
 
-void SecondOrderCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* system) {
+void Evm2Cost::Linearise(const std::vector<SE3>& poses, ReducedSystem* system) {
   const PoseMatrices matrices(poses);
   LineariseEigenvalueCost(
       problem_, index_, matrices, MakePlaneFrames(problem_, matrices),
@@ -38,18 +38,18 @@ void SecondOrderCost::Linearise(const std::vector<SE3>& poses, ReducedSystem* sy
       system);
 }
 
-double SecondOrderCost::Value(const std::vector<SE3>& poses) const {
+double Evm2Cost::Value(const std::vector<SE3>& poses) const {
   return EigenvalueCost(problem_, poses);
 }
 
-const Formulation& SecondOrderFormulation() {
+const Formulation& Evm2Formulation() {
   static constexpr Formulation kFormulation = {"evm2",
                                                "BALM 2",
                                                "Liu et al. 2022",
                                                /*needs_points=*/false,
                                                /*takes_priors=*/true,
                                                /*creeps=*/false,
-                                               MakeCost<SecondOrderCost>};
+                                               MakeCost<Evm2Cost>};
   return kFormulation;
 }
 

@@ -1,0 +1,46 @@
+// How a sensor moves during a scan.
+#pragma once
+
+#include <cstddef>
+
+#include "core/geometry/scan.h"
+#include "core/geometry/se3.h"
+
+namespace lamina {
+
+// The body velocity [w; v] (rad/s, m/s) at the scan's stamp, and how fast it changes (rad/s^2,
+// m/s^2). The pose tau seconds after the stamp, relative to the one at the stamp, is
+//
+//     Exp(tau xi + tau^2/2 a):
+//
+// exact where both turn about one axis, and to O(tau^3) otherwise.
+struct SweepMotion {
+  Vector6d twist = Vector6d::Zero();
+  Vector6d acceleration = Vector6d::Zero();
+
+  SweepMotion() = default;
+  // A steady motion; a twist alone is one.
+  SweepMotion(const Vector6d& steady) : twist(steady) {}
+  SweepMotion(const Vector6d& at_stamp, const Vector6d& change)
+      : twist(at_stamp), acceleration(change) {}
+
+  // With this mean velocity over the `seconds` before the stamp, or after it where they are
+  // negative.
+  static SweepMotion WithMean(const Vector6d& mean, double seconds, const Vector6d& change) {
+    return {mean + 0.5 * seconds * change, change};
+  }
+
+  SE3 PoseAt(double tau) const { return TwistExp(tau * twist + 0.5 * tau * tau * acceleration); }
+  Vector6d TwistAt(double tau) const { return twist + tau * acceleration; }
+};
+
+// The motion during the scan at pose i: through the poses before and after it, with velocities
+// v_b over the time t_b since the one and v_a over t_a until the other,
+//
+//     xi = (t_a v_b + t_b v_a) / (t_a + t_b),    a = 2 (v_a - v_b) / (t_a + t_b).
+//
+// Where one of them is missing, or stamps do not increase or lie more than max_gap_s apart, through
+// the other, and the acceleration stays as it is. False, and *motion untouched, if there is none.
+bool MotionThrough(const Trajectory& poses, std::size_t i, double max_gap_s, SweepMotion* motion);
+
+}  // namespace lamina

@@ -1,0 +1,66 @@
+#include "core/geometry/sweep_motion.h"
+
+#include <gtest/gtest.h>
+
+#include "tests/support/random_scenes.h"
+
+namespace lamina {
+namespace {
+
+constexpr double kMaxGapS = 0.5;
+
+// Poses of a motion whose velocity changes steadily, about one axis, as far as it is exact.
+Trajectory Accelerated(const SweepMotion& motion, const std::vector<StampNs>& stamps) {
+  Trajectory poses;
+  for (const StampNs stamp : stamps)
+    poses.push_back({stamp, motion.PoseAt(SecondsBetween(0, stamp))});
+  return poses;
+}
+
+TEST(SweepMotion, ThroughThreePosesIsTheirs) {
+  SweepMotion motion;
+  motion.twist << 0.0, 0.0, 0.8, 0.0, 0.0, 0.2;
+  motion.acceleration << 0.0, 0.0, -3.0, 0.0, 0.0, 5.0;
+  constexpr StampNs kMs = 1000000;
+  // Unevenly spread, as where scans were dropped.
+  const Trajectory poses = Accelerated(motion, {-200 * kMs, 0, 100 * kMs});
+  SweepMotion found;
+  ASSERT_TRUE(MotionThrough(poses, 1, kMaxGapS, &found));
+  EXPECT_LT((found.twist - motion.twist).norm(), 1e-9);
+  EXPECT_LT((found.acceleration - motion.acceleration).norm(), 1e-9);
+  // The first of them has the acceleration of the next.
+  ASSERT_TRUE(MotionThrough(poses, 0, kMaxGapS, &found));
+  EXPECT_LT((found.twist - motion.TwistAt(-0.2)).norm(), 1e-9);
+  for (const double tau : {-0.2, 0.1}) {
+    const StampedPose at{static_cast<StampNs>(tau * 1e9), motion.PoseAt(tau)};
+    EXPECT_LT(
+        LocalDelta(found.PoseAt(tau + 0.2), poses[0].T_world_lidar.Inverse() * at.T_world_lidar)
+            .norm(),
+        1e-9);
+  }
+}
+
+TEST(SweepMotion, AtTheEndKeepsTheAccelerationAndTheWay) {
+  Draws draws(1);
+  const Trajectory poses{{0, SE3()}, {100000000, draws.Offset(0.1, 1.0)}};
+  SweepMotion motion(Vector6d::Zero(), draws.Twist(3.0, 5.0));
+  const Vector6d acceleration = motion.acceleration;
+  ASSERT_TRUE(MotionThrough(poses, 1, kMaxGapS, &motion));
+  EXPECT_EQ(motion.acceleration, acceleration);
+  const SE3 T_last_first = poses[1].T_world_lidar.Inverse() * poses[0].T_world_lidar;
+  EXPECT_LT(LocalDelta(motion.PoseAt(-0.1), T_last_first).norm(), 1e-9);
+}
+
+TEST(SweepMotion, KnowsNoneAcrossALongGapOrBackwards) {
+  SweepMotion motion(Vector6d::Ones());
+  for (const StampNs second : {StampNs{600000000}, StampNs{0}, StampNs{-100000000}}) {
+    const Trajectory poses{{0, SE3()}, {second, SE3(Eigen::Quaterniond::Identity(), {1, 0, 0})}};
+    EXPECT_FALSE(MotionThrough(poses, 0, kMaxGapS, &motion));
+    EXPECT_FALSE(MotionThrough(poses, 1, kMaxGapS, &motion));
+  }
+  EXPECT_FALSE(MotionThrough({{0, SE3()}}, 0, kMaxGapS, &motion));
+  EXPECT_EQ(motion.twist, Vector6d(Vector6d::Ones()));
+}
+
+}  // namespace
+}  // namespace lamina
