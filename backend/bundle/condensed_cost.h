@@ -28,6 +28,9 @@
 // core/geometry/se3.h. The rows W of backend/bundle/cost.h are (P'P)^-1/2 P'J.
 #pragma once
 
+#include <memory>
+#include <vector>
+
 #include "backend/bundle/cost.h"
 #include "backend/bundle/plane_geometry.h"
 
@@ -42,6 +45,10 @@ class CondensedCost final : public BundleCost {
   void FindGradient(const std::vector<SE3>& poses, ReducedSystem* system) override;
   double Value(const std::vector<SE3>& poses) const override;
 
+  bool MakesRows() const override { return true; }
+  void LineariseWithoutRows(const std::vector<SE3>& poses, ReducedSystem* system) override;
+  void MakeRows(std::size_t plane, ReducedSystem::Rows* rows) const override;
+
  private:
   // Of the planes at these poses. Those of the last call are kept: a step that was judged by Value
   // and taken is where the next linearisation is.
@@ -52,6 +59,8 @@ class CondensedCost final : public BundleCost {
   BundleIndex index_;
   mutable std::vector<SE3> at_;
   mutable std::vector<PlaneFrame> frames_;
+  // At the poses of the last LineariseWithoutRows; null if these frames are not of that.
+  mutable std::unique_ptr<PoseMatrices> for_rows_;
 };
 
 }  // namespace lamina

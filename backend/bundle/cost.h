@@ -8,6 +8,10 @@
 // formulation that holds the planes during a step has no W: its frames decouple. Forming D and W
 // costs one pass over the observations; multiplying out W'W is what grows with the square of the
 // observations of a plane. Neither ever grows with points.
+//
+// The rows of a large problem take more memory than all else of it. A sparse H may be assembled
+// from those of some planes at a time (AssembleInParts): each block subtracts the products of the
+// same planes in the same order, so it has the same bits.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,6 +24,8 @@
 #include "backend/bundle/problem.h"
 
 namespace lamina {
+
+class BundleCost;
 
 struct ReducedSystem {
   using Rows = PlaneRows;
@@ -34,8 +40,19 @@ struct ReducedSystem {
   // The upper triangle of H. Its structure is made when *H is empty, and must not change later.
   void Assemble(const BundleProblem& problem, const BundleIndex& index, const BlockPattern& pattern,
                 Eigen::SparseMatrix<double>* H) const;
+  // The same for a system without rows: those of about so many observations at a time are asked of
+  // their maker, the cost that has made this system.
+  void AssembleInParts(const BundleProblem& problem, const BundleIndex& index,
+                       const BlockPattern& pattern, const BundleCost& maker,
+                       std::size_t observations, Eigen::SparseMatrix<double>* H) const;
+  // Observations whose rows are best made at a time: 10 MB of them.
+  static constexpr std::size_t kPart = 65536;
 
  private:
+  struct Part;
+  // The strip of frame f (see FillStrip) into the upper triangle of H, or out of it.
+  static void MoveStrip(const BlockPattern& pattern, std::size_t f, Eigen::SparseMatrix<double>* H,
+                        std::vector<double>* strip, bool into);
   // The blocks of H right of frame f's row up to the diagonal, 6x6 column-major at each frame.
   void FillStrip(const BundleProblem& problem, const BundleIndex& index, std::size_t f,
                  std::vector<double>* strip) const;
@@ -53,6 +70,14 @@ class BundleCost {
   virtual void FindGradient(const std::vector<SE3>& poses, ReducedSystem* system) {
     Linearise(poses, system);
   }
+
+  // Whether the rows may be left out, and made for some planes at a time.
+  virtual bool MakesRows() const { return false; }
+  // The same without rows. Only if MakesRows().
+  virtual void LineariseWithoutRows(const std::vector<SE3>& poses, ReducedSystem* system);
+  // The rows of the observations of one plane, at the poses of the last LineariseWithoutRows, which
+  // nothing else may have followed.
+  virtual void MakeRows(std::size_t plane, ReducedSystem::Rows* rows) const;
 
   // The cost by which a step from the poses of the last Linearise is judged. At those poses it
   // equals ReducedSystem::cost, up to rounding.

@@ -40,14 +40,15 @@ class StepSolver {
     const auto size = static_cast<Eigen::Index>(6 * problem.poses.size());
     sparse_ = size >= kSparseSize && pattern_.Density() < kSparseDensity &&
               cholesky_.Order(pattern_) < kSparseShare;
+    in_parts_ = sparse_ && cost->MakesRows() && problem.observations.size() > ReducedSystem::kPart;
   }
 
   // False if anything is not finite.
   bool Linearise(const std::vector<SE3>& poses) {
     kept_.clear();
-    cost_->Linearise(poses, &system_);
+    LineariseCost(poses);
     value_ = system_.cost;
-    decoupled_ = system_.rows.empty() && problem_.priors.empty();
+    decoupled_ = !in_parts_ && system_.rows.empty() && problem_.priors.empty();
     const auto size = system_.gradient.size();
     diagonal_.resize(size);
     if (decoupled_) {
@@ -56,7 +57,12 @@ class StepSolver {
         diagonal_(i) = system_.diagonal[static_cast<std::size_t>(i / 6)](i % 6, i % 6);
       }
     } else if (sparse_) {
-      system_.Assemble(problem_, index_, pattern_, &sparse_H_);
+      if (in_parts_) {
+        system_.AssembleInParts(problem_, index_, pattern_, *cost_, ReducedSystem::kPart,
+                                &sparse_H_);
+      } else {
+        system_.Assemble(problem_, index_, pattern_, &sparse_H_);
+      }
       value_ += AddPriors(problem_, poses, &system_.gradient, &sparse_H_);
       held_.TakeOut(pattern_, &sparse_H_);
       diagonal_ = sparse_H_.diagonal();
@@ -116,6 +122,14 @@ class StepSolver {
   }
 
  private:
+  void LineariseCost(const std::vector<SE3>& poses) {
+    if (in_parts_) {
+      cost_->LineariseWithoutRows(poses, &system_);
+    } else {
+      cost_->Linearise(poses, &system_);
+    }
+  }
+
   // Damping of a frame some of whose directions are held couples to none of these: P D P. Calls
   // add(frame, what comes to D).
   template <typename Add>
@@ -226,6 +240,7 @@ class StepSolver {
   double value_ = 0.0;
   Eigen::MatrixXd H_, factor_;
   bool sparse_ = false;
+  bool in_parts_ = false;  // H is assembled from the rows of some planes at a time
   SparseCholesky cholesky_;
   Eigen::SparseMatrix<double> sparse_H_;
   Eigen::VectorXd diagonal_;

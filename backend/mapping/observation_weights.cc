@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "backend/mapping/sliding_window.h"
 #include "core/base/median.h"
@@ -25,7 +24,6 @@ ObservationWeights::ObservationWeights(const VoxelMap& map, const std::deque<Win
   FindPlanes(frames);
   ScaleKernels(options);
   Weigh(frames);
-  if (!options.resist_outliers) return;
   const std::vector<Use> contested = Contested();
   constexpr int kRounds = 2;
   for (int round = 0; round < kRounds; ++round) EstimateContested(frames, contested);
@@ -59,8 +57,7 @@ void ObservationWeights::ScaleKernels(const KernelOptions& options) {
   std::vector<double> variances;
   variances.reserve(planes_.size());
   for (const Support& plane : planes_) variances.push_back(plane.scale2);
-  const double most = options.resist_outliers ? kMostOfUsual * UpperMedian(&variances)
-                                              : std::numeric_limits<double>::infinity();
+  const double most = kMostOfUsual * UpperMedian(&variances);
   for (Support& plane : planes_) {
     plane.scale2 = options.kernel_sigma * options.kernel_sigma *
                    (options.noise_floor_m * options.noise_floor_m + std::min(plane.scale2, most));

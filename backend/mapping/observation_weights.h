@@ -25,9 +25,6 @@ struct WindowFrame;
 struct KernelOptions {
   double noise_floor_m = 0.02;
   double kernel_sigma = 3.0;
-  // Off: planes and their thickness are taken from the map as they are. For batches, in which the
-  // two faces of a wall share voxels until they are told apart.
-  bool resist_outliers = true;
 };
 
 class ObservationWeights {

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <utility>
 
+#include "backend/bundle/plane_choice.h"
 #include "backend/mapping/observation_weights.h"
 #include "core/base/angle.h"
-#include "core/base/median.h"
 #include "core/base/parallel.h"
 #include "core/geometry/cluster_lanes.h"
 #include "core/geometry/robust_kernel.h"
@@ -15,36 +15,6 @@
 
 namespace lamina {
 namespace {
-
-// A plane that one frame alone sees binds nothing; of more than `most`, those seen by most frames
-// stay.
-void KeepBinding(int most, std::vector<Plane>* planes) {
-  planes->erase(std::remove_if(planes->begin(), planes->end(),
-                               [](const Plane& p) { return p.count < 2 && p.fixed.Empty(); }),
-                planes->end());
-  if (planes->size() <= static_cast<std::size_t>(most)) return;
-  std::stable_sort(planes->begin(), planes->end(),
-                   [](const Plane& a, const Plane& b) { return a.count > b.count; });
-  planes->resize(static_cast<std::size_t>(most));
-}
-
-// Noise, which all planes share, averages out over points and frames; what thickens few of them far
-// beyond the rest is structure: stairs, furniture and edges that a coarse voxel takes for a plane.
-// Each place sees another side of it, so its error is the same for all points of a frame, and no
-// number of points makes up for that. Three quarters of the planes say what thickness is usual
-// here; beyond some times that variance the weight falls by its fourth power on top of 1/variance.
-void DistrustThick(std::vector<Plane>* planes) {
-  if (planes->empty()) return;
-  constexpr double kUsual = 0.75, kMost = 2.5;
-  std::vector<double> weights;
-  weights.reserve(planes->size());
-  for (const Plane& plane : *planes) weights.push_back(plane.weight);
-  const double usual = Quantile(&weights, 1.0 - kUsual);
-  for (Plane& plane : *planes) {
-    const double excess = std::max(1.0, usual / (kMost * plane.weight));
-    plane.weight /= excess * excess * excess * excess;
-  }
-}
 
 // Leaves are fetched so many clusters ahead.
 constexpr std::size_t kLeavesAhead = 8;
@@ -58,12 +28,12 @@ constexpr std::uint64_t kNoLeaf = ~std::uint64_t{0};
 class ObservationPlaces {
  public:
   // `planes`: how many planes of the map there are.
-  explicit ObservationPlaces(std::size_t planes) : number_of_(2 * planes, -1) {}
+  explicit ObservationPlaces(std::size_t planes) : number_of_(planes, -1) {}
 
-  // Of plane `on` of the map, seen from one side or the other. Returns a number of the observation,
-  // the same one for all that a frame sees of a plane.
-  std::int32_t Add(std::int32_t on, bool other_side, int frame) {
-    std::int32_t& plane = number_of_[2 * static_cast<std::size_t>(on) + (other_side ? 1 : 0)];
+  // Of plane `on` of the map. Returns a number of the observation, the same one for all that a
+  // frame sees of a plane.
+  std::int32_t Add(std::int32_t on, int frame) {
+    std::int32_t& plane = number_of_[static_cast<std::size_t>(on)];
     if (plane < 0) {
       plane = static_cast<std::int32_t>(planes_.size());
       planes_.push_back({on, -1, -1, 0});
@@ -106,7 +76,7 @@ class ObservationPlaces {
   struct OfPlane {
     std::int32_t on, last_frame, last, observations;
   };
-  std::vector<std::int32_t> number_of_;  // of each side of each plane of the map; -1: none yet
+  std::vector<std::int32_t> number_of_;  // of each plane of the map; -1: none yet
   std::vector<OfPlane> planes_;
   std::vector<std::int32_t> plane_of_;  // of each observation
 };
@@ -238,22 +208,21 @@ SweepMotion SlidingWindow::MotionAt(std::size_t i, const StampedPose* next) cons
   return motion;
 }
 
-BundleProblem SlidingWindow::BuildProblem(Sides sides, std::vector<std::vector<ClusterUse>>* uses) {
+BundleProblem SlidingWindow::BuildProblem() {
   BundleProblem problem;
-  const ObservationWeights on_planes(
-      *map_, frames_, {options_.noise_floor_m, options_.kernel_sigma, sides == Sides::kOne});
+  const ObservationWeights on_planes(*map_, frames_,
+                                     {options_.noise_floor_m, options_.kernel_sigma});
   ObservationPlaces numbers(on_planes.nodes().size());
   std::vector<std::vector<std::int32_t>> of_clusters;
   for (std::size_t f = 0; f < frames_.size(); ++f) {
     frames_[f].weights = on_planes.Weights(f);
     problem.poses.push_back(frames_[f].T_world_lidar);
     if (f > 0) problem.priors.push_back(MotionPrior(f));
-    of_clusters.push_back(NumberObservations(f, sides, on_planes, &numbers));
+    of_clusters.push_back(NumberObservations(f, on_planes, &numbers));
   }
   const std::vector<std::int32_t> places = numbers.MakeIn(&problem);
-  if (uses != nullptr) uses->assign(frames_.size(), {});
   for (std::size_t f = 0; f < frames_.size(); ++f) {
-    FillObservations(f, of_clusters[f], places, &problem, uses != nullptr ? &(*uses)[f] : nullptr);
+    FillObservations(f, of_clusters[f], places, &problem);
   }
   const double floor2 = options_.noise_floor_m * options_.noise_floor_m;
   for (std::size_t i = 0; i < problem.planes.size(); ++i) {
@@ -269,7 +238,7 @@ BundleProblem SlidingWindow::BuildProblem(Sides sides, std::vector<std::vector<C
   return problem;
 }
 
-std::vector<std::int32_t> SlidingWindow::NumberObservations(std::size_t f, Sides sides,
+std::vector<std::int32_t> SlidingWindow::NumberObservations(std::size_t f,
                                                             const ObservationWeights& on_planes,
                                                             ObservationPlaces* numbers) const {
   const WindowFrame& frame = frames_[f];
@@ -277,22 +246,15 @@ std::vector<std::int32_t> SlidingWindow::NumberObservations(std::size_t f, Sides
   for (std::size_t i = 0; i < frame.leaves.size(); ++i) {
     const std::int32_t plane = on_planes.PlaneOf(f, i);
     if (plane == ObservationWeights::kNone) continue;
-    bool from_behind = false;
-    if (sides == Sides::kTwo) {
-      const Surface& surface = map_->plane(on_planes.nodes()[static_cast<std::size_t>(plane)]);
-      from_behind =
-          surface.normal.cast<double>().dot(frame.T_world_lidar.t - frame.in_map[i].mean) < 0.0;
-    }
-    of_clusters[i] = numbers->Add(plane, from_behind, static_cast<int>(f));
+    of_clusters[i] = numbers->Add(plane, static_cast<int>(f));
   }
   return of_clusters;
 }
 
 void SlidingWindow::FillObservations(std::size_t f, const std::vector<std::int32_t>& of_clusters,
                                      const std::vector<std::int32_t>& places,
-                                     BundleProblem* problem, std::vector<ClusterUse>* uses) const {
+                                     BundleProblem* problem) const {
   const WindowFrame& frame = frames_[f];
-  if (uses != nullptr) uses->resize(of_clusters.size());
   for (std::size_t i = 0; i < of_clusters.size(); ++i) {
     if (of_clusters[i] < 0) continue;
     const std::int32_t place = places[static_cast<std::size_t>(of_clusters[i])];
@@ -305,7 +267,6 @@ void SlidingWindow::FillObservations(std::size_t f, const std::vector<std::int32
     } else {
       observation.cluster += weighted;
     }
-    if (uses != nullptr) (*uses)[i] = {place, weighted.count / frame.deskewed[i].count};
   }
 }
 

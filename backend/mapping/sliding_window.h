@@ -100,19 +100,7 @@ class SlidingWindow {
   // Planes of the map seen by the window's frames, with weights applied: caps and kernel on the
   // observations (the frames keep them until they are marginalised), 1 / variance on the planes,
   // and far less on those much thicker than the others.
-  BundleProblem BuildProblem() { return BuildProblem(Sides::kOne, nullptr); }
-  // kTwo: what some frames see from one side and others from the other is two planes, the faces of
-  // a wall or a door, however thin. While poses are off by more than its thickness, nothing else
-  // tells them apart, and as one plane they draw the rooms on both sides into one another. For maps
-  // without fixed parts, of which the side is not known.
-  enum class Sides { kOne, kTwo };
-  // Also tells into which observation each cluster of each frame went, and with what weight a point
-  // of it (-1 and 0 where it went into none).
-  struct ClusterUse {
-    std::int32_t observation = -1;
-    double point_weight = 0.0;
-  };
-  BundleProblem BuildProblem(Sides sides, std::vector<std::vector<ClusterUse>>* uses);
+  BundleProblem BuildProblem();
 
   // Reading finds the leaves in the map, which must hold what it held when this was written, and
   // holds them again. Throws InputError if it does not.
@@ -120,13 +108,11 @@ class SlidingWindow {
 
  private:
   // The number of the observation that each cluster of frame f goes into; -1: none.
-  std::vector<std::int32_t> NumberObservations(std::size_t f, Sides sides,
-                                               const ObservationWeights& on_planes,
+  std::vector<std::int32_t> NumberObservations(std::size_t f, const ObservationWeights& on_planes,
                                                ObservationPlaces* numbers) const;
   // Sums frame f's clusters, weighted, into their observations.
   void FillObservations(std::size_t f, const std::vector<std::int32_t>& of_clusters,
-                        const std::vector<std::int32_t>& places, BundleProblem* problem,
-                        std::vector<ClusterUse>* uses) const;
+                        const std::vector<std::int32_t>& places, BundleProblem* problem) const;
   void FindLeaves(WindowFrame* frame) const;
   // Along what its planes left open, the first frame stays: motion priors hold the others to it,
   // and nothing else would keep the window from sliding as a whole.

@@ -3,75 +3,22 @@
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
+#include <iomanip>
 #include <new>
+#include <sstream>
 
 #include "backend/bundle/uncertainty/pose_covariance.h"
+#include "backend/registration/batch_cast.h"
 #include "backend/registration/frame_links.h"
 #include "core/base/angle.h"
 #include "core/base/parallel.h"
 #include "core/base/stopwatch.h"
-#include "core/geometry/sweep_motion.h"
 #include "frontend/scan_clusters.h"
 
 namespace lamina {
 namespace {
 
 using Status = RegistrationResult::Status;
-
-// All frames, cast into one map.
-class CastFrames {
- public:
-  CastFrames(const std::vector<BatchFrame>& frames, const std::vector<SE3>& poses,
-             const VoxelMapOptions& map, const SlidingWindowOptions& weights)
-      : frames_(frames), map_(map), window_(weights, &map_) {
-    Trajectory trajectory;
-    for (std::size_t k = 0; k < frames.size(); ++k) {
-      trajectory.push_back({frames[k].stamp_ns, poses[k]});
-    }
-    for (std::size_t k = 0; k < frames.size(); ++k) {
-      WindowFrame frame;
-      frame.id = static_cast<std::int64_t>(k);
-      frame.stamp_ns = frames[k].stamp_ns;
-      frame.T_world_lidar = poses[k];
-      frame.measured = frames[k].clusters;
-      MotionThrough(trajectory, k, SlidingWindow::kMaxTwistGapS, &frame.sweep);
-      window_.Push(std::move(frame));
-    }
-    map_.Refresh();
-  }
-
-  const VoxelMap& map() const { return map_; }
-
-  BundleProblem Problem(bool with_points) {
-    std::vector<std::vector<SlidingWindow::ClusterUse>> uses;
-    BundleProblem problem =
-        window_.BuildProblem(SlidingWindow::Sides::kTwo, with_points ? &uses : nullptr);
-    problem.priors.clear();  // no odometry stands behind these poses
-    if (with_points) problem.points.resize(problem.observations.size());
-    for (std::size_t f = 0; f < uses.size(); ++f) AddPoints(f, uses[f], &problem);
-    return problem;
-  }
-
- private:
-  // Points deskewed as their clusters are, but one by one.
-  void AddPoints(std::size_t f, const std::vector<SlidingWindow::ClusterUse>& uses,
-                 BundleProblem* problem) const {
-    const SweepMotion& sweep = window_.frames()[f].sweep;
-    for (std::size_t i = 0; i < uses.size(); ++i) {
-      if (uses[i].observation < 0) continue;
-      auto& points = problem->points[static_cast<std::size_t>(uses[i].observation)];
-      for (const TimedPoint& p : frames_[f].points.at(i)) {
-        const Eigen::Vector3d measured(p.x, p.y, p.z);
-        points.push_back({p.time_s == 0.0F ? measured : sweep.PoseAt(p.time_s) * measured,
-                          uses[i].point_weight});
-      }
-    }
-  }
-
-  const std::vector<BatchFrame>& frames_;
-  VoxelMap map_;
-  SlidingWindow window_;
-};
 
 // The frames with their clusters merged to voxels of this size; poses are left out.
 std::vector<BatchFrame> Merged(const std::vector<BatchFrame>& frames, double leaf_size_m) {
@@ -80,7 +27,7 @@ std::vector<BatchFrame> Merged(const std::vector<BatchFrame>& frames, double lea
     for (std::size_t k = begin; k < end; ++k) {
       std::vector<std::size_t> group_of;
       merged[k].stamp_ns = frames[k].stamp_ns;
-      merged[k].clusters = MergeClusters(frames[k].clusters, leaf_size_m, &group_of);
+      merged[k].clusters = MergeClusters(frames[k].clusters.Unpacked(), leaf_size_m, &group_of);
       if (frames[k].points.empty()) continue;
       merged[k].points.resize(merged[k].clusters.size());
       for (std::size_t i = 0; i < group_of.size(); ++i) {
@@ -107,6 +54,8 @@ std::string Refusal(const BundleProblem& problem, const Observability& observabi
 
 // Beyond this a turn of frames against each other leaves nothing of their associations.
 constexpr double kMostTurnRad = 0.5;
+// A chain may swing as a whole while no link of it turns by more.
+constexpr double kMostSwingRad = 0.1;
 
 // Frames that a solve has carried farther than its associations can be good for.
 std::vector<int> FramesThatLeapt(const std::vector<SE3>& before, const std::vector<SE3>& after,
@@ -221,6 +170,8 @@ const char* ToString(RegistrationResult::Status status) {
       return "round_limit";
     case Status::kPartial:
       return "partial";
+    case Status::kNoBetter:
+      return "no_better";
     case Status::kIllPosed:
       return "ill_posed";
     case Status::kFailed:
@@ -270,11 +221,12 @@ BundleProblem BatchRegistration::CastRound(const std::vector<BatchFrame>& frames
   map.root_size_m = root_size_m;
   // Poor poses make planes thick: what passes for one grows with the voxel.
   map.max_thickness_m *= map.root_size_m / map_.root_size_m;
-  return CastFrames(frames, poses, map, weights_).Problem(formulation_.needs_points);
+  return BatchCast(frames, poses, map, weights_).Problem(formulation_.needs_points);
 }
 
 BundleResult BatchRegistration::SolveRound(const RegistrationCallbacks& callbacks,
-                                           BundleProblem* problem, RoundReport* report,
+                                           const FrameLinks& links, BundleProblem* problem,
+                                           bool* swings, RoundReport* report,
                                            std::vector<BundleFault>* faults) const {
   const BundleObserver observer = [&](const BundleStep& step, const std::vector<SE3>&) {
     if (callbacks.on_step) callbacks.on_step(*report, step);
@@ -282,15 +234,19 @@ BundleResult BatchRegistration::SolveRound(const RegistrationCallbacks& callback
   report->planes = problem->planes.size();
   report->observations = problem->observations.size();
   BundleResult solved = AdjustBundle(*problem, options_.solver, formulation_, observer);
-  for (const int frame : FramesThatLeapt(problem->poses, solved.poses, report->root_size_m)) {
+  *swings = *swings && solved.usable() &&
+            !links.AnyFarther(solved.poses, report->root_size_m, kMostSwingRad);
+  std::vector<int> leapt;
+  if (!*swings) leapt = FramesThatLeapt(problem->poses, solved.poses, report->root_size_m);
+  for (const int frame : leapt) {
     for (int i = 0; i < 6; ++i) problem->holds.push_back({frame, Vector6d::Unit(i)});
     BundleFault fault;
     fault.kind = BundleFault::Kind::kLeapt;
     fault.frame = frame;
     faults->push_back(fault);
-    report->leapt = true;
   }
-  if (report->leapt) {
+  if (!leapt.empty()) {
+    report->leapt = true;
     solved = AdjustBundle(*problem, options_.solver, formulation_, observer);
   }
   report->initial_cost = solved.initial_cost;
@@ -300,11 +256,42 @@ BundleResult BatchRegistration::SolveRound(const RegistrationCallbacks& callback
   return solved;
 }
 
+double BatchRegistration::MisfitAt(const std::vector<BatchFrame>& frames,
+                                   const std::vector<SE3>& poses) const {
+  constexpr double kSize = 1.25, kShift = 0.37;  // in root voxels
+  VoxelMapOptions map = map_;
+  map.root_size_m *= kSize;
+  std::vector<SE3> shifted = poses;
+  for (SE3& T : shifted) T.t.array() += kShift * map_.root_size_m;
+  return BatchCast(frames, shifted, map, weights_).Misfit();
+}
+
+void BatchRegistration::JudgeAgainstStart(const std::vector<BatchFrame>& frames,
+                                          RegistrationResult* result) const {
+  constexpr double kSame = 1.01;
+  if (result->rounds.empty()) return;
+  std::vector<SE3> initial;
+  for (const BatchFrame& frame : frames) initial.push_back(frame.T_world_lidar);
+  result->initial_misfit_m = MisfitAt(frames, initial);
+  result->final_misfit_m = MisfitAt(frames, result->poses);
+  if (result->final_misfit_m <= kSame * result->initial_misfit_m) return;
+  result->poses = initial;
+  if (!result->reason.empty()) return;  // refused, or failed, after some rounds
+  result->status = Status::kNoBetter;
+  std::ostringstream reason;
+  reason << std::setprecision(3)
+         << "the map of the result is worse than that of the initial poses: "
+         << 1e3 * result->final_misfit_m << " against " << 1e3 * result->initial_misfit_m
+         << " mm from its planes";
+  result->reason = reason.str();
+}
+
 RegistrationResult BatchRegistration::Run(const std::vector<BatchFrame>& frames,
                                           const RegistrationCallbacks& callbacks,
                                           const std::atomic<bool>* stop) const {
   BundleProblem problem;
   RegistrationResult result = Solve(frames, callbacks, stop, &problem);
+  JudgeAgainstStart(frames, &result);
   if (callbacks.on_poses) callbacks.on_poses(result);
   if (result.reason.empty()) AddCovariances(problem, &result);
   return result;
@@ -319,6 +306,7 @@ RegistrationResult BatchRegistration::Solve(const std::vector<BatchFrame>& frame
   result.status = Status::kRoundLimit;
   std::vector<BatchFrame> merged;
   FrameLinks links;
+  bool swings = true;  // chains may, until a link has broken
   for (int round = 0; round < options_.rounds && result.status == Status::kRoundLimit; ++round) {
     Stopwatch watch;
     RoundReport report;
@@ -338,12 +326,12 @@ RegistrationResult BatchRegistration::Solve(const std::vector<BatchFrame>& frame
     const Slides slides = coarse ? Slides::kFree : Slides::kHeld;
     if (!HoldOpen(frames, options_, slides, problem, &result)) return result;
     report.build_ms = watch.LapMilliseconds();
-    BundleResult solved = SolveRound(callbacks, problem, &report, &result.faults);
+    BundleResult solved = SolveRound(callbacks, links, problem, &swings, &report, &result.faults);
     if (links.CutFarther(solved.poses, RootSize(0), kMostTurnRad) > 0) {
       report.leapt = true;
       links.Apply(problem);
       if (!HoldOpen(frames, options_, slides, problem, &result)) return result;
-      solved = SolveRound(callbacks, problem, &report, &result.faults);
+      solved = SolveRound(callbacks, links, problem, &swings, &report, &result.faults);
     }
     result.rounds.push_back(report);
     if (callbacks.on_round) callbacks.on_round(report);
@@ -369,7 +357,7 @@ RegistrationResult BatchRegistration::Solve(const std::vector<BatchFrame>& frame
 void BatchRegistration::VisitSurfels(const std::vector<BatchFrame>& frames,
                                      const std::vector<SE3>& poses, int min_frames,
                                      const std::function<void(const Surfel&)>& visit) const {
-  CastFrames(frames, poses, map_, weights_).map().ForEachSurface(min_frames, visit);
+  BatchCast(frames, poses, map_, weights_).map().ForEachSurface(min_frames, visit);
 }
 
 }  // namespace lamina

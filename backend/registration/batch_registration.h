@@ -3,7 +3,7 @@
 // A round casts all clusters into a voxel map at the present poses, keeps the voxels that hold a
 // plane (enough points, ratio of eigenvalues, VoxelMapOptions) seen by two frames or more, weighs
 // the clusters (cap, robust kernel) and solves the bundle problem until it converges. A plane that
-// is seen from both sides is two, the faces of a wall (SlidingWindow::Sides). The next round
+// is seen from both sides is two, the faces of a wall (batch_cast.h). The next round
 // associates anew. Rounds go from coarse voxels to fine ones when the start is poor:
 //
 //     root size of round i = map.root_size_m * (coarse / map.root_size_m)^left,
@@ -21,6 +21,11 @@
 // the rounds at the final size alone: planes that poor poses part are still to be joined by the
 // coarse ones. Whatever earlier rounds moved it by along open directions is undone. All of a group
 // that slides get the variance of an open direction along its motion.
+//
+// At the end another judge compares the result with the initial poses: the misfit of all clusters
+// on planes of voxels of another size at other places (batch_cast.h), each cluster counting as much
+// as any other. What the adjustment has been misled by, such as traffic with many points or
+// associations of its own making, is no better there; then the initial poses are the result.
 #pragma once
 
 #include <atomic>
@@ -32,11 +37,13 @@
 #include "backend/bundle/formulation.h"
 #include "backend/bundle/uncertainty/observability.h"
 #include "backend/mapping/sliding_window.h"
-#include "core/geometry/scan.h"
+#include "backend/registration/batch_frame.h"
 #include "core/map/voxel_map.h"
 #include "core/options/options.h"
 
 namespace lamina {
+
+class FrameLinks;
 
 struct RegistrationOptions {
   // Association rounds at most.
@@ -50,14 +57,6 @@ struct RegistrationOptions {
   ObservabilityOptions observability;
 
   void Visit(OptionVisitor& v);
-};
-
-struct BatchFrame {
-  StampNs stamp_ns = 0;
-  SE3 T_world_lidar;                   // initial
-  std::vector<TimedCluster> clusters;  // at the leaf size of the final round; may be empty
-  // The points of each cluster; empty unless the formulation needs them.
-  std::vector<std::vector<TimedPoint>> points;
 };
 
 struct RoundReport {
@@ -77,15 +76,18 @@ struct RegistrationResult {
     kConverged,
     kRoundLimit,  // usable
     kPartial,     // some of it could not be determined: see faults
+    kNoBetter,    // the initial poses fit as well or better, and are the result: see reason
     kIllPosed,    // refused; poses are those of the last good round, or the initial ones
     kFailed,      // numerical failure; poses are those of the last good round
     kInterrupted,
   };
   Status status = Status::kIllPosed;
-  std::string reason;  // of a refusal or failure
+  std::string reason;  // of a refusal, a failure or a result that is no better
   std::vector<SE3> poses;
   std::vector<BundleFault> faults;  // of the last round
   std::vector<RoundReport> rounds;
+  // By the other judge, metres; of what the rounds have led to, even if that was no better.
+  double initial_misfit_m = 0.0, final_misfit_m = 0.0;
   // pose_covariance.h, of the last round; empty if there are none, since nothing was solved or for
   // this reason.
   std::vector<Matrix6d> covariances;
@@ -127,11 +129,17 @@ class BatchRegistration {
   RegistrationResult Solve(const std::vector<BatchFrame>& frames,
                            const RegistrationCallbacks& callbacks, const std::atomic<bool>* stop,
                            BundleProblem* problem) const;
+  // By voxels that no round has.
+  double MisfitAt(const std::vector<BatchFrame>& frames, const std::vector<SE3>& poses) const;
+  // Puts the initial poses in the place of a result that fits worse.
+  void JudgeAgainstStart(const std::vector<BatchFrame>& frames, RegistrationResult* result) const;
   BundleProblem CastRound(const std::vector<BatchFrame>& frames, const std::vector<SE3>& poses,
                           double root_size_m) const;
-  // Solves, and once more without the frames that leapt.
-  BundleResult SolveRound(const RegistrationCallbacks& callbacks, BundleProblem* problem,
-                          RoundReport* report, std::vector<BundleFault>* faults) const;
+  // Solves, and once more without the frames that leapt. *swings: frames may go any way as long as
+  // no link is carried farther than a voxel; false from the first that is.
+  BundleResult SolveRound(const RegistrationCallbacks& callbacks, const FrameLinks& links,
+                          BundleProblem* problem, bool* swings, RoundReport* report,
+                          std::vector<BundleFault>* faults) const;
 
   RegistrationOptions options_;
   VoxelMapOptions map_;

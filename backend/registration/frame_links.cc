@@ -64,6 +64,16 @@ std::size_t FrameLinks::CutFarther(const std::vector<SE3>& poses, double max_m, 
   return cut;
 }
 
+bool FrameLinks::AnyFarther(const std::vector<SE3>& poses, double max_m, double max_rad) const {
+  return std::any_of(links_.begin(), links_.end(), [&](const auto& link) {
+    const auto& [pair, begin] = link;
+    if (cut_.count(pair) > 0) return false;
+    const Motion motion =
+        MotionOf(begin.T_world_a, begin.T_world_b, At(poses, pair.first), At(poses, pair.second));
+    return motion.m > max_m || motion.rad > max_rad;
+  });
+}
+
 void FrameLinks::Apply(BundleProblem* problem) const {
   if (cut_.empty()) return;
   std::set<int> with_cuts;

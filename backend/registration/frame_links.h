@@ -33,6 +33,8 @@ class FrameLinks {
   void Add(const BundleProblem& problem);
   // Cuts the links that these poses have carried farther than that. Returns how many.
   std::size_t CutFarther(const std::vector<SE3>& poses, double max_m, double max_rad);
+  // Whether these poses carry any link farther than that that is not cut.
+  bool AnyFarther(const std::vector<SE3>& poses, double max_m, double max_rad) const;
   // Takes what is cut out of a problem: observations of a plane that no uncut link joins go to
   // different planes, and those that are left alone go.
   void Apply(BundleProblem* problem) const;

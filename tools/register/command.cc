@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -37,19 +39,70 @@ struct RegisterArguments {
   int threads = 0;
 };
 
-// One pose for each scan of the recording, or for each of the range.
-std::vector<SE3> ReadInitialPoses(const std::string& path, const ScanSource& source,
-                                  const FrameRange& range) {
+// The pose at a stamp of poses that ascend in time: its own, or between those before and after it;
+// none before the first and after the last.
+std::optional<SE3> PoseAt(const Trajectory& poses, StampNs stamp_ns) {
+  const auto after = std::lower_bound(
+      poses.begin(), poses.end(), stamp_ns,
+      [](const StampedPose& pose, StampNs stamp) { return pose.stamp_ns < stamp; });
+  const auto at = [&](Trajectory::const_iterator pose) {
+    return std::abs(static_cast<double>(pose->stamp_ns - stamp_ns)) <= 1e9 * kStampToleranceS;
+  };
+  if (after != poses.end() && at(after)) return after->T_world_lidar;
+  if (after != poses.begin() && at(after - 1)) return (after - 1)->T_world_lidar;
+  if (after == poses.begin() || after == poses.end()) return std::nullopt;
+  const StampedPose &from = *(after - 1), &to = *after;
+  return Interpolate(from.T_world_lidar, to.T_world_lidar,
+                     static_cast<double>(stamp_ns - from.stamp_ns) /
+                         static_cast<double>(to.stamp_ns - from.stamp_ns));
+}
+
+// By their stamps.
+std::vector<std::optional<SE3>> PosesAtScans(const std::string& path, Trajectory poses,
+                                             const ScanSource& source, const FrameRange& range) {
+  std::stable_sort(poses.begin(), poses.end(), [](const StampedPose& a, const StampedPose& b) {
+    return a.stamp_ns < b.stamp_ns;
+  });
+  std::vector<std::optional<SE3>> initial;
+  for (std::size_t i = range.begin; i < range.end; ++i) {
+    initial.push_back(PoseAt(poses, source.Stamp(i)));
+  }
+  if (std::all_of(initial.begin(), initial.end(), [](const auto& p) { return !p; })) {
+    throw InputError(fmt::format("{}: no scan has its stamp among those of the poses", path));
+  }
+  return initial;
+}
+
+// A pose for each scan of the range: in order, if there are as many as scans in the recording or in
+// the range; else by stamp, where a scan may be left without.
+std::vector<std::optional<SE3>> ReadInitialPoses(const std::string& path, const ScanSource& source,
+                                                 const FrameRange& range) {
   const Trajectory poses = CameraToLidar(ReadTrajectory(path), source.T_camera_lidar());
   const std::size_t wanted = range.end - range.begin;
   if (poses.size() != source.size() && poses.size() != wanted) {
-    throw InputError(fmt::format("{}: holds {} poses for {} scans; one for each scan is needed",
-                                 path, poses.size(), wanted));
+    if (HasStamps(poses)) return PosesAtScans(path, poses, source, range);
+    std::string advice;
+    if (poses.size() < wanted) {
+      advice = fmt::format("; if they are those of the first scans, add --frames {}:{}",
+                           range.begin, range.begin + poses.size());
+    }
+    throw InputError(fmt::format(
+        "{}: holds {} poses for {} scans, and no stamps that tell which scan each is of{}", path,
+        poses.size(), wanted, advice));
   }
   const std::size_t first = poses.size() == source.size() ? range.begin : 0;
-  std::vector<SE3> initial;
+  std::vector<std::optional<SE3>> initial;
   for (std::size_t i = 0; i < wanted; ++i) initial.push_back(poses[first + i].T_world_lidar);
   return initial;
+}
+
+// The poses of scans without one, which are left out: those of the last before, or the first.
+std::vector<SE3> Filled(const std::vector<std::optional<SE3>>& poses) {
+  SE3 last =
+      **std::find_if(poses.begin(), poses.end(), [](const auto& p) { return p.has_value(); });
+  std::vector<SE3> filled;
+  for (const std::optional<SE3>& pose : poses) filled.push_back(last = pose.value_or(last));
+  return filled;
 }
 
 struct Batch {
@@ -58,42 +111,49 @@ struct Batch {
   std::size_t skipped = 0;
 };
 
+// Takes a scan into the batch, if it can be used; its points go, unless they are needed.
+void Take(DecodedScan scan, const std::optional<SE3>& initial, const Formulation& formulation,
+          double leaf_m, RunProgress* progress, Batch* batch) {
+  const MappedScan& report = scan.report;
+  if (report.skipped || !initial) {
+    ++batch->skipped;
+    progress->Warn(fmt::format("skipped scan {}: {}", report.index,
+                               report.skipped ? report.detail : "it has no initial pose"));
+    return;
+  }
+  BatchFrame frame;
+  frame.stamp_ns = report.stamp_ns;
+  frame.T_world_lidar = *initial;
+  if (formulation.needs_points) frame.points = GroupByCluster(scan.points, leaf_m);
+  frame.clusters = scan.clusters;
+  batch->frames.push_back(std::move(frame));
+  batch->scans.push_back(report.index);
+}
+
 // Reads all scans of the range. What cannot be used is reported and left out.
 Batch ReadBatch(const ScanSource& source, const FrameRange& range, const LaminaConfig& config,
-                const Formulation& formulation, const std::vector<SE3>& initial,
+                const Formulation& formulation, const std::vector<std::optional<SE3>>& poses,
                 const std::atomic<bool>& stop, RunProgress* progress) {
   const double leaf_m = config.map.LeafSize();
-  std::vector<DecodedScan> decoded(range.end - range.begin);
-  // In batches, so that the bar moves and Ctrl-C is heard.
+  // Some at once, so that the bar moves and Ctrl-C is heard.
   constexpr std::size_t kAtOnce = 16;
-  for (std::size_t begin = 0; begin < decoded.size() && !stop; begin += kAtOnce) {
-    const std::size_t count = std::min(kAtOnce, decoded.size() - begin);
-    ParallelChunks(count, 1, [&](std::size_t a, std::size_t b) {
-      for (std::size_t i = begin + a; i < begin + b; ++i) {
+  Batch batch;
+  for (std::size_t begin = range.begin; begin < range.end && !stop; begin += kAtOnce) {
+    std::vector<DecodedScan> decoded(std::min(kAtOnce, range.end - begin));
+    ParallelChunks(decoded.size(), 1, [&](std::size_t a, std::size_t b) {
+      for (std::size_t i = a; i < b; ++i) {
         decoded[i] = DecodeScan(source, config.preparation, config.pipeline.min_points, leaf_m,
-                                range.begin, range.begin + i);
+                                range.begin, begin + i);
         if (!formulation.needs_points) decoded[i].points = {};
       }
     });
-    for (std::size_t i = 0; i < count; ++i) progress->Step();
+    for (std::size_t i = 0; i < decoded.size(); ++i) {
+      Take(std::move(decoded[i]), poses[begin + i - range.begin], formulation, leaf_m, progress,
+           &batch);
+      progress->Step();
+    }
   }
   if (stop) throw InterruptedError("while reading; nothing is written");
-  Batch batch;
-  for (std::size_t i = 0; i < decoded.size(); ++i) {
-    const MappedScan& report = decoded[i].report;
-    if (report.skipped) {
-      ++batch.skipped;
-      progress->Warn(fmt::format("skipped scan {}: {}", report.index, report.detail));
-      continue;
-    }
-    BatchFrame frame;
-    frame.stamp_ns = report.stamp_ns;
-    frame.T_world_lidar = initial[i];
-    if (formulation.needs_points) frame.points = GroupByCluster(decoded[i].points, leaf_m);
-    frame.clusters = std::move(decoded[i].clusters);
-    batch.frames.push_back(std::move(frame));
-    batch.scans.push_back(report.index);
-  }
   return batch;
 }
 
@@ -166,7 +226,8 @@ int Register(const RegisterArguments& arguments) {
   const Formulation& formulation = FindFormulation(arguments.formulation);
   const auto source = OpenScans(arguments.scans, config.scans);
   const FrameRange range = ParseFrameRange(arguments.frames, source->size());
-  const std::vector<SE3> initial = ReadInitialPoses(arguments.initial, *source, range);
+  const auto given = ReadInitialPoses(arguments.initial, *source, range);
+  const std::vector<SE3> initial = Filled(given);
   const RecordingPart part = PartOf(*source, range);
   Trajectory truth;
   if (!arguments.truth.empty()) truth = ReadTruthOfPart(arguments.truth, *source, part);
@@ -181,7 +242,7 @@ int Register(const RegisterArguments& arguments) {
   Stopwatch watch;
   const double cpu_start = ProcessCpuSeconds();
   RegistrationFigures figures;
-  const Batch batch = ReadBatch(*source, range, config, formulation, initial, stop, &progress);
+  const Batch batch = ReadBatch(*source, range, config, formulation, given, stop, &progress);
   progress.Finish();
   figures.skipped = batch.skipped;
   figures.read_s = 1e-3 * watch.LapMilliseconds();
@@ -210,6 +271,9 @@ int Register(const RegisterArguments& arguments) {
   RegistrationResult result = registration.Run(batch.frames, callbacks, &stop);
   NameScans(batch, &result);
   for (const BundleFault& fault : result.faults) progress.Warn(fault.Describe());
+  if (result.status == RegistrationResult::Status::kNoBetter) {
+    progress.Warn(result.reason + "; the initial poses are written as they were");
+  }
   if (!result.covariance_failure.empty()) {
     progress.Warn("no covariances, all else is written: " + result.covariance_failure);
   }
@@ -248,7 +312,8 @@ void AddRegisterCommand(CLI::App* app, std::function<int()>* run) {
   command->add_option("--scans", a.scans, "Recording, as for `lamina run`")->required();
   command
       ->add_option("--initial", a.initial,
-                   "Initial poses, KITTI or TUM form, one for each scan in order")
+                   "Initial poses, KITTI or TUM form: one for each scan in order, or by their "
+                   "stamps")
       ->required();
   command->add_option("--out", a.out, "Folder for the results; made if it is not there")
       ->required();

@@ -96,6 +96,8 @@ nlohmann::json Summarise(const RegistrationResult& result, const std::vector<std
   if (!result.covariance_failure.empty()) json["covariance_failure"] = result.covariance_failure;
   if (!result.rounds.empty()) {
     // Costs of different rounds are of different planes: each is compared within the last one.
+    json["misfit_initial_m"] = result.initial_misfit_m;
+    json["misfit_final_m"] = result.final_misfit_m;
     json["cost_initial"] = result.rounds.back().initial_cost;
     json["cost_final"] = result.rounds.back().final_cost;
     json["planes"] = result.rounds.back().planes;

@@ -11,13 +11,15 @@ namespace lamina {
 namespace {
 
 // The blocks of H that are not zero.
-SymmetricBlocks BlocksOf(const BundleProblem& problem, const std::vector<SE3>& poses,
-                         ReducedSystem* system) {
+SymmetricBlocks BlocksOf(const BundleProblem& problem, const std::vector<SE3>& poses) {
   const BundleIndex index(problem);
   const BlockPattern pattern(problem, index);
   Eigen::SparseMatrix<double> H;  // its upper triangle
-  system->Assemble(problem, index, pattern, &H);
-  AddPriors(problem, poses, &system->gradient, &H);
+  CondensedCost cost(problem);
+  ReducedSystem system;
+  cost.LineariseWithoutRows(poses, &system);
+  system.AssembleInParts(problem, index, pattern, cost, ReducedSystem::kPart, &H);
+  AddPriors(problem, poses, &system.gradient, &H);
   SymmetricBlocks rows;
   for (std::size_t f = 0; f < problem.poses.size(); ++f) {
     rows.columns.push_back(pattern.partners(f));
@@ -50,10 +52,7 @@ void Uncouple(const std::vector<HeldSpace>& held, double largest, SymmetricBlock
 
 std::vector<Matrix6d> PoseCovariances(const BundleProblem& problem, const std::vector<SE3>& poses,
                                       double open_variance, std::string* why_none) {
-  CondensedCost cost(problem);
-  ReducedSystem system;
-  cost.Linearise(poses, &system);
-  SymmetricBlocks H = BlocksOf(problem, poses, &system);
+  SymmetricBlocks H = BlocksOf(problem, poses);
   const std::vector<HeldSpace> held = HeldSpaces(problem);
   double largest = 1e-300;
   for (const auto& row : H.blocks) largest = std::max(largest, row.back().diagonal().maxCoeff());

@@ -146,10 +146,10 @@ class RegionGrowing {
       const PlaneShare& share = rigid_.tied.shares[shares_of_[i].share];
       Known& known = region_[shares_of_[i].plane];
       if (std::exchange(known.seed, seed) == seed) {
-        known.F += share.F;
+        known.F += share.F();
         continue;
       }
-      known.F = share.F;
+      known.F = share.F();
       for (std::int32_t s = plane.first; s < plane.first + plane.count; ++s) {
         CountPlane(rigid_.tied.shares[Index(s)].group, seed);
       }
@@ -179,7 +179,7 @@ class RegionGrowing {
       const Known& known = region_[shares_of_[i].plane];
       if (known.seed != seed) continue;
       const PlaneShare& share = rigid_.tied.shares[shares_of_[i].share];
-      const Eigen::Matrix3d F = share.F * InverseMoments(share.F + known.F) * known.F;
+      const Eigen::Matrix3d F = share.F() * InverseMoments(share.F() + known.F) * known.F;
       links.push_back(
           {&rigid_.tied.planes[shares_of_[i].plane], 0.5 * (F + F.transpose()), share.origin});
       if (links.size() != enough) continue;

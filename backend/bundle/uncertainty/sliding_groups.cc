@@ -77,7 +77,7 @@ class JointMotion {
       const PlaneShare* end = begin + plane.count;
       if (std::none_of(begin, end, [&](const PlaneShare& s) { return NumberOf(s) >= 0; })) continue;
       Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
-      for (const PlaneShare* s = begin; s != end; ++s) sum += s->F;
+      for (const PlaneShare* s = begin; s != end; ++s) sum += s->F();
       visit(plane, begin, end, sum);
     }
   }
@@ -91,7 +91,7 @@ class JointMotion {
       for (const PlaneShare* s = begin; s != end; ++s) {
         if (NumberOf(*s) < 0 || !(sum(0, 0) > 0.0)) continue;
         const std::size_t i = At(NumberOf(*s));
-        const double n = s->F(0, 0) * (1.0 - s->F(0, 0) / sum(0, 0));
+        const double n = s->moments.xx * (1.0 - s->moments.xx / sum(0, 0));
         points[i] += n;
         if (n > 0.0) centres_[i] += (n / points[i]) * (s->origin - centres_[i]);
       }
@@ -117,11 +117,12 @@ class JointMotion {
         if (NumberOf(*g) < 0) continue;
         const std::size_t i = At(NumberOf(*g));
         const Eigen::Matrix<double, 6, 3> left =
-            plane.weight * plane.NormalMotion(centres_[i]).transpose() * g->F * T;
+            plane.weight * plane.NormalMotion(centres_[i]).transpose() * g->F() * T;
         for (const PlaneShare* h = begin; h != end; ++h) {
           if (NumberOf(*h) < 0) continue;
           const std::size_t k = At(NumberOf(*h));
-          const Eigen::Matrix3d F = g == h ? Eigen::Matrix3d(sum - g->F) : Eigen::Matrix3d(-h->F);
+          const Eigen::Matrix3d F =
+              g == h ? Eigen::Matrix3d(sum - g->F()) : Eigen::Matrix3d(-h->F());
           H_.block<6, 6>(Row(i), Row(k)) += left * F * plane.NormalMotion(centres_[k]);
         }
       }
@@ -182,13 +183,13 @@ class JointMotion {
         const int i = NumberOf(*s);
         moved.push_back(i < 0 ? Eigen::Matrix3d::Zero().eval()
                               : plane.Motion(centres_[At(i)], motion[At(i)]));
-        total += s->F * moved.back();
+        total += s->F() * moved.back();
       }
       const Eigen::Matrix3d mean = InverseMoments(sum) * total;
       Eigen::Vector3d E = Eigen::Vector3d::Zero();
       for (const PlaneShare* s = begin; s != end; ++s) {
         const Eigen::Matrix3d Y = moved[static_cast<std::size_t>(s - begin)] - mean;
-        E += (Y.transpose() * s->F * Y).diagonal();
+        E += (Y.transpose() * s->F() * Y).diagonal();
       }
       information += plane.Information(E);
     });

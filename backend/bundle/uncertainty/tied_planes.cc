@@ -10,7 +10,7 @@ namespace lamina {
 namespace {
 
 // Of points in the world.
-Eigen::Matrix3d Moments(const TiedPlane& plane, const PointCluster& cluster) {
+Symmetric3 Moments(const TiedPlane& plane, const PointCluster& cluster) {
   const Eigen::Vector3d d = cluster.mean - plane.mean;
   const Eigen::Vector3d at(1.0, d.dot(plane.u1), d.dot(plane.u2));
   Eigen::Matrix3d F = cluster.count * at * at.transpose();
@@ -18,31 +18,27 @@ Eigen::Matrix3d Moments(const TiedPlane& plane, const PointCluster& cluster) {
   F(1, 1) += plane.u1.dot(S1);
   F(2, 2) += plane.u2.dot(S2);
   F(1, 2) += plane.u1.dot(S2);
-  F(2, 1) = F(1, 2);
-  return F;
+  return Symmetric3::FromDense(F);
 }
 
 // Adds a share to that of the same group.
 void Add(const PlaneShare& from, PlaneShare* to) {
-  const double n = to->F(0, 0) + from.F(0, 0);
-  if (n > 0.0) to->origin += (from.F(0, 0) / n) * (from.origin - to->origin);
-  to->F += from.F;
+  const double n = to->moments.xx + from.moments.xx;
+  if (n > 0.0) to->origin += (from.moments.xx / n) * (from.origin - to->origin);
+  to->moments += from.moments;
 }
 
-// The shares of one plane of the problem.
-std::vector<PlaneShare> SharesOf(const BundleProblem& problem, const Plane& plane,
-                                 const TiedPlane& tied, const PoseMatrices& poses,
-                                 const std::vector<int>& group_of, int fixed_group) {
-  std::vector<PlaneShare> shares;
-  if (!plane.fixed.Empty()) shares.push_back({fixed_group, Moments(tied, plane.fixed), tied.mean});
+// Calls share(group, observation) for each share of a plane of the problem; the observation is null
+// for what is fixed.
+template <typename Share>
+void ForEachShare(const BundleProblem& problem, const Plane& plane,
+                  const std::vector<int>& group_of, int fixed_group, const Share& share) {
+  if (!plane.fixed.Empty()) share(fixed_group, nullptr);
   for (int i = plane.first; i < plane.first + plane.count; ++i) {
     const PlaneObservation& o = problem.observations[static_cast<std::size_t>(i)];
-    const auto k = static_cast<std::size_t>(o.frame);
-    if (group_of[k] < 0 || o.cluster.Empty()) continue;
-    shares.push_back(
-        {group_of[k], Moments(tied, o.cluster.Moved(poses.R[k], poses.t[k])), poses.t[k]});
+    const int group = group_of[static_cast<std::size_t>(o.frame)];
+    if (group >= 0 && !o.cluster.Empty()) share(group, &o);
   }
-  return shares;
 }
 
 void Append(TiedPlane plane, const std::vector<PlaneShare>& shares, TiedPlanes* tied) {
@@ -82,26 +78,40 @@ TiedPlanes TiePlanes(const BundleProblem& problem, const std::vector<PlaneFrame>
                      const std::vector<int>& group_of, int fixed_group) {
   constexpr std::size_t kChunk = 64;  // planes
   const PoseMatrices poses(problem.poses);
-  std::vector<TiedPlanes> parts((frames.size() + kChunk - 1) / kChunk);
-  ParallelChunks(frames.size(), kChunk, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t p = begin; p < end; ++p) {
-      const PlaneFrame& f = frames[p];
-      TiedPlane plane{f.normal, f.u1, f.u2, f.mean};
-      plane.weight = problem.planes[p].weight;
-      plane.normal_error2 = NormalError2(f.l(2), f.l(1), 0.0);
-      Append(plane, SharesOf(problem, problem.planes[p], plane, poses, group_of, fixed_group),
-             &parts[begin / kChunk]);
+  // First where the shares of each plane go, so that they are made in their place.
+  TiedPlanes tied;
+  std::vector<std::size_t> of;  // the problem's plane of each
+  std::int32_t first = 0;
+  for (std::size_t p = 0; p < frames.size(); ++p) {
+    const PlaneFrame& f = frames[p];
+    TiedPlane plane{f.normal, f.u1, f.u2, f.mean};
+    ForEachShare(problem, problem.planes[p], group_of, fixed_group,
+                 [&](int, const PlaneObservation*) { ++plane.count; });
+    if (plane.count < 2) continue;
+    plane.weight = problem.planes[p].weight;
+    plane.normal_error2 = NormalError2(f.l(2), f.l(1), 0.0);
+    plane.first = first;
+    first += plane.count;
+    tied.planes.push_back(plane);
+    of.push_back(p);
+  }
+  tied.shares.resize(static_cast<std::size_t>(first));
+  ParallelChunks(of.size(), kChunk, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const TiedPlane& plane = tied.planes[i];
+      const Plane& from = problem.planes[of[i]];
+      PlaneShare* to = tied.shares.data() + plane.first;
+      ForEachShare(problem, from, group_of, fixed_group, [&](int group, const PlaneObservation* o) {
+        if (o == nullptr) {
+          *to++ = {group, Moments(plane, from.fixed), plane.mean};
+          return;
+        }
+        const auto k = static_cast<std::size_t>(o->frame);
+        const PointCluster moved = o->cluster.Moved(poses.R[k], poses.t[k]);
+        *to++ = {group, Moments(plane, moved), poses.t[k]};
+      });
     }
   });
-  TiedPlanes tied;
-  for (const TiedPlanes& part : parts) {
-    const auto offset = static_cast<std::int32_t>(tied.shares.size());
-    for (TiedPlane plane : part.planes) {
-      plane.first += offset;
-      tied.planes.push_back(plane);
-    }
-    tied.shares.insert(tied.shares.end(), part.shares.begin(), part.shares.end());
-  }
   return tied;
 }
 

@@ -30,13 +30,16 @@
 
 #include "backend/bundle/plane_geometry.h"
 #include "backend/bundle/problem.h"
+#include "core/geometry/symmetric3.h"
 
 namespace lamina {
 
 struct PlaneShare {
   int group = 0;
-  Eigen::Matrix3d F;
+  Symmetric3 moments;
   Eigen::Vector3d origin;  // mean position of the LiDARs that saw these points
+
+  Eigen::Matrix3d F() const { return moments.Dense(); }
 };
 
 struct TiedPlane {

@@ -231,6 +231,32 @@ TEST(CondensedCost, HasTheSameBitsAtAnyNumberOfThreads) {
   }
 }
 
+// The rows of some planes at a time: the same sums in the same order.
+TEST(CondensedCost, HessianInPartsHasTheSameBits) {
+  Draws draws(9);
+  BundleSceneOptions options;
+  options.poses = 30;
+  options.planes = 200;
+  options.points = 8;
+  options.seen_share = 0.2;
+  const BundleScene scene = MakeBundleScene(options, &draws);
+  const BundleIndex index(scene.problem);
+  const BlockPattern pattern(scene.problem, index);
+  CondensedCost cost(scene.problem);
+  ReducedSystem whole, parts;
+  Eigen::SparseMatrix<double> expected, H;
+  cost.Linearise(scene.problem.poses, &whole);
+  whole.Assemble(scene.problem, index, pattern, &expected);
+  cost.LineariseWithoutRows(scene.problem.poses, &parts);
+  EXPECT_TRUE(parts.rows.empty());
+  EXPECT_EQ(parts.cost, whole.cost);
+  EXPECT_EQ(parts.gradient, whole.gradient);
+  for (const std::size_t observations : {1U, 100U, 100000U}) {
+    parts.AssembleInParts(scene.problem, index, pattern, cost, observations, &H);
+    EXPECT_EQ((Eigen::MatrixXd(H) - Eigen::MatrixXd(expected)).norm(), 0.0) << observations;
+  }
+}
+
 TEST(CondensedCost, FixedClustersActAsFramesThatCannotMove) {
   Draws draws(8);
   for (int i = 0; i < 20; ++i) {
@@ -267,7 +293,22 @@ TEST(CondensedCost, DoesNotDependOnWhereItWasAskedBefore) {
     cost.FindGradient(poses, &gradient);
     EXPECT_EQ(gradient.cost, expected.cost);
     EXPECT_LT((gradient.gradient - expected.gradient).norm(), 1e-12 * expected.gradient.norm());
+    cost.LineariseWithoutRows(poses, &gradient);
+    EXPECT_EQ(gradient.gradient, expected.gradient);
+    EXPECT_EQ(gradient.diagonal, expected.diagonal);
+    for (std::size_t p = 0; p < scene.problem.planes.size(); ++p) {
+      const Plane& plane = scene.problem.planes[p];
+      ReducedSystem::Rows rows[8];
+      ASSERT_LE(plane.count, 8);
+      cost.MakeRows(p, rows);
+      for (int k = 0; k < plane.count; ++k) {
+        EXPECT_EQ(rows[k], expected.rows[static_cast<std::size_t>(plane.first + k)]);
+      }
+    }
     poses[1].t.x() += 1e-3;
+    cost.Value(poses);
+    ReducedSystem::Rows none[8];
+    EXPECT_THROW(cost.MakeRows(0, none), std::logic_error);
   }
 }
 

@@ -237,35 +237,6 @@ TEST(SlidingWindow, WhatStoodBeforeAWallDoesNotMoveItsAnchor) {
   }
 }
 
-TEST(SlidingWindow, TheSidesOfAWallAreOnePlaneOrTwoAsAskedFor) {
-  Draws draws(7);
-  VoxelMap map(UncappedMap());
-  SlidingWindow window(SlidingWindowOptions(), &map);
-  const double size = map.options().root_size_m;
-  const Patch wall(size * Eigen::Vector3d(0.5, 0.5, 0.5), Eigen::Vector3d::UnitX());
-  for (std::int64_t k = 0; k < 5; ++k) {
-    WindowFrame frame = FrameOfPatches(k, {wall}, 0, &draws);
-    // Frames 1 and 3 stand behind it.
-    const SE3 T(Eigen::Quaterniond::Identity(), Eigen::Vector3d(k % 2 == 0 ? 8.0 : -8.0, 0, 0));
-    const Eigen::Matrix3d R = frame.T_world_lidar.R();
-    frame.measured[0].points =
-        frame.measured[0].points.Moved(R, frame.T_world_lidar.t).Moved(T.Inverse());
-    frame.T_world_lidar = T;
-    window.Push(std::move(frame));
-  }
-  map.Refresh();
-  EXPECT_EQ(window.BuildProblem().planes.size(), 1U);
-  std::vector<std::vector<SlidingWindow::ClusterUse>> uses;
-  const BundleProblem problem = window.BuildProblem(SlidingWindow::Sides::kTwo, &uses);
-  ASSERT_EQ(problem.planes.size(), 2U);
-  const Plane &front = problem.planes[0], &back = problem.planes[1];
-  EXPECT_EQ(front.count, 3);
-  EXPECT_EQ(back.count, 2);
-  EXPECT_EQ(problem.observations[static_cast<std::size_t>(back.first)].frame, 1);
-  EXPECT_EQ(problem.observations[static_cast<std::size_t>(back.first) + 1].frame, 3);
-  EXPECT_EQ(uses[3][0].observation, back.first + 1);
-}
-
 TEST(SlidingWindow, PlanesMuchThickerThanTheOthersWeighFarLess) {
   Draws draws(6);
   VoxelMap map(UncappedMap());

@@ -66,6 +66,21 @@ TEST(FrameLinks, WhatIsCarriedApartIsCutAndPlanesPartThere) {
   EXPECT_EQ(SeenBy(problem, 3), (std::vector<int>{0, 1}));
 }
 
+TEST(FrameLinks, AreCarriedByWhatLeavesItsNeighboursNotByAllTogether) {
+  const BundleProblem problem = Road(6, {{0, 1, 2}, {1, 2, 3}, {2, 3, 4}, {4, 5}});
+  FrameLinks links;
+  links.Add(problem);
+  // All turn about the first, so that the last goes 5 m; then frame 3 goes on by itself.
+  std::vector<SE3> after;
+  const SE3 T(ExpSO3({0, 0, 0.1}), {0, 0, 0});
+  for (const SE3& pose : problem.poses) after.push_back(T * pose);
+  EXPECT_FALSE(links.AnyFarther(after, 1.6, 0.1));
+  after[3].t.z() += 2.0;
+  EXPECT_TRUE(links.AnyFarther(after, 1.6, 0.1));
+  links.CutFarther(after, 1.6, 0.1);
+  EXPECT_FALSE(links.AnyFarther(after, 1.6, 0.1));
+}
+
 TEST(FrameLinks, MotionIsThatBetweenNeighbours) {
   const BundleProblem problem = Road(3, {{0, 1}, {1, 2}});
   FrameLinks links;

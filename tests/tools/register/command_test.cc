@@ -101,11 +101,29 @@ TEST_F(RegisterTest, APoseFileOfAnotherLengthIsRefused) {
   Trajectory poses = StartPoses(0.0);
   poses.pop_back();
   EXPECT_THAT(Register(WritePoses("short.txt", poses), {}, 1).err,
-              HasSubstr("short.txt: holds 7 poses for 8 scans"));
+              testing::AllOf(HasSubstr("short.txt: holds 7 poses for 8 scans"),
+                             HasSubstr("add --frames 0:7")));
   poses.push_back(poses.back());
   poses.push_back(poses.back());
   EXPECT_THAT(Register(WritePoses("long.txt", poses), {}, 1).err,
               HasSubstr("long.txt: holds 9 poses for 8 scans"));
+}
+
+// Odometry that has missed scans: its stamps tell which.
+TEST_F(RegisterTest, PosesWithStampsMayMissScans) {
+  const Trajectory truth = StartPoses(0.0);
+  Trajectory poses = StartPoses(0.1);
+  poses.erase(poses.begin() + 3);
+  poses.pop_back();
+  WriteTumTrajectory(Path("odometry.txt"), poses);
+  const Outcome outcome = Register(Path("odometry.txt"));
+  EXPECT_THAT(outcome.err, HasSubstr("skipped scan 7: it has no initial pose"));
+  EXPECT_EQ(Summary()["skipped_scans"], 1);
+  Trajectory found = AllScans();
+  ASSERT_EQ(found.size(), kScans);
+  // Scan 3 began between its neighbours.
+  EXPECT_LT(LargestDistance({found.begin(), found.end() - 1}, {truth.begin(), truth.end() - 1}),
+            0.03);
 }
 
 TEST_F(RegisterTest, ARangeTakesItsPosesFromEitherFile) {
