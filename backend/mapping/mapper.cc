@@ -10,6 +10,7 @@
 #include "core/base/error.h"
 
 namespace lamina {
+
 void BackendOptions::Visit(OptionVisitor& v) {
   v.Flag("enabled", &enabled);
   v.Integer("solve_every_keyframes", &solve_every_keyframes, 1, 1000);
@@ -192,10 +193,13 @@ OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>
 
 void Mapper::MoveToStart(OdometryFrame* frame) {
   // A sensor that goes on in a map that was there before is where it was found.
-  if (!window_.frames().front().alone || open_.front().middle_ns == 0) return;
-  const SweepMotion sweep = window_.frames().front().sweep;
+  const WindowFrame& first = window_.frames().front();
+  if (!first.alone || open_.empty() || open_.front().middle_ns == 0) return;
+  // A first pose that is final already stays.
+  if (MiddleOf(open_.front()).stamp_ns != first.stamp_ns) return;
+  const SweepMotion sweep = first.sweep;
   const SE3 T_world_middle = T_world_start_ * AtStamp(sweep, open_.front().middle_ns).Inverse();
-  const SE3 correction = T_world_middle * window_.frames().front().T_world_lidar.Inverse();
+  const SE3 correction = T_world_middle * first.T_world_lidar.Inverse();
   window_.Move(0, T_world_middle, sweep);
   keyframes_.front() = T_world_middle;
   odometry_.Correct(correction);

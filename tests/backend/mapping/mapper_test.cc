@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 
+#include <cmath>
 #include <string>
 
 #include "core/base/error.h"
@@ -18,13 +19,19 @@ class Walk {
  public:
   Walk() : map_(Options().map), mapper_(Options(), &map_, 0) {}
 
-  void Process(int scans) {
+  // `middle_ns`: how long after its stamp each scan was in the middle of its sweep; 0 takes it at
+  // one instant.
+  void Process(int scans, StampNs middle_ns = 0) {
     for (int i = 0; i < scans; ++i, ++count_) {
       const SE3 T(Eigen::Quaterniond::Identity(), {0.02 * count_, 0.0, 0.0});
       std::vector<TimedCluster> clusters =
           ScanFrom(T, World::Room().Sample(2000, 0.005, &draws_), kLeafM);
+      for (std::size_t k = 0; middle_ns != 0 && k < clusters.size(); ++k) {
+        const Eigen::Vector3d& p = clusters[k].points.mean;
+        clusters[k].mean_time_s = 0.1 * std::atan2(p.y(), p.x()) / (2.0 * M_PI);
+      }
       const RegisteredScan frame =
-          mapper_.Process({count_, count_ * StampNs{100000000}, false, &clusters});
+          mapper_.Process({count_, count_ * StampNs{100000000}, false, &clusters, middle_ns});
       EXPECT_TRUE(frame.keyframe);
     }
   }
@@ -65,6 +72,26 @@ class Walk {
   Mapper mapper_;
   int count_ = 0;
 };
+
+TEST(Mapper, TheFirstScanIsAtTheStartAtItsStamp) {
+  Walk walk;
+  walk.Process(3, 50000000);
+  const Trajectory poses = walk.mapper().OpenFrames();
+  ASSERT_EQ(poses.size(), 3U);
+  EXPECT_LT(poses[0].T_world_lidar.t.norm(), 0.005);
+  for (std::size_t i = 0; i < 3; ++i) EXPECT_EQ(poses[i].stamp_ns, StampNs{100000000} * StampNs(i));
+}
+
+TEST(Mapper, AFirstPoseThatIsFinalStays) {
+  Walk walk;
+  walk.Process(1, 50000000);
+  const Trajectory first = walk.mapper().TakeFinal(1);
+  ASSERT_EQ(first.size(), 1U);
+  EXPECT_TRUE(first[0].T_world_lidar.t.isZero());
+  EXPECT_TRUE(walk.mapper().OpenFrames().empty());
+  walk.Process(3, 50000000);
+  EXPECT_EQ(walk.mapper().OpenFrames().size(), 3U);
+}
 
 TEST(Mapper, ASolveMovesTheWindowAndWhatHasJoinedIt) {
   Walk walk;
