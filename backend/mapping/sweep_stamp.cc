@@ -1,9 +1,15 @@
 #include "backend/mapping/sweep_stamp.h"
 
+#include <cmath>
+
 namespace lamina {
 
 SE3 AtStamp(const SweepMotion& sweep, StampNs middle_ns) {
-  return middle_ns == 0 ? SE3() : sweep.PoseAt(SecondsBetween(middle_ns, 0));
+  if (middle_ns == 0) return SE3();
+  // The square of a long time outweighs all that is known of an acceleration.
+  constexpr double kSweepS = 0.5;
+  const double tau = SecondsBetween(middle_ns, 0);
+  return std::abs(tau) <= kSweepS ? sweep.PoseAt(tau) : SweepMotion(sweep.twist).PoseAt(tau);
 }
 
 void MoveToStamp(StampNs middle_ns, OdometryFrame* frame) {

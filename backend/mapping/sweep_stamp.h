@@ -10,7 +10,8 @@
 
 namespace lamina {
 
-// The pose at the stamp, `middle_ns` before the middle of the sweep, relative to the one there.
+// The pose at the stamp, `middle_ns` before the middle of the sweep, relative to the one there. A
+// stamp far from its sweep is reached by steady motion.
 SE3 AtStamp(const SweepMotion& sweep, StampNs middle_ns);
 
 // A frame of the middle of a sweep becomes one of the scan's stamp. The covariance keeps what is
