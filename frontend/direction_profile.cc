@@ -58,13 +58,11 @@ DirectionProfile::Loss DirectionProfile::LossAt(const std::vector<PointCluster>&
     const double variance = DistanceVariance(cluster, normal_lidar, *surface, floor2_);
     const double distance = normal.dot(p - surface->mean);
     const double e2 = distance * distance / (kKernelSigma * kKernelSigma * variance);
-    const auto slot = static_cast<std::size_t>(index.FindOrInsert(
-        VoxelKeyOf(cluster.mean, 1.0 / kProfileBlockM), static_cast<std::int32_t>(blocks.size())));
-    if (slot == blocks.size()) blocks.emplace_back();
     const double weight = SightWeight(*surface, normal_lidar, cluster.mean) * counting *
                           std::min(cluster.count, kMostPoints) / variance;
-    blocks[slot].weight += weight;
-    blocks[slot].loss += weight * (e2 / (1.0 + e2) - 0.5);
+    Block& block = index.Gather(VoxelKeyOf(cluster.mean, 1.0 / kProfileBlockM), &blocks);
+    block.weight += weight;
+    block.loss += weight * (e2 / (1.0 + e2) - 0.5);
   }
   Loss sum;
   for (const Block& block : blocks) {

@@ -65,11 +65,10 @@ std::vector<MapResiduals::Block> MapResiduals::Blocks(const SE3& T, double kerne
     AddCluster(i, R, T.t, kernel_sigma, &one);
     if (one.weight == 0.0) continue;
     const VoxelKey key = BlockAround(R * clusters_[i].mean + T.t);
-    const auto at =
-        static_cast<std::size_t>(index.FindOrInsert(key, static_cast<std::int32_t>(blocks.size())));
-    if (at == blocks.size()) blocks.push_back({key, Matrix6d::Zero(), Vector6d::Zero()});
-    blocks[at].H += one.H;
-    blocks[at].g += one.g;
+    Block& block = index.Gather(key, &blocks);
+    block.key = key;
+    block.H += one.H;
+    block.g += one.g;
   }
   return blocks;
 }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "core/base/parallel.h"
 #include "core/base/processor.h"
@@ -84,6 +85,14 @@ void SumByVoxel(const std::vector<TimedPoint>& points, double leaf_size_m,
   if (any) (*sums)[slot] = s;
 }
 
+// The first and the last instant of a scan that is not empty.
+std::pair<double, double> SpanOf(const std::vector<TimedCluster>& clusters) {
+  const auto [first, last] = std::minmax_element(
+      clusters.begin(), clusters.end(),
+      [](const TimedCluster& a, const TimedCluster& b) { return a.mean_time_s < b.mean_time_s; });
+  return {first->mean_time_s, last->mean_time_s};
+}
+
 // The sensor's poses at evenly spread instants of a scan, made once: the exponential of a twist for
 // each cluster would cost more than all the rest of deskewing. Between two instants a cluster is at
 // most a millisecond or so from the nearest, and is brought there to first order.
@@ -97,11 +106,9 @@ class SweepPoses {
   };
 
   SweepPoses(const std::vector<TimedCluster>& clusters, const SweepMotion& motion) {
-    const auto [first, last] = std::minmax_element(
-        clusters.begin(), clusters.end(),
-        [](const TimedCluster& a, const TimedCluster& b) { return a.mean_time_s < b.mean_time_s; });
-    start_s_ = first->mean_time_s;
-    const double span_s = last->mean_time_s - start_s_;
+    const auto [first_s, last_s] = SpanOf(clusters);
+    start_s_ = first_s;
+    const double span_s = last_s - start_s_;
     const int count = span_s > 0.0 ? kInstants : 1;
     per_second_ = span_s > 0.0 ? (kInstants - 1) / span_s : 0.0;
     for (int i = 0; i < count; ++i) {
@@ -206,12 +213,9 @@ std::vector<TimedCluster> MergeClusters(const std::vector<TimedCluster>& cluster
   VoxelIndex index(clusters.size() / 2 + 64);
   std::vector<TimedCluster> merged;
   for (const TimedCluster& cluster : clusters) {
-    const auto group = static_cast<std::size_t>(
-        index.FindOrInsert(VoxelKeyOf(cluster.points.mean, 1.0 / leaf_size_m),
-                           static_cast<std::int32_t>(merged.size())));
-    if (group == merged.size()) merged.emplace_back();
-    merged[group] += cluster;
-    if (group_of != nullptr) group_of->push_back(group);
+    TimedCluster& group = index.Gather(VoxelKeyOf(cluster.points.mean, 1.0 / leaf_size_m), &merged);
+    group += cluster;
+    if (group_of != nullptr) group_of->push_back(static_cast<std::size_t>(&group - merged.data()));
   }
   return merged;
 }
@@ -222,10 +226,7 @@ std::vector<std::vector<TimedPoint>> GroupByCluster(const std::vector<TimedPoint
   std::vector<std::vector<TimedPoint>> groups;
   for (const TimedPoint& point : points) {
     const VoxelKey key = VoxelKeyOf(Eigen::Vector3d(point.x, point.y, point.z), 1.0 / leaf_size_m);
-    const auto slot =
-        static_cast<std::size_t>(index.FindOrInsert(key, static_cast<std::int32_t>(groups.size())));
-    if (slot == groups.size()) groups.emplace_back();
-    groups[slot].push_back(point);
+    index.Gather(key, &groups).push_back(point);
   }
   return groups;
 }
@@ -249,21 +250,17 @@ void DeskewClusters(const std::vector<TimedCluster>& clusters, const SweepMotion
 
 StampNs CentreTimes(std::vector<TimedCluster>* clusters) {
   if (clusters->empty()) return 0;
-  const auto [first, last] = std::minmax_element(
-      clusters->begin(), clusters->end(),
-      [](const TimedCluster& a, const TimedCluster& b) { return a.mean_time_s < b.mean_time_s; });
-  const double middle_s = 0.5 * (first->mean_time_s + last->mean_time_s);
+  const auto [first_s, last_s] = SpanOf(*clusters);
   constexpr double kNsPerS = 1e9;
-  const auto middle_ns = static_cast<StampNs>(std::llround(kNsPerS * middle_s));
+  const auto middle_ns = static_cast<StampNs>(std::llround(kNsPerS * 0.5 * (first_s + last_s)));
   for (TimedCluster& cluster : *clusters)
     cluster.mean_time_s -= static_cast<double>(middle_ns) / kNsPerS;
   return middle_ns;
 }
 
 bool AnyTimed(const std::vector<TimedCluster>& clusters) {
-  return std::any_of(clusters.begin(), clusters.end(), [](const TimedCluster& c) {
-    return c.time_scatter > 0.0 || c.mean_time_s != 0.0;
-  });
+  return std::any_of(clusters.begin(), clusters.end(),
+                     [](const TimedCluster& c) { return c.Timed(); });
 }
 
 }  // namespace lamina

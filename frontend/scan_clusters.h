@@ -33,8 +33,8 @@ std::vector<TimedCluster> MergeClusters(const std::vector<TimedCluster>& cluster
 std::vector<std::vector<TimedPoint>> GroupByCluster(const std::vector<TimedPoint>& points,
                                                     double leaf_size_m);
 
-// All clusters in the LiDAR frame at the stamp, for a sensor with the constant body twist [w; v]
-// (rad/s, m/s) during the scan. result[i] belongs to clusters[i].
+// All clusters in the LiDAR frame at the instant from which their times count, for a sensor that
+// moves like this during the scan. result[i] belongs to clusters[i].
 std::vector<PointCluster> DeskewClusters(const std::vector<TimedCluster>& clusters,
                                          const SweepMotion& motion);
 // The same into memory that is there already.

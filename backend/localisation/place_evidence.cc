@@ -40,7 +40,7 @@ std::size_t PixelOf(int azimuth, int elevation) {
 OccupiedLeaves::OccupiedLeaves(const Submap& place)
     : leaf_size_m_(place.leaf_size_m), index_(place.leaves.size()) {
   for (const SubmapLeaf& leaf : place.leaves)
-    index_.FindOrInsert(PackVoxelKey(leaf.index[0], leaf.index[1], leaf.index[2]), 0);
+    index_.Insert(PackVoxelKey(leaf.index[0], leaf.index[1], leaf.index[2]));
 }
 
 double OccupiedLeaves::Met(const std::vector<Eigen::Vector3f>& points,

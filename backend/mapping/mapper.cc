@@ -116,8 +116,7 @@ void Mapper::StartOver(OdometryFrame* frame) {
   keyframes_.clear();
   keyframes_since_solve_ = frames_since_keyframe_ = 0;
   const StartTrack::Scan& first = start_.scans().front();
-  start_.Move(T_world_start_ * AtStamp(first.twist, open_.front().middle_ns).Inverse() *
-              first.T_world_lidar.Inverse());
+  start_.Move(FirstMiddle(first.twist) * first.T_world_lidar.Inverse());
   OdometryFrame taken;
   for (std::size_t k = 0; k < start_.scans().size(); ++k) {
     const StartTrack::Scan& scan = start_.scans()[k];
@@ -191,6 +190,10 @@ OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>
   return frame;
 }
 
+SE3 Mapper::FirstMiddle(const SweepMotion& sweep) const {
+  return T_world_start_ * AtStamp(sweep, open_.front().middle_ns).Inverse();
+}
+
 void Mapper::MoveToStart(OdometryFrame* frame) {
   // A sensor that goes on in a map that was there before is where it was found.
   const WindowFrame& first = window_.frames().front();
@@ -198,7 +201,7 @@ void Mapper::MoveToStart(OdometryFrame* frame) {
   // A first pose that is final already stays.
   if (MiddleOf(open_.front()).stamp_ns != first.stamp_ns) return;
   const SweepMotion sweep = first.sweep;
-  const SE3 T_world_middle = T_world_start_ * AtStamp(sweep, open_.front().middle_ns).Inverse();
+  const SE3 T_world_middle = FirstMiddle(sweep);
   const SE3 correction = T_world_middle * first.T_world_lidar.Inverse();
   window_.Move(0, T_world_middle, sweep);
   keyframes_.front() = T_world_middle;
@@ -374,13 +377,14 @@ void Mapper::Open(const MapperScan& scan, const OdometryFrame& frame) {
   Trajectory poses;
   const std::size_t begin = open_.size() - std::min<std::size_t>(3, open_.size());
   for (std::size_t k = begin; k < open_.size(); ++k) poses.push_back(MiddleOf(open_[k]));
-  for (std::size_t k = begin; k + 1 < open_.size(); ++k) {
-    // The first of three has no pose before it only at the start.
-    if (k + 2 < open_.size() && k > 0) continue;
+  const auto settle = [&](std::size_t k) {
     SweepMotion motion;
     if (MotionThrough(poses, k - begin, SlidingWindow::kMaxTwistGapS, &motion))
       open_[k].T_middle_stamp = AtStamp(motion, open_[k].middle_ns);
-  }
+  };
+  settle(open_.size() - 2);
+  // The first of all has no pose before it, and is known better by the two after it.
+  if (open_.size() == 3) settle(0);
 }
 
 StampedPose Mapper::MiddleOf(const OpenFrame& frame) const {

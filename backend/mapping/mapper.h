@@ -180,6 +180,8 @@ class Mapper {
   // The first scan is at T_world_start_ at its stamp, which is known to lie elsewhere than the
   // middle of its sweep once the motion is: moves it there, and with it *frame, the scan after it.
   void MoveToStart(OdometryFrame* frame);
+  // Where the first scan was in the middle of its sweep, under this motion.
+  SE3 FirstMiddle(const SweepMotion& sweep) const;
   // Deskews the last keyframe again, now that the motion after it is known too. False if it makes
   // no difference.
   bool RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar);

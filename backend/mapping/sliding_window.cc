@@ -10,14 +10,11 @@
 #include "core/base/angle.h"
 #include "core/base/parallel.h"
 #include "core/geometry/cluster_lanes.h"
-#include "core/geometry/robust_kernel.h"
 #include "core/geometry/sweep_motion.h"
 
 namespace lamina {
 namespace {
 
-// Leaves are fetched so many clusters ahead.
-constexpr std::size_t kLeavesAhead = 8;
 // In the place of a path: the cluster is in no leaf.
 constexpr std::uint64_t kNoLeaf = ~std::uint64_t{0};
 
@@ -112,21 +109,8 @@ void SlidingWindow::Push(WindowFrame frame) {
   frame.deskewed = DeskewClusters(frame.measured, frame.sweep);
   if (!AnyTimed(frame.measured)) frame.measured.clear();
   MoveIntoMap(frame, frame.T_world_lidar, &frame.in_map);
-  frame.leaves.assign(frame.in_map.size(), VoxelMap::kNoNode);
   frame.addresses.assign(frame.in_map.size(), {0, kNoLeaf});
-  const std::size_t n = frame.in_map.size();
-  for (std::size_t i = 0; i < n + kLeavesAhead; ++i) {
-    if (i < n && map_->CanHold(frame.in_map[i].mean)) {
-      frame.leaves[i] = map_->LeafAt(frame.in_map[i].mean, &frame.addresses[i]);
-      map_->Prefetch(frame.leaves[i]);
-    }
-    if (i >= kLeavesAhead / 2 && i < n + kLeavesAhead / 2) {
-      map_->PrefetchAround(frame.leaves[i - kLeavesAhead / 2]);
-    }
-    if (i < kLeavesAhead || frame.leaves[i - kLeavesAhead] == VoxelMap::kNoNode) continue;
-    map_->Hold(frame.leaves[i - kLeavesAhead]);
-    map_->AddWindow(frame.leaves[i - kLeavesAhead], frame.in_map[i - kLeavesAhead], frame.id);
-  }
+  frame.leaves = map_->AddFrame(frame.in_map, frame.id, &frame.addresses);
   frames_.push_back(std::move(frame));
 }
 
@@ -141,10 +125,11 @@ FinalKeyframe SlidingWindow::AsFinal(std::size_t i) const {
 }
 
 void SlidingWindow::PrefetchLeaves(const WindowFrame& frame, std::size_t i) const {
-  if (i + 2 * kLeavesAhead < frame.leaves.size()) {
-    map_->Prefetch(frame.leaves[i + 2 * kLeavesAhead]);
+  if (i + 2 * VoxelMap::kLeavesAhead < frame.leaves.size()) {
+    map_->Prefetch(frame.leaves[i + 2 * VoxelMap::kLeavesAhead]);
   }
-  if (i + kLeavesAhead < frame.leaves.size()) map_->PrefetchAround(frame.leaves[i + kLeavesAhead]);
+  if (i + VoxelMap::kLeavesAhead < frame.leaves.size())
+    map_->PrefetchAround(frame.leaves[i + VoxelMap::kLeavesAhead]);
 }
 
 void SlidingWindow::PopOldest(FinalKeyframe* left) {
@@ -172,12 +157,8 @@ double SlidingWindow::MarginalWeight(const WindowFrame& frame, std::size_t i) co
   const PointCluster fixed = map_->FixedAggregate(frame.leaves[i]);
   const Surface surface = map_->SurfaceOf(fixed, 0);
   if (surface.kind != Surface::Kind::kPlane) return 1.0;
-  const double distance = surface.normal.cast<double>().dot(frame.in_map[i].mean - surface.mean);
-  const double variance =
-      options_.noise_floor_m * options_.noise_floor_m + static_cast<double>(surface.variance);
-  return std::max(kLeast,
-                  GemanMcClureWeight(distance * distance /
-                                     (options_.kernel_sigma * options_.kernel_sigma * variance)));
+  return std::max(kLeast, KernelWeight(surface, frame.in_map[i].mean, options_.noise_floor_m,
+                                       options_.kernel_sigma));
 }
 
 void SlidingWindow::Move(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep) {
@@ -262,11 +243,7 @@ void SlidingWindow::FillObservations(std::size_t f, const std::vector<std::int32
         frame.deskewed[i].Capped(options_.max_cluster_weight).Scaled(frame.weights[i]);
     PlaneObservation& observation = problem->observations[static_cast<std::size_t>(place)];
     observation.frame = static_cast<int>(f);
-    if (observation.cluster.Empty()) {
-      observation.cluster = weighted;
-    } else {
-      observation.cluster += weighted;
-    }
+    observation.cluster += weighted;
   }
 }
 

@@ -14,12 +14,9 @@ SE3 AtStamp(const SweepMotion& sweep, StampNs middle_ns) {
 
 void MoveToStamp(StampNs middle_ns, OdometryFrame* frame) {
   const SE3 T_middle_stamp = AtStamp(frame->sweep, middle_ns);
-  Eigen::Matrix3d lever;  // of the way to the stamp, world
-  const Eigen::Vector3d d = T_middle_stamp.t;
-  lever << 0.0, -d.z(), d.y(), d.z(), 0.0, -d.x(), -d.y(), d.x(), 0.0;
   Matrix6d to_stamp = Matrix6d::Identity();
   to_stamp.topLeftCorner<3, 3>() = T_middle_stamp.R().transpose();
-  to_stamp.bottomLeftCorner<3, 3>() = -frame->match.T_world_lidar.R() * lever;
+  to_stamp.bottomLeftCorner<3, 3>() = -frame->match.T_world_lidar.R() * Hat(T_middle_stamp.t);
   frame->match.covariance = to_stamp * frame->match.covariance * to_stamp.transpose();
   for (SE3* T : {&frame->T_world_lidar, &frame->T_world_predicted, &frame->match.T_world_lidar})
     *T = *T * T_middle_stamp;

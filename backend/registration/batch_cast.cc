@@ -7,7 +7,6 @@
 #include "backend/bundle/plane_choice.h"
 #include "core/base/parallel.h"
 #include "core/geometry/cluster_lanes.h"
-#include "core/geometry/robust_kernel.h"
 #include "core/map/voxel_key.h"
 #include "frontend/scan_clusters.h"
 
@@ -16,8 +15,6 @@ namespace {
 
 // Frames whose clusters are unpacked at once.
 constexpr std::size_t kFramesAtOnce = 8;
-// Leaves are fetched so many clusters ahead.
-constexpr std::size_t kLeavesAhead = 8;
 
 // Calls prepare(k, slot) for all frames, some at once, and take(k, slot) in their order.
 template <typename Prepare, typename Take>
@@ -57,30 +54,14 @@ BatchCast::BatchCast(const std::vector<BatchFrame>& frames, const std::vector<SE
         MoveClusters(all.data(), all.size(), weights_.max_cluster_weight, poses_[k].R(),
                      poses_[k].t, all.data());
       },
-      [&](std::size_t k, std::size_t slot) { Insert(k, clusters[slot]); });
+      [&](std::size_t k, std::size_t slot) {
+        leaves_[k] = map_.AddFrame(clusters[slot], static_cast<std::int64_t>(k));
+      });
   map_.Refresh();
 }
 
 std::vector<PointCluster> BatchCast::Deskewed(std::size_t k) const {
   return DeskewClusters(frames_[k].clusters.Unpacked(), sweeps_[k]);
-}
-
-void BatchCast::Insert(std::size_t k, const std::vector<PointCluster>& clusters) {
-  const std::size_t n = clusters.size();
-  std::vector<VoxelMap::NodeId>& leaves = leaves_[k];
-  leaves.assign(n, VoxelMap::kNoNode);
-  for (std::size_t i = 0; i < n + kLeavesAhead; ++i) {
-    if (i < n && map_.CanHold(clusters[i].mean)) {
-      leaves[i] = map_.LeafAt(clusters[i].mean);
-      map_.Prefetch(leaves[i]);
-    }
-    if (i >= kLeavesAhead / 2 && i < n + kLeavesAhead / 2) {
-      map_.PrefetchAround(leaves[i - kLeavesAhead / 2]);
-    }
-    if (i < kLeavesAhead || leaves[i - kLeavesAhead] == VoxelMap::kNoNode) continue;
-    map_.AddWindow(leaves[i - kLeavesAhead], clusters[i - kLeavesAhead],
-                   static_cast<std::int64_t>(k));
-  }
 }
 
 BatchCast::PlaneNumbers BatchCast::NumberPlanes(std::vector<Plane>* planes,
@@ -101,7 +82,8 @@ BatchCast::PlaneNumbers BatchCast::NumberPlanes(std::vector<Plane>* planes,
     const std::vector<PointCluster> clusters = Deskewed(k);
     const Eigen::Matrix3d R = poses_[k].R();
     for (std::size_t i = 0; i < clusters.size(); ++i) {
-      if (i + kLeavesAhead < clusters.size()) map_.Prefetch(leaves_[k][i + kLeavesAhead]);
+      const std::size_t ahead = i + VoxelMap::kLeavesAhead;
+      if (ahead < clusters.size()) map_.Prefetch(leaves_[k][ahead]);
       if (leaves_[k][i] == VoxelMap::kNoNode) continue;
       const VoxelMap::NodeId node = map_.PlaneAbove(leaves_[k][i]);
       if (node == VoxelMap::kNoNode) continue;
@@ -133,15 +115,6 @@ BatchCast::PlaneNumbers BatchCast::NumberPlanes(std::vector<Plane>* planes,
     }
   });
   return numbers;
-}
-
-double BatchCast::RobustWeight(VoxelMap::NodeId node, const Eigen::Vector3d& mean) const {
-  const Surface& surface = map_.plane(node);
-  const double distance = surface.normal.cast<double>().dot(mean - surface.mean);
-  const double scale2 =
-      weights_.kernel_sigma * weights_.kernel_sigma *
-      (weights_.noise_floor_m * weights_.noise_floor_m + static_cast<double>(surface.variance));
-  return GemanMcClureWeight(distance * distance / scale2);
 }
 
 BundleProblem BatchCast::Problem(bool with_points) const {
@@ -177,9 +150,10 @@ void BatchCast::FillIn(const PlaneNumbers& numbers, const std::vector<VoxelMap::
       const std::int32_t number = numbers[k][i];
       if (number == kNone) continue;
       PointCluster& c = clusters[slot][i];
-      const VoxelMap::NodeId node = nodes[static_cast<std::size_t>(number)];
+      const Surface& plane = map_.plane(nodes[static_cast<std::size_t>(number)]);
       c = c.Capped(weights_.max_cluster_weight)
-              .Scaled(RobustWeight(node, R * c.mean + poses_[k].t));
+              .Scaled(KernelWeight(plane, R * c.mean + poses_[k].t, weights_.noise_floor_m,
+                                   weights_.kernel_sigma));
     }
   };
   InOrder(frames_.size(), weigh, [&](std::size_t k, std::size_t slot) {

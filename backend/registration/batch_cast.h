@@ -49,8 +49,6 @@ class BatchCast {
 
   // Of frame k, LiDAR frame at its stamp.
   std::vector<PointCluster> Deskewed(std::size_t k) const;
-  // Puts the clusters of a frame, in the world, into the map.
-  void Insert(std::size_t k, const std::vector<PointCluster>& clusters);
   // Numbers the planes in the order in which they are met: *planes with their counts and weights,
   // first being the number, and *nodes, the map's node of each number.
   PlaneNumbers NumberPlanes(std::vector<Plane>* planes, std::vector<VoxelMap::NodeId>* nodes) const;
@@ -59,8 +57,6 @@ class BatchCast {
   void FillIn(const PlaneNumbers& numbers, const std::vector<VoxelMap::NodeId>& nodes,
               const std::vector<std::int32_t>& place, bool with_points,
               BundleProblem* problem) const;
-  // Weight of a cluster, in the world, on the plane of a node.
-  double RobustWeight(VoxelMap::NodeId node, const Eigen::Vector3d& mean) const;
   void AddPoints(std::size_t k, std::size_t cluster, double weight,
                  std::vector<WeightedPoint>* points) const;
 

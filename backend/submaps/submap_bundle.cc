@@ -172,10 +172,7 @@ class CastSubmaps {
       const PointCluster cluster = submap.Cluster(submap.leaves[i]);
       const Eigen::Vector3d mean = anchors_[k] * cluster.mean;
       const Eigen::Vector3d sensor = anchors_[k] * SeenFrom(submap, cluster.mean);
-      const double distance = normal.dot(mean - surface.mean);
-      const double scale2 = kernel_sigma * kernel_sigma *
-                            (noise_floor_m * noise_floor_m + static_cast<double>(surface.variance));
-      const double weight = GemanMcClureWeight(distance * distance / scale2);
+      const double weight = KernelWeight(surface, mean, noise_floor_m, kernel_sigma);
       seen.push_back(
           {2 * static_cast<std::int64_t>(node) + (normal.dot(sensor - mean) < 0.0 ? 1 : 0),
            cluster.Scaled(weight)});

@@ -21,7 +21,7 @@ class PackedScan {
     for (const TimedCluster& c : clusters) {
       if (c.points.Empty()) continue;
       all += PointCluster{1.0, c.points.mean, {}};
-      timed = timed || c.mean_time_s != 0.0 || c.time_scatter != 0.0;
+      timed = timed || c.Timed();
     }
     centre_ = all.mean;
     const auto size = static_cast<std::size_t>(all.count);

@@ -86,6 +86,9 @@ struct TimedCluster {
   double time_scatter = 0.0;                             // sum (tau - mean)^2
   Eigen::Vector3d point_time = Eigen::Vector3d::Zero();  // sum (p - mu)(tau - mean)
 
+  // Whether any of its points was measured at another instant than tau = 0.
+  bool Timed() const { return time_scatter > 0.0 || mean_time_s != 0.0; }
+
   TimedCluster& operator+=(const TimedCluster& o) {
     if (o.points.count == 0.0) return *this;
     const double share = o.points.count / (points.count + o.points.count);
@@ -97,10 +100,11 @@ struct TimedCluster {
     return *this;
   }
 
-  // The cluster in the LiDAR frame at tau = 0, for a sensor that moves with the constant body twist
-  // xi = [w; v] (rad/s, m/s) during the scan. With s = tau - mean and c = w x mu + v,
+  // The cluster in the LiDAR frame at tau = 0, for a sensor that moves like this during the scan.
+  // With its twist [w; v] and pose T at the mean time, the change [a; b] of the twist, s = tau -
+  // mean and c = w x mu + v,
   //
-  //     p' = Exp(tau xi) p = Exp(mean xi) (p + s (w x p + v) + s^2/2 w x (w x p + v) + ...)
+  //     p' = T (p + s (w x p + v) + s^2/2 (w x (w x p + v) + a x p + b) + ...)
   //
   // The scatter is that of the right side to first order in s. The mean is carried further, since
   // what is left out of it does not average away over clusters: it lies on the same side of every

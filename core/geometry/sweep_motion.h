@@ -40,7 +40,8 @@ struct SweepMotion {
 //     xi = (t_a v_b + t_b v_a) / (t_a + t_b),    a = 2 (v_a - v_b) / (t_a + t_b).
 //
 // Where one of them is missing, or stamps do not increase or lie more than max_gap_s apart, through
-// the other, and the acceleration stays as it is. False, and *motion untouched, if there is none.
+// the other, and the acceleration stays as it is, or is that at the pose after it if it is the one
+// before that is missing. False, and *motion untouched, if there is none.
 bool MotionThrough(const Trajectory& poses, std::size_t i, double max_gap_s, SweepMotion* motion);
 
 }  // namespace lamina

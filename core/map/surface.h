@@ -4,6 +4,8 @@
 #include <Eigen/Core>
 #include <cstdint>
 
+#include "core/geometry/robust_kernel.h"
+
 namespace lamina {
 
 struct Surface {
@@ -22,5 +24,14 @@ struct Surface {
   Kind kind = Kind::kEmpty;
 };
 static_assert(sizeof(Surface) == 48);
+
+// The robust kernel's weight of a cluster at p on a plane: its scale is `kernel_sigma` standard
+// deviations of what the plane's thickness and the noise make together.
+inline double KernelWeight(const Surface& plane, const Eigen::Vector3d& p, double noise_floor_m,
+                           double kernel_sigma) {
+  const double distance = plane.normal.cast<double>().dot(p - plane.mean);
+  const double variance = noise_floor_m * noise_floor_m + static_cast<double>(plane.variance);
+  return GemanMcClureWeight(distance * distance / (kernel_sigma * kernel_sigma * variance));
+}
 
 }  // namespace lamina

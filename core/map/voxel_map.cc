@@ -154,6 +154,26 @@ void VoxelMap::AddWindow(NodeId leaf, const PointCluster& cluster, std::int64_t 
   n.last_added = static_cast<std::int32_t>(frame);
 }
 
+std::vector<VoxelMap::NodeId> VoxelMap::AddFrame(const std::vector<PointCluster>& clusters,
+                                                 std::int64_t frame,
+                                                 std::vector<LeafAddress>* held) {
+  const std::size_t n = clusters.size();
+  std::vector<NodeId> leaves(n, kNoNode);
+  for (std::size_t i = 0; i < n + kLeavesAhead; ++i) {
+    if (i < n && CanHold(clusters[i].mean)) {
+      leaves[i] = LeafAt(clusters[i].mean, held == nullptr ? nullptr : &(*held)[i]);
+      Prefetch(leaves[i]);
+    }
+    if (i >= kLeavesAhead / 2 && i < n + kLeavesAhead / 2) {
+      PrefetchAround(leaves[i - kLeavesAhead / 2]);
+    }
+    if (i < kLeavesAhead || leaves[i - kLeavesAhead] == kNoNode) continue;
+    if (held != nullptr) Hold(leaves[i - kLeavesAhead]);
+    AddWindow(leaves[i - kLeavesAhead], clusters[i - kLeavesAhead], frame);
+  }
+  return leaves;
+}
+
 void VoxelMap::ReplaceWindow(NodeId leaf, const PointCluster& before, const PointCluster& after) {
   const NodeId root = trees_.RootOf(leaf);
   Mark(root);

@@ -164,6 +164,8 @@ class VoxelMap {
     const ClusterMoments* const window = trees_.FindWindow(trees_.leaf(leaf));
     if (window != nullptr) FetchBytes(window, sizeof(*window));
   }
+  // A loop that does little else does well to fetch so many leaves ahead.
+  static constexpr std::size_t kLeavesAhead = 8;
 
   // Number of refreshes that changed anything.
   std::int64_t refreshes() const { return refreshes_; }
@@ -190,6 +192,11 @@ class VoxelMap {
   // The window part of a leaf. Clusters are in the world frame and belong to the frame `frame`; all
   // clusters of one frame are added before any of the next.
   void AddWindow(NodeId leaf, const PointCluster& cluster, std::int64_t frame);
+  // The same for all clusters of a frame, in their order. Returns the leaf of each, kNoNode where
+  // the map cannot hold it. Unless null, `held`, of the same size, gets the addresses of these
+  // leaves, which are held then.
+  std::vector<NodeId> AddFrame(const std::vector<PointCluster>& clusters, std::int64_t frame,
+                               std::vector<LeafAddress>* held = nullptr);
   // Exchanges a cluster that was added before, when its frame has moved; its count stays.
   void ReplaceWindow(NodeId leaf, const PointCluster& before, const PointCluster& after);
   // Marginalisation: a cluster that was added to the window part leaves it and joins the fixed

@@ -31,6 +31,11 @@ std::vector<BatchFrame> PatchSeenFrom(const std::vector<SE3>& poses, Draws* draw
   return frames;
 }
 
+BundleProblem ProblemSeenFrom(const std::vector<SE3>& poses, bool with_points, Draws* draws) {
+  const std::vector<BatchFrame> frames = PatchSeenFrom(poses, draws);
+  return BatchCast(frames, poses, OneMetre(), SlidingWindowOptions()).Problem(with_points);
+}
+
 TEST(BatchCast, TheSidesOfAWallAreTwoPlanes) {
   Draws draws(7);
   // Frames 1 and 3 stand behind it.
@@ -38,9 +43,7 @@ TEST(BatchCast, TheSidesOfAWallAreTwoPlanes) {
   for (int k = 0; k < 5; ++k) {
     poses.emplace_back(draws.Offset(0.3, 0.0).q, Eigen::Vector3d(k % 2 == 0 ? 8.0 : -8.0, 0, 0));
   }
-  const std::vector<BatchFrame> frames = PatchSeenFrom(poses, &draws);
-  const BundleProblem problem =
-      BatchCast(frames, poses, OneMetre(), SlidingWindowOptions()).Problem(true);
+  const BundleProblem problem = ProblemSeenFrom(poses, true, &draws);
   ASSERT_EQ(problem.planes.size(), 2U);
   ASSERT_EQ(problem.observations.size(), 5U);
   EXPECT_EQ(problem.planes[0].count, 3);
@@ -61,9 +64,7 @@ TEST(BatchCast, KeepsNoObservationsOfPlanesThatAreLeftOut) {
   std::vector<SE3> poses = {SE3(Eigen::Quaterniond::Identity(), {8, 0, 0}),
                             SE3(Eigen::Quaterniond::Identity(), {-8, 0, 0}),
                             SE3(Eigen::Quaterniond::Identity(), {8, 1, 0})};
-  const std::vector<BatchFrame> frames = PatchSeenFrom(poses, &draws);
-  const BundleProblem problem =
-      BatchCast(frames, poses, OneMetre(), SlidingWindowOptions()).Problem(false);
+  const BundleProblem problem = ProblemSeenFrom(poses, false, &draws);
   // One frame alone has seen the other side.
   ASSERT_EQ(problem.planes.size(), 1U);
   ASSERT_EQ(problem.observations.size(), 2U);
