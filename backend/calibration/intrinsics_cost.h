@@ -1,9 +1,9 @@
 // Bundle adjustment with two more unknowns: the sensor's elevation offset and range offset.
 //
-// Both move a cluster in closed form (frontend/sensor_intrinsics.h). With f either field and F its
-// Jacobian at the mean mu of a cluster, the residuals of its points (condensed_cost.h), r = m . p +
-// ..., have the derivative c = m . f(mu) + g . (p - mu), g = F'm, by that unknown. With c = c0 + g
-// . (p - mu) for both at once, c0 of two rows and g 3x2, the sums over the points follow from the
+// Both move a cluster in closed form (sensor_intrinsics.h). With f either field and F its Jacobian
+// at the mean mu of a cluster, the residuals of its points (condensed_cost.h), r = m . p + ...,
+// have the derivative c = m . f(mu) + g . (p - mu), g = F'm, by that unknown. With c = c0 + g . (p
+// - mu) for both at once, c0 of two rows and g 3x2, the sums over the points follow from the
 // scatter S alone:
 //
 //     c'c   = n c0 c0' + g' S g         J'c   = n [a; nu] c0' - [m x S g; 0]
@@ -27,7 +27,7 @@
 #include <vector>
 
 #include "backend/bundle/problem.h"
-#include "frontend/sensor_intrinsics.h"
+#include "frontend/scan/sensor_intrinsics.h"
 
 namespace lamina {
 

@@ -1,4 +1,4 @@
-// The sensor's elevation and range offset (frontend/sensor_intrinsics.h) that make the map
+// The sensor's elevation and range offset (frontend/scan/sensor_intrinsics.h) that make the map
 // thinnest.
 //
 // A drive gives segments: some frames each, in order, at the poses that mapping found. Each segment
@@ -29,7 +29,7 @@
 #include "core/geometry/scan.h"
 #include "core/map/voxel_map.h"
 #include "core/options/options.h"
-#include "frontend/sensor_intrinsics.h"
+#include "frontend/scan/sensor_intrinsics.h"
 
 namespace lamina {
 

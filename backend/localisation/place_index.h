@@ -25,7 +25,7 @@
 #include "backend/loops/loop_options.h"
 #include "backend/submaps/place_image.h"
 #include "backend/submaps/submap_registration.h"
-#include "frontend/scan_matcher.h"
+#include "frontend/matching/scan_matcher.h"
 
 namespace lamina {
 

@@ -20,7 +20,7 @@
 #include "backend/loops/loop_options.h"
 #include "backend/submaps/place_lookup.h"
 #include "core/map/voxel_map.h"
-#include "frontend/scan_matcher.h"
+#include "frontend/matching/scan_matcher.h"
 
 namespace lamina {
 

@@ -16,7 +16,7 @@
 #include "backend/submaps/anchor_graph.h"
 #include "backend/submaps/submap.h"
 #include "core/map/voxel_map.h"
-#include "frontend/scan_matcher.h"
+#include "frontend/matching/scan_matcher.h"
 
 namespace lamina {
 

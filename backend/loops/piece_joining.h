@@ -29,7 +29,7 @@
 #include "backend/submaps/submap.h"
 #include "backend/submaps/work_sharing.h"
 #include "core/map/voxel_map.h"
-#include "frontend/scan_matcher.h"
+#include "frontend/matching/scan_matcher.h"
 
 namespace lamina {
 

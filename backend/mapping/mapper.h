@@ -25,9 +25,9 @@
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"
-#include "frontend/lost_track.h"
-#include "frontend/odometry.h"
-#include "frontend/start_track.h"
+#include "frontend/odometry/lost_track.h"
+#include "frontend/odometry/odometry.h"
+#include "frontend/start/start_track.h"
 
 namespace lamina {
 

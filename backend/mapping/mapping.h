@@ -12,8 +12,8 @@
 //
 //     decode    filter by range, time of each point, clusters by voxel     scan_decoder.h
 //     hand over what bundle adjustment found of earlier keyframes          piece_mapper.h
-//     register  predict, deskew, match to the map, search where that       frontend/odometry.h
-//               fails
+//     register  predict, deskew, match to the map, search where       frontend/odometry/odometry.h
+//               that fails
 //     keyframe  into the sliding window, its clusters into the map         mapper.h
 //     final     poses that have left the window are handed on, in order    final_poses.h
 //     correct   with loops.enabled: what loops found earlier takes        submaps/loop_track.h

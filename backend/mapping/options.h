@@ -4,7 +4,7 @@
 #include "backend/loops/loop_options.h"
 #include "backend/mapping/mapper.h"
 #include "core/options/options.h"
-#include "frontend/scan_preparation.h"
+#include "frontend/scan/scan_preparation.h"
 
 namespace lamina {
 

@@ -12,7 +12,7 @@
 #include "core/base/median.h"
 #include "core/base/printable_text.h"
 #include "core/base/stopwatch.h"
-#include "frontend/scan_clusters.h"
+#include "frontend/scan/scan_clusters.h"
 
 namespace lamina {
 namespace {

@@ -10,7 +10,7 @@
 #include "core/geometry/point_cluster.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/scan_source.h"
-#include "frontend/scan_preparation.h"
+#include "frontend/scan/scan_preparation.h"
 
 namespace lamina {
 

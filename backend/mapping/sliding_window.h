@@ -20,8 +20,8 @@
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"
 #include "core/options/options.h"
-#include "frontend/scan_clusters.h"
-#include "frontend/scan_matcher.h"
+#include "frontend/matching/scan_matcher.h"
+#include "frontend/scan/scan_clusters.h"
 
 namespace lamina {
 

@@ -8,7 +8,7 @@
 #include "core/base/parallel.h"
 #include "core/geometry/cluster_lanes.h"
 #include "core/map/voxel_key.h"
-#include "frontend/scan_clusters.h"
+#include "frontend/scan/scan_clusters.h"
 
 namespace lamina {
 namespace {

@@ -13,7 +13,7 @@
 #include "core/base/angle.h"
 #include "core/base/parallel.h"
 #include "core/base/stopwatch.h"
-#include "frontend/scan_clusters.h"
+#include "frontend/scan/scan_clusters.h"
 
 namespace lamina {
 namespace {

@@ -30,7 +30,7 @@
 #include "backend/submaps/submap.h"
 #include "core/map/voxel_map.h"
 #include "core/options/options.h"
-#include "frontend/scan_matcher.h"
+#include "frontend/matching/scan_matcher.h"
 
 namespace lamina {
 

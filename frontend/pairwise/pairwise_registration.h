@@ -22,7 +22,7 @@
 #include "core/geometry/point_cluster.h"
 #include "core/geometry/se3.h"
 #include "core/options/options.h"
-#include "frontend/scan_preparation.h"
+#include "frontend/scan/scan_preparation.h"
 
 namespace lamina {
 

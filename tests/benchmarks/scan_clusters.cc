@@ -1,7 +1,7 @@
 #include <benchmark/benchmark.h>
 
 #include "core/map/voxel_map.h"
-#include "frontend/scan_clusters.h"
+#include "frontend/scan/scan_clusters.h"
 #include "tests/benchmarks/world.h"
 
 namespace lamina {

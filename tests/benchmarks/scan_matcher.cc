@@ -1,7 +1,7 @@
 #include <benchmark/benchmark.h>
 
 #include "core/base/angle.h"
-#include "frontend/scan_matcher.h"
+#include "frontend/matching/scan_matcher.h"
 #include "tests/benchmarks/world.h"
 
 namespace lamina {

@@ -35,7 +35,11 @@ const std::map<std::string, std::vector<std::vector<std::string>>> kRooms = {
       {"io/map", "io/message"},
       {"io/recording"},
       {"io/inbox"}}},
-    {"frontend", {{"frontend"}, {"frontend/pairwise"}}},
+    {"frontend",
+     {{"frontend/scan"},
+      {"frontend/matching"},
+      {"frontend/odometry"},
+      {"frontend/start", "frontend/pairwise"}}},
     {"backend",
      {{"backend/bundle"},
       {"backend/bundle/uncertainty"},
@@ -205,11 +209,11 @@ TEST(Layers, TheCheckCatchesWrongRooms) {
 TEST(Layers, TheCheckCatchesWrongIncludes) {
   const std::vector<std::string> none;
   EXPECT_EQ(WrongIncludes("core", "#include <vector>\n#include \"core/geometry/se3.h\"\n"), none);
-  EXPECT_EQ(WrongIncludes("backend", "#include \"frontend/odometry.h\"\n"), none);
+  EXPECT_EQ(WrongIncludes("backend", "#include \"frontend/odometry/odometry.h\"\n"), none);
   EXPECT_EQ(WrongIncludes("core", "int i;\n#include \"io/recording/scan_source.h\"\n"),
             std::vector<std::string>{"io/recording/scan_source.h"});
-  EXPECT_EQ(WrongIncludes("io", "  #  include \"frontend/odometry.h\"  // no\n"),
-            std::vector<std::string>{"frontend/odometry.h"});
+  EXPECT_EQ(WrongIncludes("io", "  #  include \"frontend/odometry/odometry.h\"  // no\n"),
+            std::vector<std::string>{"frontend/odometry/odometry.h"});
   EXPECT_EQ(WrongIncludes("frontend", "#include \"io/recording/scan_source.h\"\n").size(), 1U);
   EXPECT_EQ(WrongIncludes("config", "#include \"tools/run/command.h\"\n").size(), 1U);
   EXPECT_EQ(WrongIncludes("tools", "#include \"tests/support/random_scenes.h\"\n").size(), 1U);

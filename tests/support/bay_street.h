@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "core/base/angle.h"
-#include "frontend/scan_clusters.h"
+#include "frontend/scan/scan_clusters.h"
 #include "tests/support/random_scenes.h"
 
 namespace lamina {

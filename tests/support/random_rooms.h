@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "core/map/voxel_map.h"
-#include "frontend/scan_clusters.h"
+#include "frontend/scan/scan_clusters.h"
 #include "tests/support/random_scenes.h"
 
 namespace lamina {

@@ -13,7 +13,7 @@
 #include "core/base/error.h"
 #include "core/base/stopwatch.h"
 #include "frontend/pairwise/pairwise_odometry.h"
-#include "frontend/scan_clusters.h"
+#include "frontend/scan/scan_clusters.h"
 #include "tools/compare/config.h"
 #include "tools/compare/global_synchronisation.h"
 #include "tools/results/process_report.h"

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "core/options/options.h"
-#include "frontend/scan_preparation.h"
+#include "frontend/scan/scan_preparation.h"
 #include "io/map/map_io.h"
 #include "io/recording/scan_source.h"
 #include "tools/results/posed_scans.h"

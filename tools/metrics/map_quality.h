@@ -28,7 +28,7 @@
 
 #include "core/geometry/scan.h"
 #include "core/options/options.h"
-#include "frontend/scan_preparation.h"
+#include "frontend/scan/scan_preparation.h"
 #include "io/recording/scan_source.h"
 
 namespace lamina {

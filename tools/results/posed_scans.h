@@ -8,7 +8,7 @@
 //     p' = Exp(tau xi + tau^2/2 a) p
 //
 // xi and a are those of core/geometry/sweep_motion.h; tau comes from PrepareScan
-// (frontend/scan_preparation.h).
+// (frontend/scan/scan_preparation.h).
 #pragma once
 
 #include <cstddef>
@@ -16,7 +16,7 @@
 
 #include "core/geometry/scan.h"
 #include "core/geometry/sweep_motion.h"
-#include "frontend/scan_preparation.h"
+#include "frontend/scan/scan_preparation.h"
 #include "io/recording/scan_source.h"
 
 namespace lamina {

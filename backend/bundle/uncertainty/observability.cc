@@ -11,7 +11,7 @@
 
 #include "backend/bundle/plane_geometry.h"
 #include "backend/bundle/uncertainty/sliding_groups.h"
-#include "frontend/degeneracy.h"
+#include "frontend/matching/degeneracy.h"
 
 namespace lamina {
 namespace {

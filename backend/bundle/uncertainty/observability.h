@@ -8,8 +8,8 @@
 //   sliding group    frames that are determined among themselves, but not against the others: two
 //                    rooms that have the floor in common, and nothing else
 //
-// A frame's directions are judged as in matching (frontend/degeneracy.h), with the rows of the
-// condensed cost: a direction is open where what faces it leaves it less certain than
+// A frame's directions are judged as in matching (frontend/matching/degeneracy.h), with the rows of
+// the condensed cost: a direction is open where what faces it leaves it less certain than
 // `max_direction_sigma_m`. The same holds for the directions of a group against what it shares
 // planes with (rigid_groups.h, sliding_groups.h). A gap between neighbours makes a group, not the
 // drift that a long chain gathers: neither a corridor of thousands of frames nor a loop is one.

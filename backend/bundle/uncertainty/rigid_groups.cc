@@ -6,7 +6,7 @@
 #include <queue>
 #include <utility>
 
-#include "frontend/degeneracy.h"
+#include "frontend/matching/degeneracy.h"
 
 namespace lamina {
 namespace {

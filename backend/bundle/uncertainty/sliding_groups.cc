@@ -7,7 +7,7 @@
 #include <map>
 #include <utility>
 
-#include "frontend/degeneracy.h"
+#include "frontend/matching/degeneracy.h"
 
 namespace lamina {
 namespace {

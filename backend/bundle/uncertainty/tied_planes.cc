@@ -4,7 +4,7 @@
 #include <algorithm>
 
 #include "core/base/parallel.h"
-#include "frontend/degeneracy.h"
+#include "frontend/matching/degeneracy.h"
 
 namespace lamina {
 namespace {

@@ -1,0 +1,36 @@
+// What a plane of the map is worth to the beam that meets it.
+//
+// A surface is seen from where it can be hit. Points at random depths along the beams of one ring
+// or one stroke of a scan pattern, in foliage or smoke or where edges follow one another, lie in
+// the sheet that these beams sweep: a thin plane, which holds the lines of sight and moves along
+// with the sensor. A forest under a sensor that draws the same pattern again and again is full of
+// them, and they fit best where the sensor does not move at all.
+#pragma once
+
+#include "core/map/surface.h"
+
+namespace lamina {
+
+// In [0, 1]: near 0 where the line of sight runs within the plane's own slab, whose half-thickness
+// over half-breadth is sqrt(flatness), 1 where it crosses it,
+//
+//     c^2 / (c^2 + flatness),    c = |normal . sight| / |sight|.
+//
+// `normal` is the plane's and `sight` leads from the sensor to the point, both in one frame.
+inline double SightWeight(const Surface& plane, const Eigen::Vector3d& normal,
+                          const Eigen::Vector3d& sight) {
+  const double along = normal.dot(sight);
+  const double along2 = along * along;
+  constexpr double kAtSensor2 = 1e-12;  // m^2: a point without a line of sight counts nothing
+  return along2 / (along2 + static_cast<double>(plane.flatness) * sight.squaredNorm() + kAtSensor2);
+}
+
+// The arc that one ring of a sweep draws across a corner looks like a plane, too, and moves along
+// with the sensor. Such a plane holds the lines of sight to its points.
+inline bool AlongSight(const Eigen::Vector3d& normal, const Eigen::Vector3d& sight) {
+  constexpr double kSine = 0.2;
+  const double along = normal.dot(sight);
+  return along * along < kSine * kSine * sight.squaredNorm();
+}
+
+}  // namespace lamina

@@ -1,0 +1,127 @@
+// Residuals of a scan's clusters against the voxel map, summed into normal equations.
+// The cost is described in scan_matcher.h.
+#pragma once
+
+#include <vector>
+
+#include "core/geometry/point_cluster.h"
+#include "core/geometry/se3.h"
+#include "core/map/voxel_key.h"
+#include "core/map/voxel_map.h"
+#include "frontend/matching/degeneracy.h"
+
+namespace lamina {
+
+struct ScanMatcherOptions;
+
+// Squared standard deviation, m^2, of a cluster's distance from a plane with this normal in the
+// LiDAR frame: what neither of them is thinner than, the plane's thickness and the cluster's own.
+inline double DistanceVariance(const PointCluster& cluster, const Eigen::Vector3d& normal_lidar,
+                               const Surface& surface, double floor2) {
+  const double spread = normal_lidar.dot(cluster.scatter * normal_lidar) / cluster.count;
+  return floor2 + static_cast<double>(surface.variance) + spread;
+}
+
+// One linearisation of the cost, H step = -g, in the tangent of core/geometry/se3.h.
+struct NormalEquations {
+  Matrix6d H = Matrix6d::Zero();
+  Vector6d g = Vector6d::Zero();
+  double weight = 0.0;     // sum of the weights (1/m^2)
+  double robust = 0.0;     // sum of the kernel's weights in [0, 1]
+  double residual2 = 0.0;  // sum of kernel weight * distance^2
+  int matched = 0;
+  int matched_old = 0;  // those on planes that are not young
+  // Along the watched directions: of all residuals / of those on planes that are not young.
+  DirectionEvidence all, old;
+
+  NormalEquations& operator+=(const NormalEquations& o);
+};
+
+// Not thread-safe; runs on several threads, with the same bits at any number.
+class MapResiduals {
+ public:
+  // All arguments must outlive it.
+  MapResiduals(const ScanMatcherOptions& options, const VoxelMap& map,
+               const std::vector<PointCluster>& clusters)
+      : options_(options),
+        map_(map),
+        clusters_(clusters),
+        places_(clusters.size()),
+        surfaces_(clusters.size(), VoxelMap::kNoNode),
+        planes_(clusters.size()) {}
+
+  const VoxelMap& map() const { return map_; }
+
+  // Rough structure takes part as well.
+  bool use_rough = false;
+
+  // Evidence along the columns of *watched (scaled tangent) is gathered if it is not null.
+  NormalEquations At(const SE3& T, double kernel_sigma, const Matrix6d* watched);
+
+  // How the gradient scatters, at the pose and kernel of the last At: the sum of scan_matcher.h
+  // over blocks of space, without H^-1 on both sides.
+  Matrix6d GradientScatter(const SE3& T, double kernel_sigma);
+
+  // Normal equations of a step of the pose and of another at once, a cluster having a share p of
+  // the one and q of the other: sum w p^2 J'J, sum w p q J'J, sum w q^2 J'J, sum w p e J and
+  // sum w q e J.
+  struct StepShares {
+    double pose = 1.0, other = 0.0;
+  };
+  struct TwoSteps {
+    Matrix6d H_pose = Matrix6d::Zero(), H_across = Matrix6d::Zero(), H_other = Matrix6d::Zero();
+    Vector6d g_pose = Vector6d::Zero(), g_other = Vector6d::Zero();
+    TwoSteps& operator+=(const TwoSteps& o);
+  };
+  TwoSteps TwoStepsAt(const SE3& T, double kernel_sigma, const std::vector<StepShares>& shares);
+
+ private:
+  // H and gradient of the clusters in a block of space, where errors are alike.
+  struct Block {
+    VoxelKey key = 0;
+    Matrix6d H = Matrix6d::Zero();
+    Vector6d g = Vector6d::Zero();
+  };
+  std::vector<Block> Blocks(const SE3& T, double kernel_sigma);
+  static VoxelKey BlockAround(const Eigen::Vector3d& p);
+  // Sum of g g' over the surfaces that a block's clusters meet, g being the gradient of a surface's
+  // own. At the pose of the last At.
+  Matrix6d SurfaceScatter(const SE3& T, double kernel_sigma, VoxelKey block) const;
+  // Looks up the surface around each cluster, unless the pose is still so near the one of the last
+  // look-up that a cluster at 30 m has moved by less than a small part of a leaf. Most clusters are
+  // still in the leaf in which they were then, and have no need of another.
+  void Associate(const SE3& T, const Eigen::Matrix3d& R);
+  // How thick even the thin ones of the planes around the scan are. A plane that looks thinner does
+  // so because few points made it, or one beam.
+  void FindLeastThickness();
+  void AddCluster(std::size_t i, const Eigen::Matrix3d& R, const Eigen::Vector3d& t,
+                  double kernel_sigma, NormalEquations* sum) const;
+  void AddPlane(const PointCluster& cluster, const Eigen::Matrix3d& R, const Eigen::Vector3d& p,
+                const Surface& surface, double kernel_sigma, NormalEquations* sum) const;
+  // A pole or an edge has no plane, but is narrow across: every narrow axis of the joint
+  // distribution of cluster and leaf holds its direction. Wide axes end at the voxel's faces, not
+  // at anything real, and say nothing.
+  void AddRough(const PointCluster& cluster, const Eigen::Matrix3d& R, const Eigen::Vector3d& p,
+                VoxelMap::NodeId leaf, double kernel_sigma, NormalEquations* sum) const;
+  // A residual along the unit direction `normal` (world), of weight w.
+  struct Row {
+    Eigen::Vector3d normal, normal_lidar;
+    double distance = 0.0, w = 0.0, normal_error2 = 0.0;
+    bool young = false;
+  };
+  void AddRow(const Row& row, const Eigen::Vector3d& mu, NormalEquations* sum) const;
+
+  const ScanMatcherOptions& options_;
+  const VoxelMap& map_;
+  const std::vector<PointCluster>& clusters_;
+  std::vector<LeafPlace> places_;  // of the last look-up, where there was one
+  std::vector<VoxelMap::NodeId> surfaces_;
+  std::vector<const Surface*> planes_;  // of those that are planar, else null
+  double floor2_ = 0.0;                 // m^2: variance that no plane is believed to have less of
+  double beam2_ = 0.0;                  // m^2: see NormalError2
+  bool watching_ = false;
+  bool associated_ = false;
+  SE3 associated_at_;
+};
+
+}  // namespace lamina

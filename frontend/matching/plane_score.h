@@ -1,0 +1,50 @@
+// How well clusters of a scan fit the map's planes at one pose.
+#pragma once
+
+#include "core/geometry/point_cluster.h"
+#include "core/geometry/robust_kernel.h"
+#include "core/geometry/se3.h"
+#include "core/map/voxel_map.h"
+#include "frontend/matching/line_of_sight.h"
+
+namespace lamina {
+
+// The plane around p; null if there is none.
+inline const Surface* PlaneAt(const VoxelMap& map, const Eigen::Vector3d& p) {
+  if (!map.CanHold(p)) return nullptr;
+  const VoxelMap::NodeId id = map.FindSurface(p);
+  if (id == VoxelMap::kNoNode || map.kind(id) != Surface::Kind::kPlane) return nullptr;
+  return &map.plane(id);
+}
+
+// GemanMcClureWeight((distance / scale_m)^2) of a cluster's mean and the plane around it, times
+// SightWeight: a plane that the sensor could not have seen from there speaks against the pose.
+class PlaneScore {
+ public:
+  static constexpr double kNone = -1.0;
+
+  PlaneScore(const SE3& T_world_lidar, const VoxelMap& map, double scale_m)
+      : R_(T_world_lidar.R()),
+        t_(T_world_lidar.t),
+        map_(map),
+        inverse2_(1.0 / (scale_m * scale_m)) {}
+
+  // In [0, 1]; kNone where there is no plane.
+  double Of(const PointCluster& cluster) const {
+    const Eigen::Vector3d p = R_ * cluster.mean + t_;
+    const Surface* surface = PlaneAt(map_, p);
+    if (surface == nullptr) return kNone;
+    const Eigen::Vector3d normal = surface->normal.cast<double>();
+    const double distance = normal.dot(p - surface->mean);
+    return SightWeight(*surface, normal, p - t_) *
+           GemanMcClureWeight(distance * distance * inverse2_);
+  }
+
+ private:
+  Eigen::Matrix3d R_;
+  Eigen::Vector3d t_;
+  const VoxelMap& map_;
+  double inverse2_;
+};
+
+}  // namespace lamina

@@ -1,0 +1,308 @@
+#include "frontend/matching/pose_search.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+
+#include "core/base/angle.h"
+#include "core/base/parallel.h"
+
+namespace lamina {
+namespace {
+
+// Steps of a grid to either side of its middle.
+int StepsIn(double range, double step) { return static_cast<int>(std::floor(range / step + 1e-9)); }
+
+// Poses that are another place, not another start into the same minimum.
+constexpr double kApartM = 0.75, kApartRad = 0.07;
+bool Apart(const SE3& a, const SE3& b, double share = 1.0) {
+  return (a.t - b.t).norm() > share * kApartM || RotationAngle(a, b) > share * kApartRad;
+}
+
+constexpr double kCompareScale = 1.5;  // of the score's scale
+
+// How far from the prediction coarse hypotheses lie, in standard deviations.
+constexpr double kSigmas = 2.0;
+// Steps from the middle of which a coarse descent finds the way.
+constexpr double kStepM = 1.0;
+
+}  // namespace
+
+void PoseSearchOptions::Visit(OptionVisitor& v) {
+  v.Flag("enabled", &enabled);
+  v.Number("trigger_rotation_deg", &trigger_rotation_deg, 0.0, 180.0);
+  v.Number("trigger_translation_m", &trigger_translation_m, 0.0, 1e3);
+  v.Number("trigger_inlier_ratio", &trigger_inlier_ratio, 0.0, 10.0);
+  v.Number("range_deg", &range_deg, 0.0, 60.0);
+  v.Number("step_deg", &step_deg, 0.5, 60.0);
+  v.Number("range_m", &range_m, 0.0, 20.0);
+  v.Number("step_m", &step_m, 0.05, 20.0);
+  v.Number("max_way_m", &max_way_m, 0.0, 200.0);
+  v.Integer("clusters", &clusters, 10, 100000);
+  v.Number("score_scale_m", &score_scale_m, 0.001, 10.0);
+  v.Integer("refined", &refined, 1, 1000);
+}
+
+ScanMatcherOptions PoseSearch::Coarse(ScanMatcherOptions options) {
+  constexpr double kWide = 5.0;
+  options.kernel_start_sigma *= kWide;
+  options.kernel_end_sigma *= kWide;
+  options.max_iterations = 8;
+  options.max_distance_m *= 1.5;
+  return options;
+}
+
+std::size_t PoseSearch::Stride(std::size_t clusters) const {
+  return std::max<std::size_t>(1, clusters / static_cast<std::size_t>(options_.clusters));
+}
+
+std::vector<SE3> PoseSearch::TurnsAbout(const std::vector<SE3>& centres) const {
+  const int steps = StepsIn(options_.range_deg, options_.step_deg);
+  std::vector<SE3> hypotheses;
+  for (const SE3& centre : centres) {
+    for (int x = -steps; x <= steps; ++x) {
+      for (int y = -steps; y <= steps; ++y) {
+        for (int z = -steps; z <= steps; ++z) {
+          const Eigen::Vector3d w = Radians(options_.step_deg) * Eigen::Vector3d(x, y, z);
+          hypotheses.emplace_back(centre.q * ExpSO3(w), centre.t);
+        }
+      }
+    }
+  }
+  return hypotheses;
+}
+
+std::vector<SE3> PoseSearch::OffsetsAbout(const SE3& centre) const {
+  const int steps = StepsIn(options_.range_m, options_.step_m);
+  std::vector<SE3> hypotheses;
+  for (int x = -steps; x <= steps; ++x) {
+    for (int y = -steps; y <= steps; ++y) {
+      const Eigen::Vector3d offset(options_.step_m * x, options_.step_m * y, 0.0);
+      hypotheses.emplace_back(centre.q, centre * offset);
+    }
+  }
+  return hypotheses;
+}
+
+std::vector<SE3> PoseSearch::OffsetsAround(const PosePrediction& prediction) const {
+  // Farther apart, two scans of a street hardly have a plane in common.
+  constexpr double kMostM = 8.0;
+  const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
+  const double reach = std::min(kSigmas * sigma, kMostM);
+  std::vector<SE3> hypotheses;
+  if (reach < options_.range_m + kStepM) return hypotheses;
+  const SE3& centre = prediction.T_world_lidar;
+  const int steps = static_cast<int>(std::ceil(reach / kStepM));
+  for (int x = -steps; x <= steps; ++x) {
+    for (int y = -steps; y <= steps; ++y) {
+      const Eigen::Vector3d offset(kStepM * x, kStepM * y, 0.0);
+      if (offset.norm() <= reach) hypotheses.emplace_back(centre.q, centre * offset);
+    }
+  }
+  return hypotheses;
+}
+
+std::vector<SE3> PoseSearch::AlongTheWay(const PosePrediction& prediction,
+                                         const Eigen::Vector3d& way, double way_m) const {
+  constexpr double kTurn = Radians(6.0);
+  // What a turn does not explain: a part of the way.
+  constexpr double kSideways = 0.05;
+  const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
+  const double turn_sigma = std::sqrt(prediction.covariance.diagonal().head<3>().maxCoeff());
+  const double reach = std::min(kSigmas * sigma, options_.max_way_m);
+  std::vector<SE3> hypotheses;
+  if (reach < kStepM) return hypotheses;
+  const SE3& centre = prediction.T_world_lidar;
+  const Eigen::Vector3d up = centre.q * Eigen::Vector3d::UnitZ();
+  const Eigen::Vector3d side = up.cross(way).normalized();
+  const int steps = static_cast<int>(std::ceil(reach / kStepM));
+  const int sides = static_cast<int>(std::ceil(std::min(reach, kSideways * way_m) / kStepM));
+  const int turns = StepsIn(std::min(kSigmas * turn_sigma, Radians(options_.range_deg)), kTurn);
+  for (int along = -steps; along <= steps; ++along) {
+    for (int about = -turns; about <= turns; ++about) {
+      const double on_m = kStepM * along, turn = kTurn * about;
+      // A steady turn leads to the side by half of it.
+      const double aside_m = 0.5 * turn * std::max(0.0, way_m + on_m);
+      for (int across = -sides; across <= sides; ++across) {
+        hypotheses.emplace_back(centre.q * ExpSO3(turn * Eigen::Vector3d::UnitZ()),
+                                centre.t + on_m * way + (aside_m + kStepM * across) * side);
+      }
+    }
+  }
+  return hypotheses;
+}
+
+void PoseSearch::SortByScore(const SearchedScan& scan, std::size_t stride, double chance,
+                             std::vector<Scored>* hypotheses) const {
+  ParallelChunks(hypotheses->size(), 16, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      (*hypotheses)[i].score = matcher_->Score(scan.clusters, (*hypotheses)[i].T_world_lidar,
+                                               scan.map, options_.score_scale_m, stride, chance);
+    }
+  });
+  std::stable_sort(hypotheses->begin(), hypotheses->end(),
+                   [](const Scored& a, const Scored& b) { return a.score > b.score; });
+}
+
+std::vector<SE3> PoseSearch::Promising(const SearchedScan& scan, const std::vector<SE3>& hypotheses,
+                                       double chance, double apart, std::size_t most,
+                                       const Wanted& wanted) const {
+  const std::size_t stride = Stride(scan.clusters.size());
+  std::vector<Scored> scores;
+  for (const SE3& T : hypotheses) scores.push_back({0.0, T});
+  // A quarter of the clusters tells which hypotheses are hopeless.
+  constexpr std::size_t kCoarser = 4, kLeft = 6, kFew = 100;
+  if (scores.size() > 2 * kFew && scan.clusters.size() >= kCoarser * stride * kFew) {
+    SortByScore(scan, kCoarser * stride, chance, &scores);
+    scores.resize(std::max(kFew, scores.size() / kLeft));
+  }
+  SortByScore(scan, stride, chance, &scores);
+  // What fits far worse before matching hardly ever fits best after it. A young map is no measure.
+  constexpr double kLeastShare = 0.8;
+  const double least = scan.starting || scores.empty() ? -1.0 : kLeastShare * scores[0].score;
+  std::vector<SE3> best;
+  for (std::size_t k = 0; k < scores.size() && best.size() < most && scores[k].score >= least;
+       ++k) {
+    const SE3& T = scores[k].T_world_lidar;
+    const bool known = std::any_of(best.begin(), best.end(),
+                                   [&](const SE3& other) { return !Apart(T, other, apart); });
+    if (!known && wanted(T)) best.push_back(T);
+  }
+  return best;
+}
+
+std::vector<PointCluster> PoseSearch::Part(const std::vector<PointCluster>& clusters) const {
+  std::vector<PointCluster> part;
+  for (std::size_t i = 0; i < clusters.size(); i += Stride(clusters.size()))
+    part.push_back(clusters[i]);
+  return part;
+}
+
+void PoseSearch::Descend(const SearchedScan& scan, PoseHypotheses* hypotheses) const {
+  if (hypotheses->coarse.empty()) return;
+  const std::vector<PointCluster> part = Part(scan.clusters);
+  std::vector<SE3>& poses = hypotheses->coarse;
+  ParallelChunks(poses.size(), 4, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      poses[i] = coarse_matcher_.MatchPose(part, {poses[i], scan.prediction.covariance}, scan.map)
+                     .T_world_lidar;
+    }
+  });
+}
+
+std::vector<SE3> PoseSearch::Starts(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+                                    std::size_t most, const Wanted& wanted) const {
+  std::vector<SE3> starts = Promising(scan, hypotheses.dense, 0.0, 1.0, most, wanted);
+  // At a minimum the fit tells, however much of the scan meets planes at all. Beside the right one
+  // there are others.
+  constexpr double kMinimaApart = 0.3;
+  const std::vector<SE3> minima =
+      Promising(scan, hypotheses.coarse, MatchResult::kChanceFit, kMinimaApart, most, wanted);
+  starts.insert(starts.end(), minima.begin(), minima.end());
+  return starts;
+}
+
+std::vector<MatchResult> PoseSearch::MatchFrom(const SearchedScan& scan,
+                                               const std::vector<PointCluster>& clusters,
+                                               const std::vector<SE3>& starts) const {
+  std::vector<MatchResult> results(starts.size());
+  ParallelChunks(starts.size(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i)
+      results[i] = matcher_->MatchPose(clusters, {starts[i], scan.prediction.covariance}, scan.map);
+  });
+  return results;
+}
+
+std::vector<SE3> PoseSearch::LeadElsewhere(const SearchedScan& scan, std::vector<SE3> starts,
+                                           const MatchResult& given) const {
+  if (scan.starting || given.status == MatchResult::Status::kTooFewMatches) return starts;
+  starts.push_back(given.T_world_lidar);
+  const std::vector<MatchResult> ends = MatchFrom(scan, Part(scan.clusters), starts);
+  const MatchResult& known = ends.back();
+  constexpr double kBetter = 0.003;
+  std::vector<SE3> elsewhere;
+  for (std::size_t i = 0; i + 1 < ends.size(); ++i) {
+    const MatchResult& end = ends[i];
+    if (end.status != MatchResult::Status::kTooFewMatches &&
+        (Apart(end.T_world_lidar, known.T_world_lidar) ||
+         end.evidence() > known.evidence() + kBetter))
+      elsewhere.push_back(end.T_world_lidar);
+  }
+  return elsewhere;
+}
+
+bool PoseSearch::Better(double sigmas, const SearchedScan& scan, const MatchResult& ours,
+                        const MatchResult& theirs) const {
+  const FitDifference difference =
+      matcher_->Compare(scan.clusters, ours.T_world_lidar, theirs.T_world_lidar, scan.map,
+                        kCompareScale * options_.score_scale_m);
+  if (scan.starting) return difference.votes_sigmas > sigmas;
+  // Clusters beside one another err alike.
+  constexpr double kLeastEvidence = 0.002;
+  return difference.evidence_sigmas > sigmas && difference.evidence > kLeastEvidence;
+}
+
+bool PoseSearch::Beats(const SearchedScan& scan, const MatchResult& r,
+                       const MatchResult& best) const {
+  if (r.status == MatchResult::Status::kTooFewMatches) return false;
+  if (best.status == MatchResult::Status::kTooFewMatches) return true;
+  // What meets hardly any plane speaks neither for its pose nor against it.
+  constexpr double kLeastOverlap = 0.1;
+  if (r.overlap() < kLeastOverlap) return false;
+  if (best.overlap() < kLeastOverlap) return true;
+  if (!Apart(r.T_world_lidar, best.T_world_lidar)) return r.evidence() > best.evidence();
+  // Where one place is as good as another, along a corridor, the one met first stays: that of the
+  // prediction. A place that planes hold is better than one that the prediction holds.
+  const bool held_by_planes = best.degenerate > 0 && r.worst_sigma_m < 0.5 * best.worst_sigma_m;
+  if (held_by_planes && r.evidence() > best.evidence()) return true;
+  constexpr double kBetterSigmas = 1.5;
+  return Better(kBetterSigmas, scan, r, best);
+}
+
+MatchResult PoseSearch::Best(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+                             const MatchResult& given) const {
+  const std::vector<SE3> starts =
+      Starts(scan, hypotheses, static_cast<std::size_t>(options_.refined),
+             [](const SE3&) { return true; });
+  MatchResult best = given;
+  for (const MatchResult& r : MatchFrom(scan, scan.clusters, LeadElsewhere(scan, starts, given))) {
+    if (Beats(scan, r, best)) best = r;
+  }
+  if (!hypotheses.way.isZero()) best = BestBeside(scan, hypotheses.way, best);
+  // From afar a weak direction takes more steps than from a good prediction.
+  constexpr int kMoreRounds = 4;
+  for (int i = 0; i < kMoreRounds && best.status == MatchResult::Status::kIterationLimit; ++i)
+    best = MatchFrom(scan, scan.clusters, {best.T_world_lidar})[0];
+  return best;
+}
+
+MatchResult PoseSearch::BestBeside(const SearchedScan& scan, const Eigen::Vector3d& way,
+                                   const MatchResult& match) const {
+  constexpr double kShortStepM = 0.25;
+  constexpr int kSteps = 3;
+  std::vector<SE3> beside;
+  for (int i = -kSteps; i <= kSteps; ++i) {
+    if (i != 0)
+      beside.emplace_back(match.T_world_lidar.q, match.T_world_lidar.t + kShortStepM * i * way);
+  }
+  MatchResult best = match;
+  for (const MatchResult& r : MatchFrom(scan, scan.clusters, LeadElsewhere(scan, beside, match))) {
+    if (r.status != MatchResult::Status::kTooFewMatches && r.evidence() > best.evidence()) best = r;
+  }
+  return best;
+}
+
+bool PoseSearch::Unique(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+                        const MatchResult& best) const {
+  constexpr std::size_t kRivals = 6;
+  const auto apart = [&](const SE3& T) { return Apart(T, best.T_world_lidar); };
+  for (const MatchResult& r :
+       MatchFrom(scan, scan.clusters, Starts(scan, hypotheses, kRivals, apart))) {
+    if (r.status != MatchResult::Status::kTooFewMatches && apart(r.T_world_lidar) &&
+        !Better(scan.clear_sigmas, scan, best, r))
+      return false;
+  }
+  return true;
+}
+
+}  // namespace lamina

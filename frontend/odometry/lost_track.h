@@ -1,0 +1,71 @@
+// The way of a sensor that is lost: scans that agree with one another, tracked among themselves
+// until together they are found again in the map, or begin one of their own.
+//
+// What a gap leaves uncertain does not grow while the sensor is followed: with the first of these
+// scans expected at T_world_first, scan k is at T_world_first T_first_k. And a few scans together
+// meet more of the map than one does, which tells places apart that look alike to one. Rain, spray
+// and a hand before the lens agree with nothing, not even with themselves a moment later.
+#pragma once
+
+#include <cstddef>
+#include <deque>
+#include <vector>
+
+#include "core/geometry/point_cluster.h"
+#include "core/geometry/scan.h"
+#include "core/geometry/state_archive.h"
+#include "core/map/voxel_map.h"
+#include "frontend/matching/scan_matcher.h"
+#include "frontend/odometry/motion_model.h"
+
+namespace lamina {
+
+struct OdometryOptions;
+
+// Not thread-safe; deterministic.
+class LostTrack {
+ public:
+  LostTrack(const OdometryOptions& options, const VoxelMapOptions& map_options);
+
+  // The next lost scan. One that does not agree with those before begins a track of its own, with
+  // this body twist, per second, as far as anything is known.
+  void Add(StampNs stamp_ns, const std::vector<TimedCluster>& clusters, const Vector6d& twist);
+  void Clear();
+
+  // Scans that agree, the newest among them; 0 before the first.
+  std::int64_t scans() const { return scans_; }
+  StampNs first_stamp_ns() const { return first_stamp_ns_; }
+  SE3 T_first_newest() const { return motion_.T_world_last(); }
+  // Body twist at the newest scan, per second: measured from the second scan on.
+  Vector6d Twist() const;
+  // The newest scans, at most kKept, gathered by voxel, in the LiDAR frame of the newest.
+  std::vector<PointCluster> Together() const;
+
+  // Where the map seemed to have the newest scan, though not for sure.
+  void Guess(const SE3& T_world_newest);
+  // How many guesses in a row led to the same place as this one does.
+  int Guessed(const SE3& T_world_newest) const;
+
+  void Archive(StateArchive& a);
+
+ private:
+  static constexpr std::size_t kKept = 8;
+  struct Scan {
+    SE3 T_first_lidar;
+    std::vector<PointCluster> clusters;
+  };
+  // Whether the clusters agree with the scans before; fills their pose and deskews them under the
+  // motion that it gives.
+  bool Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& clusters, Scan* scan) const;
+
+  ScanMatcher matcher_;
+  VoxelMapOptions map_options_;
+  MotionModel motion_;  // its world is the frame of the first scan
+  std::deque<Scan> kept_;
+  std::int64_t scans_ = 0;
+  StampNs first_stamp_ns_ = 0;
+  SE3 T_world_first_guess_;
+  int guesses_ = 0;
+};
+
+}  // namespace lamina

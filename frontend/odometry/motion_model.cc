@@ -1,0 +1,137 @@
+#include "frontend/odometry/motion_model.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/base/angle.h"
+
+namespace lamina {
+namespace {
+
+constexpr double kHeldS = 0.3;
+constexpr double kTurnDecayS = 0.5, kWayDecayS = 10.0;
+constexpr double kUneven = 0.5;
+
+// Seconds for which the velocity counts in a gap of dt.
+double Effective(double dt, double decay_s) {
+  if (dt <= kHeldS) return dt;
+  return kHeldS + decay_s * (1.0 - std::exp(-(dt - kHeldS) / decay_s));
+}
+
+double Sigma(double acceleration, double start_speed, bool known, double last_gap_s, double dt) {
+  const double speed = known ? 0.5 * acceleration * last_gap_s : start_speed;
+  return std::hypot(speed * dt, 0.5 * acceleration * dt * dt);
+}
+
+}  // namespace
+
+void MotionOptions::Visit(OptionVisitor& v) {
+  v.Number("acceleration_sigma_m_s2", &acceleration_sigma_m_s2, 0.01, 1e3);
+  v.Number("turn_acceleration_sigma_deg_s2", &turn_acceleration_sigma_deg_s2, 0.1, 1e5);
+  v.Number("start_speed_sigma_m_s", &start_speed_sigma_m_s, 0.0, 1e3);
+  v.Number("start_turn_sigma_deg_s", &start_turn_sigma_deg_s, 0.0, 1e4);
+}
+
+double MotionModel::Gap(StampNs stamp_ns) const {
+  return interrupted_ ? 0.0 : std::max(0.0, SecondsBetween(last_stamp_ns_, stamp_ns));
+}
+
+Vector6d MotionModel::Twist(StampNs stamp_ns) const {
+  const double dt = Gap(stamp_ns);
+  if (interrupted_ || dt <= 0.0) return Vector6d::Zero();
+  Vector6d twist = velocity_;
+  if (dt > kHeldS) {
+    twist.head<3>() *= std::exp(-(dt - kHeldS) / kTurnDecayS);
+    twist.tail<3>() *= std::exp(-(dt - kHeldS) / kWayDecayS);
+  }
+  return twist;
+}
+
+PosePrediction MotionModel::Predict(StampNs stamp_ns) const {
+  // Of a clock that says nothing, as after another recording.
+  constexpr double kUnknownGapS = 1.0;
+  const double dt = Gap(stamp_ns);
+  Vector6d motion = Vector6d::Zero();
+  if (!interrupted_) {
+    motion << velocity_.head<3>() * Effective(dt, kTurnDecayS),
+        velocity_.tail<3>() * Effective(dt, kWayDecayS);
+  }
+  const bool timed = dt > 0.0 && (clock_trusted_ || moving_known());
+  const double open_s = timed ? dt : std::max(dt, kUnknownGapS);
+  const bool known = moving_known();
+  const double turn = Sigma(kDegree * options_.turn_acceleration_sigma_deg_s2,
+                            kDegree * options_.start_turn_sigma_deg_s, known, last_gap_s_, open_s);
+  const double way = Sigma(options_.acceleration_sigma_m_s2, options_.start_speed_sigma_m_s, known,
+                           last_gap_s_, open_s);
+  // What steps without recorded stamps may differ by.
+  const double uneven_turn = clock_trusted_ ? 0.0 : kUneven * long_step_rad_;
+  const double uneven_way = clock_trusted_ ? 0.0 : kUneven * long_step_m_;
+  PosePrediction prediction;
+  prediction.T_world_lidar = T_world_last_ * TwistExp(motion);
+  prediction.covariance.diagonal()
+      << Eigen::Vector3d::Constant(turn * turn + uneven_turn * uneven_turn),
+      Eigen::Vector3d::Constant(way * way + uneven_way * uneven_way);
+  return prediction;
+}
+
+Matrix6d MotionModel::Drift(StampNs stamp_ns) const {
+  const double dt = Gap(stamp_ns);
+  return pose_covariance_ + dt * dt * velocity_covariance_;
+}
+
+void MotionModel::UpdateCovariances(double dt, const Matrix6d& covariance) {
+  constexpr double kLeast = 1e-12;
+  const bool before = velocity_known_ && !interrupted_;
+  const Matrix6d least = kLeast * Matrix6d::Identity();
+  const Matrix6d measured = (covariance + pose_covariance_) / (dt * dt) + least;
+  if (before) {
+    Matrix6d kept = velocity_covariance_ + least;
+    const double turn = kDegree * options_.turn_acceleration_sigma_deg_s2 * dt;
+    const double way = options_.acceleration_sigma_m_s2 * dt;
+    kept.diagonal().head<3>().array() += turn * turn;
+    kept.diagonal().tail<3>().array() += way * way;
+    velocity_covariance_ = (measured.inverse() + kept.inverse()).inverse();
+  } else {
+    velocity_covariance_ = measured;
+  }
+}
+
+void MotionModel::Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follows,
+                         const Matrix6d& covariance) {
+  const double dt = Gap(stamp_ns);
+  if (follows && dt > 0.0) {
+    UpdateCovariances(dt, covariance);
+  } else {
+    velocity_covariance_.setZero();
+  }
+  pose_covariance_ = covariance;
+  velocity_known_ = follows && dt > 0.0;
+  velocity_.setZero();
+  constexpr double kForget = 0.9;  // of a long step, with each scan
+  long_step_m_ *= kForget;
+  long_step_rad_ *= kForget;
+  if (velocity_known_) {
+    long_step_m_ = std::max(long_step_m_, (T_world_lidar.t - T_world_last_.t).norm());
+    long_step_rad_ = std::max(long_step_rad_, RotationAngle(T_world_last_, T_world_lidar));
+    velocity_ = TwistLog(T_world_last_.Inverse() * T_world_lidar) / dt;
+    last_gap_s_ = dt;
+  }
+  last_stamp_ns_ = stamp_ns;
+  T_world_last_ = T_world_lidar;
+  started_ = true;
+  interrupted_ = false;
+}
+
+void MotionModel::StartAt(const SE3& T_world_lidar) {
+  T_world_last_ = T_world_lidar;
+  velocity_.setZero();
+  velocity_known_ = false;
+  started_ = interrupted_ = true;
+}
+
+void MotionModel::Archive(StateArchive& a) {
+  a(&started_, &interrupted_, &velocity_known_, &last_stamp_ns_, &last_gap_s_, &T_world_last_,
+    &velocity_, &long_step_m_, &long_step_rad_, &pose_covariance_, &velocity_covariance_);
+}
+
+}  // namespace lamina

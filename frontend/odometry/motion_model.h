@@ -1,0 +1,90 @@
+// Where the next scan is expected, and how well that is known.
+//
+// The velocity is that of the last motion. Accelerations are not known beforehand: as a random
+// constant a over the gap dt they leave, for translation and rotation alike,
+//
+//     sigma_velocity^2 = (a dt_last / 2)^2,    sigma^2 = (sigma_velocity dt)^2 + (a dt^2 / 2)^2,
+//
+// or the speed that a recording may start with where there was no motion yet. What the last two
+// poses are wrong by comes on top where it is asked for: the velocity's covariance V is that of
+// their difference, but where a pose was little more than a prediction the velocity is as good as
+// it was,
+//
+//     V^-1 = ((C + C_last) / dt^2)^-1 + (V_last + (a dt)^2)^-1.
+//
+// Where stamps are made
+// up, scans may be any part of a drive, picked by the way or by hand: the next step is as long as
+// the last one, give or take half of the longest of late. After a gap of
+// kHeldS the velocity is taken to die down, a turn within half a second, the way within ten.
+#pragma once
+
+#include "core/geometry/scan.h"
+#include "core/geometry/se3.h"
+#include "core/geometry/state_archive.h"
+#include "core/options/options.h"
+#include "frontend/matching/scan_matcher.h"
+
+namespace lamina {
+
+struct MotionOptions {
+  // Standard deviation of the acceleration, of the way and of the turn.
+  double acceleration_sigma_m_s2 = 4.0;
+  double turn_acceleration_sigma_deg_s2 = 300.0;
+  // Standard deviation of the speed with which a recording starts.
+  double start_speed_sigma_m_s = 15.0;
+  double start_turn_sigma_deg_s = 50.0;
+
+  void Visit(OptionVisitor& v);
+};
+
+// Not thread-safe.
+class MotionModel {
+ public:
+  explicit MotionModel(const MotionOptions& options) : options_(options) {}
+
+  PosePrediction Predict(StampNs stamp_ns) const;
+  // Seconds since the last pose; 0 if the clock was interrupted or runs backwards.
+  double Gap(StampNs stamp_ns) const;
+  // Body twist during a scan at that time, per second; zero where nothing is known of it.
+  Vector6d Twist(StampNs stamp_ns) const;
+
+  // What the last poses themselves are wrong by leaves unknown of that prediction, on top of its
+  // covariance: nothing to speak of, unless the pose was held along a direction for some scans.
+  Matrix6d Drift(StampNs stamp_ns) const;
+
+  // A pose that was found, with its covariance. `follows`: the motion from the last one to it is
+  // one, and gives the velocity.
+  void Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follows,
+              const Matrix6d& covariance = Matrix6d::Zero());
+  // The last pose moves: T -> correction * T.
+  void Correct(const SE3& correction) { T_world_last_ = correction * T_world_last_; }
+  // A body velocity, per second, that is known otherwise; how well stays as it is.
+  void Assume(const Vector6d& velocity) { velocity_ = velocity; }
+  // Whether stamps are measured. As long as nothing is said they are.
+  void TrustClock(bool trusted) { clock_trusted_ = trusted; }
+  // Makes this pose the last one; the next scan is expected there.
+  void StartAt(const SE3& T_world_lidar);
+
+  bool started() const { return started_; }
+  bool moving_known() const { return velocity_known_ && !interrupted_; }
+  const Vector6d& velocity() const { return velocity_; }
+  const SE3& T_world_last() const { return T_world_last_; }
+
+  void Archive(StateArchive& a);
+
+ private:
+  void UpdateCovariances(double dt, const Matrix6d& covariance);
+
+  MotionOptions options_;
+  bool started_ = false, interrupted_ = false, velocity_known_ = false;
+  StampNs last_stamp_ns_ = 0;
+  double last_gap_s_ = 0.0;  // over which the velocity was measured
+  bool clock_trusted_ = true;
+  double long_step_m_ = 0.0, long_step_rad_ = 0.0;  // the longest of late
+  SE3 T_world_last_;
+  Vector6d velocity_ = Vector6d::Zero();
+  // Of the last pose and of the velocity.
+  Matrix6d pose_covariance_ = Matrix6d::Zero(), velocity_covariance_ = Matrix6d::Zero();
+};
+
+}  // namespace lamina

@@ -1,0 +1,422 @@
+#include "frontend/odometry/odometry.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "core/base/angle.h"
+#include "core/base/median.h"
+#include "frontend/matching/degeneracy.h"
+
+namespace lamina {
+namespace {
+
+// Distance of a match from the prediction in standard deviations of both.
+double SigmasApart(const PosePrediction& prediction, const MatchResult& match) {
+  const Vector6d delta = LocalDelta(prediction.T_world_lidar, match.T_world_lidar);
+  const Matrix6d both = prediction.covariance + match.covariance;
+  return std::sqrt(std::max(0.0, delta.dot(both.ldlt().solve(delta))));
+}
+
+// Standard deviation of the position, along the direction that is known worst.
+double SigmaM(const PosePrediction& prediction) {
+  return std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
+}
+
+// 0 if there are none.
+double MedianOf(const std::deque<double>& values) {
+  std::vector<double> copy(values.begin(), values.end());
+  return copy.empty() ? 0.0 : UpperMedian(&copy);
+}
+
+// Differences in evidence that say nothing.
+constexpr double kAlike = 0.01;
+
+// Standard deviations of the prediction within which a lost sensor is looked for.
+constexpr double kLikelySigmas = 2.0;
+
+// What is known better than this, or more blocks face, has no second minimum near by.
+constexpr double kWellKnownM = 0.003, kManyBlocks = 20.0;
+
+// A prediction that leaves more open says nothing of which minimum is the right one.
+constexpr double kSteadyM = 0.12;
+
+// Largest standard deviation over all directions of the scaled tangent, metres.
+double WorstSigma(const Matrix6d& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(TimesArm(covariance),
+                                                       Eigen::EigenvaluesOnly);
+  return std::sqrt(std::max(0.0, solver.eigenvalues()(5)));
+}
+
+}  // namespace
+
+void OdometryOptions::Visit(OptionVisitor& v) {
+  v.Integer("deskew_passes", &deskew_passes, 0, 10);
+  v.Number("lost_inlier_ratio", &lost_inlier_ratio, 0.0, 1.0);
+  v.Number("doubtful_fit_ratio", &doubtful_fit_ratio, 0.0, 1.0);
+  v.Number("min_overlap", &min_overlap, 0.0, 1.0);
+  v.Number("max_prediction_sigmas", &max_prediction_sigmas, 0.5, 1e3);
+  v.Number("vouched_gap_s", &vouched_gap_s, 0.0, 1e6);
+  v.Number("max_sigma_m", &max_sigma_m, 0.001, 1e3);
+  v.Group("motion", &motion);
+  v.Group("matcher", &matcher);
+  v.Group("search", &search);
+}
+
+Odometry::Odometry(const OdometryOptions& options)
+    : options_(options),
+      matcher_(options.matcher),
+      narrow_matcher_(WithNarrowKernel(options.matcher)),
+      search_(options.search, &matcher_),
+      motion_(options.motion),
+      accelerations_(options.motion) {
+  CheckOptions(options, "frontend");
+}
+
+OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
+                                 const VoxelMap& map, bool map_is_older) const {
+  OdometryFrame frame;
+  frame.stamp_ns = stamp_ns;
+  if (!started()) return frame;
+  const PosePrediction prediction = motion_.Predict(stamp_ns);
+  frame.T_world_predicted = prediction.T_world_lidar;
+  frame.sweep = motion_.Twist(stamp_ns);
+  std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.sweep);
+  const int passes = DeskewPasses(stamp_ns, clusters);
+  frame.match = passes > 0 ? matcher_.MatchPose(deskewed, prediction, map)
+                           : matcher_.Match(deskewed, prediction, map);
+  if (!lost_ && Surprising(frame.match, prediction)) {
+    // Wide kernels may carry a match over to the next of several minima in a row.
+    const MatchResult narrow = narrow_matcher_.MatchPose(deskewed, prediction, map);
+    if (!Surprising(narrow, prediction) && narrow.evidence() > frame.match.evidence() - kAlike)
+      frame.match = passes > 0
+                        ? narrow
+                        : narrow_matcher_.Match(deskewed, prediction, narrow.T_world_lidar, map);
+  }
+  const bool starting = !lost_ && !map_is_older && !motion_.moving_known();
+  PoseHypotheses hypotheses;
+  if (options_.search.enabled && (map_is_older || NeedsSearch(frame.match, prediction))) {
+    hypotheses = Hypotheses(prediction, map_is_older);
+    frame.searched = !hypotheses.empty();
+  }
+  // Two scans know less of a place than a map, and minima beside the right one are nearly as good.
+  constexpr double kStartSigmas = 2.0;
+  SearchedScan scan{deskewed, prediction, map, starting};
+  if (starting) scan.clear_sigmas = kStartSigmas;
+  if (frame.searched) {
+    search_.Descend(scan, &hypotheses);
+    frame.match = search_.Best(scan, hypotheses, frame.match);
+    if (passes == 0)
+      frame.match = matcher_.Match(deskewed, prediction, frame.match.T_world_lidar, map);
+  }
+  MatchDeskewed(clusters, prediction, map, passes, &deskewed, &frame);
+  Judge(scan, hypotheses, &frame);
+  DoubtUnbridged(prediction, deskewed, map, &frame);
+  return frame;
+}
+
+SweepMotion Odometry::SweepTo(const SE3& T_world_lidar, const Vector6d& acceleration,
+                              double dt) const {
+  const Vector6d mean = TwistLog(motion_.T_world_last().Inverse() * T_world_lidar) / dt;
+  return SweepMotion::WithMean(mean, dt, acceleration);
+}
+
+int Odometry::DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const {
+  const double dt = motion_.Gap(stamp_ns);
+  // The way since a scan long ago says little of the motion during this one.
+  constexpr double kMotionOfS = 2.0;
+  const bool timed = AnyTimed(clusters) && dt > 0.0 && dt <= kMotionOfS;
+  return timed ? options_.deskew_passes : 0;
+}
+
+void Odometry::MatchDeskewed(const std::vector<TimedCluster>& clusters,
+                             const PosePrediction& prediction, const VoxelMap& map, int passes,
+                             std::vector<PointCluster>* deskewed, OdometryFrame* frame) const {
+  const double dt = motion_.Gap(frame->stamp_ns);
+  SweepAcceleration& unsteady = frame->acceleration;
+  for (int pass = 0; pass < passes; ++pass) {
+    frame->sweep = SweepTo(frame->match.T_world_lidar, Vector6d::Zero(), dt);
+    DeskewClusters(clusters, frame->sweep, deskewed);
+    if (motion_.moving_known()) {
+      unsteady = EstimateAcceleration(options_.matcher, *deskewed, clusters, frame->match, map, dt,
+                                      accelerations_.Moment());
+      frame->match.T_world_lidar = Retract(frame->match.T_world_lidar, unsteady.pose_step);
+      frame->sweep = SweepTo(frame->match.T_world_lidar, unsteady.acceleration, dt);
+      DeskewClusters(clusters, frame->sweep, deskewed);
+    }
+    frame->match = narrow_matcher_.Match(*deskewed, prediction, frame->match.T_world_lidar, map);
+  }
+  SettleWeakest(clusters, prediction, map, passes, deskewed, frame);
+  frame->match.covariance += unsteady.pose_covariance;
+}
+
+void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
+                             const PosePrediction& prediction, const VoxelMap& map, int passes,
+                             std::vector<PointCluster>* deskewed, OdometryFrame* frame) const {
+  const double dt = motion_.Gap(frame->stamp_ns);
+  const MatchResult& match = frame->match;
+  if (match.status == MatchResult::Status::kTooFewMatches || match.worst_sigma_m < kWellKnownM ||
+      lost_ || dt <= 0.0 || Unbridged(prediction, match))
+    return;
+  const Vector6d v = match.weakest_direction;
+  const double open_m = 1.0 / std::sqrt(prediction.Information(v));
+  const DirectionProfile profile(*deskewed, map, match.T_world_lidar, v,
+                                 options_.matcher.noise_floor_m);
+  if (profile.Blocks() > kManyBlocks) return;
+  const Vector6d scaled = TimesArm(motion_.Drift(frame->stamp_ns)) * v;
+  const double sigma_m = std::hypot(open_m, std::sqrt(std::max(0.0, v.dot(scaled))));
+  if (!motion_.moving_known() || sigma_m > kSteadyM) {
+    DoubtWeakest(profile, frame);
+    return;
+  }
+  const Vector6d off = TimesArm(LocalDelta(match.T_world_lidar, prediction.T_world_lidar));
+  const DirectionProfile::Posterior posterior = profile.With(v.dot(off), sigma_m);
+  const SE3 T = profile.At(posterior.mean_m);
+  if (passes > 0) {
+    frame->sweep = SweepTo(T, frame->sweep.acceleration, dt);
+    DeskewClusters(clusters, frame->sweep, deskewed);
+  }
+  frame->match = matcher_.MatchKnown(*deskewed, T, {v, posterior.sigma_m}, prediction, map);
+}
+
+bool Odometry::Unbridged(const PosePrediction& prediction, const MatchResult& match) const {
+  return motion_.moving_known() &&
+         1.0 / std::sqrt(prediction.Information(match.weakest_direction)) > kSteadyM;
+}
+
+void Odometry::DoubtUnbridged(const PosePrediction& prediction,
+                              const std::vector<PointCluster>& deskewed, const VoxelMap& map,
+                              OdometryFrame* frame) const {
+  const MatchResult& match = frame->match;
+  if (frame->status != OdometryFrame::Status::kTracked || lost_ ||
+      motion_.Gap(frame->stamp_ns) <= options_.vouched_gap_s || match.worst_sigma_m < kWellKnownM ||
+      !Unbridged(prediction, match))
+    return;
+  const DirectionProfile profile(deskewed, map, match.T_world_lidar, match.weakest_direction,
+                                 options_.matcher.noise_floor_m);
+  if (profile.Blocks() <= kManyBlocks) DoubtWeakest(profile, frame);
+}
+
+void Odometry::DoubtWeakest(const DirectionProfile& profile, OdometryFrame* frame) const {
+  MatchResult* const match = &frame->match;
+  // What lies farther off a search would have found.
+  constexpr double kBesideM = 0.5;
+  // What planes hold better was the right minimum in generated scenes, all but those of few points.
+  constexpr double kDoubtfulM = 0.006;
+  const DirectionProfile::Posterior posterior = profile.With(0.0, kBesideM);
+  const double sigma_m = std::hypot(posterior.sigma_m, posterior.mean_m);
+  frame->open_m = sigma_m;
+  const Vector6d along = DividedByArm(Vector6d(sigma_m * match->weakest_direction));
+  match->covariance += along * along.transpose();
+  if (sigma_m > options_.matcher.max_direction_sigma_m && match->worst_sigma_m > kDoubtfulM &&
+      match->degenerate == 0) {
+    match->degenerate = 1;
+    match->degenerate_directions.col(0) = match->weakest_direction;
+  }
+}
+
+void Odometry::Rematch(const std::vector<TimedCluster>& clusters, const VoxelMap& map,
+                       OdometryFrame* frame) const {
+  const PosePrediction prediction = motion_.Predict(frame->stamp_ns);
+  std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame->sweep);
+  frame->match = matcher_.Match(deskewed, prediction, frame->match.T_world_lidar, map);
+  MatchDeskewed(clusters, prediction, map, DeskewPasses(frame->stamp_ns, clusters), &deskewed,
+                frame);
+  if (frame->match.status == MatchResult::Status::kTooFewMatches) {
+    frame->status = OdometryFrame::Status::kLost;
+    frame->T_world_lidar = frame->T_world_predicted;
+  } else {
+    frame->T_world_lidar = frame->match.T_world_lidar;
+  }
+}
+
+OdometryFrame Odometry::FindAgain(StampNs stamp_ns, const LostTrack& track, const VoxelMap& map,
+                                  bool search) const {
+  OdometryFrame frame;
+  frame.stamp_ns = stamp_ns;
+  frame.status = OdometryFrame::Status::kLost;
+  PosePrediction prediction = motion_.Predict(track.first_stamp_ns());
+  const SE3 T_first_newest = track.T_first_newest();
+  const double turn2 = std::min(prediction.covariance.diagonal().head<3>().maxCoeff(),
+                                std::pow(Radians(options_.search.range_deg), 2));
+  prediction.covariance.diagonal().tail<3>().array() += turn2 * T_first_newest.t.squaredNorm();
+  prediction.T_world_lidar = prediction.T_world_lidar * T_first_newest;
+  frame.T_world_predicted = frame.T_world_lidar = prediction.T_world_lidar;
+  frame.sweep = track.Twist();
+  if (!search) return frame;
+  const std::vector<PointCluster> clusters = track.Together();
+  SearchedScan scan{clusters, prediction, map, false};
+  PoseHypotheses hypotheses;
+  frame.searched = options_.search.enabled;
+  frame.match = matcher_.MatchPose(clusters, prediction, map);
+  if (frame.searched) {
+    hypotheses = Hypotheses(prediction, false);
+    search_.Descend(scan, &hypotheses);
+    frame.match = search_.Best(scan, hypotheses, frame.match);
+  }
+  frame.match = matcher_.Match(clusters, prediction, frame.match.T_world_lidar, map);
+  // Scans that lead to the same place again and again need not tell it from others so clearly.
+  constexpr int kAgreeing = 2;
+  constexpr double kAgreeingSigmas = 2.0;
+  if (track.Guessed(frame.match.T_world_lidar) >= kAgreeing) scan.clear_sigmas = kAgreeingSigmas;
+  Judge(scan, hypotheses, &frame);
+  return frame;
+}
+
+void Odometry::Judge(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+                     OdometryFrame* frame) const {
+  frame->T_world_lidar = frame->match.T_world_lidar;
+  frame->status = OdometryFrame::Status::kTracked;
+  if (!Believed(*frame, scan.prediction,
+                [&] { return search_.Unique(scan, hypotheses, frame->match); })) {
+    frame->status = OdometryFrame::Status::kLost;
+    frame->T_world_lidar = frame->T_world_predicted;
+  }
+}
+
+double Odometry::RecentInliers() const { return MedianOf(recent_inliers_); }
+
+bool Odometry::StoodStill(const MatchResult& match) const {
+  // It may have gone on by a scan's way.
+  constexpr double kStoodM = 0.5, kGoneOnS = 0.15, kStoodRad = 0.1, kStoodInliers = 0.9;
+  const SE3& last = motion_.T_world_last();
+  const double recent = RecentInliers();
+  return recent > 0.0 && match.inlier_share >= kStoodInliers * recent &&
+         (match.T_world_lidar.t - last.t).norm() <
+             kStoodM + kGoneOnS * motion_.velocity().tail<3>().norm() &&
+         RotationAngle(match.T_world_lidar, last) < kStoodRad;
+}
+
+bool Odometry::Searchable(const PosePrediction& prediction) const {
+  return SigmaM(prediction) <= (motion_.moving_known() ? options_.search.max_way_m / kLikelySigmas
+                                                       : options_.search.range_m);
+}
+
+bool Odometry::WithinReach(const PosePrediction& prediction) const {
+  // Matching reaches as far as planes are wide.
+  constexpr double kReachM = 0.5;
+  return SigmaM(prediction) <= kReachM;
+}
+
+bool Odometry::AsExpected(const MatchResult& match, const PosePrediction& prediction) const {
+  constexpr double kMostSigmaM = 1.0, kNearM = 0.5, kNearRad = 0.1, kLikeBefore = 0.9;
+  return SigmaM(prediction) <= kMostSigmaM && match.status == MatchResult::Status::kConverged &&
+         match.inlier_share >= kLikeBefore * RecentInliers() &&
+         (match.T_world_lidar.t - prediction.T_world_lidar.t).norm() <= kNearM &&
+         RotationAngle(match.T_world_lidar, prediction.T_world_lidar) <= kNearRad;
+}
+
+bool Odometry::Vouches(const MatchResult& match, const PosePrediction& prediction) const {
+  if (motion_.moving_known()) return WithinReach(prediction) || AsExpected(match, prediction);
+  // At a start near is likely, whatever the clock leaves open.
+  return (match.T_world_lidar.t - prediction.T_world_lidar.t).norm() <= options_.search.range_m;
+}
+
+bool Odometry::NeedsSearch(const MatchResult& match, const PosePrediction& prediction) const {
+  const PoseSearchOptions& o = options_.search;
+  if (!lost_ && motion_.moving_known() && AsExpected(match, prediction)) return false;
+  if (lost_ || !WithinReach(prediction)) return true;
+  if (match.status == MatchResult::Status::kTooFewMatches) return true;
+  if (Leaps(match, prediction)) return true;
+  return match.inlier_share < o.trigger_inlier_ratio * RecentInliers();
+}
+
+bool Odometry::Surprising(const MatchResult& match, const PosePrediction& prediction) const {
+  constexpr double kLeastM = 0.1;
+  if (match.status == MatchResult::Status::kTooFewMatches || !motion_.moving_known()) return false;
+  const double off = (prediction.T_world_lidar.t - match.T_world_lidar.t).norm();
+  return off > std::max(kLeastM, options_.max_prediction_sigmas * SigmaM(prediction));
+}
+
+bool Odometry::Leaps(const MatchResult& match, const PosePrediction& prediction) const {
+  const SE3& a = prediction.T_world_lidar;
+  const SE3& b = match.T_world_lidar;
+  return RotationAngle(a, b) > Radians(options_.search.trigger_rotation_deg) ||
+         (a.t - b.t).norm() > options_.search.trigger_translation_m;
+}
+
+PoseHypotheses Odometry::Hypotheses(const PosePrediction& prediction, bool map_is_older) const {
+  const SE3& centre = prediction.T_world_lidar;
+  // The first match has no speed, and the second none yet.
+  const bool starting = !motion_.moving_known() || (map_is_older && recent_inliers_.size() < 2);
+  PoseHypotheses hypotheses;
+  if (starting) hypotheses.dense = search_.OffsetsAbout(centre);
+  if (map_is_older && starting) return hypotheses;
+  if (starting) hypotheses.coarse = search_.OffsetsAround(prediction);
+  const std::vector<SE3> turns = search_.TurnsAbout({centre, motion_.T_world_last()});
+  hypotheses.dense.insert(hypotheses.dense.end(), turns.begin(), turns.end());
+  const Eigen::Vector3d way = centre.t - motion_.T_world_last().t;
+  constexpr double kLeastWayM = 0.1;
+  if (!starting && way.norm() > kLeastWayM && Searchable(prediction)) {
+    hypotheses.way = way.normalized();
+    hypotheses.coarse = search_.AlongTheWay(prediction, hypotheses.way, way.norm());
+  }
+  return hypotheses;
+}
+
+bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& prediction,
+                        const std::function<bool()>& unique) const {
+  const MatchResult& match = frame.match;
+  if (match.status == MatchResult::Status::kTooFewMatches) return false;
+  const bool gap = lost_ || motion_.Gap(frame.stamp_ns) > options_.vouched_gap_s;
+  const bool vouched = !gap && Vouches(match, prediction) &&
+                       (!Leaps(match, prediction) ||
+                        SigmasApart(prediction, match) <= options_.max_prediction_sigmas);
+  if (match.inlier_share < options_.lost_inlier_ratio * RecentInliers()) return false;
+  if (vouched) return true;
+  if (match.status != MatchResult::Status::kConverged) return false;
+  // What fits no better than chance fits badly, whatever went before.
+  constexpr double kLeastFit = 0.65;
+  if (match.fit() < std::max(kLeastFit, options_.doubtful_fit_ratio * MedianOf(recent_fits_)))
+    return false;
+  if (gap && !StoodStill(match)) {
+    // Beyond the reach of the search there may be a better place.
+    if ((lost_ || motion_.moving_known()) && !Searchable(prediction)) return false;
+    if (SigmasApart(prediction, match) > kLikelySigmas) return false;
+  }
+  if (gap && WorstSigma(match.covariance) > options_.max_sigma_m) return false;
+  return unique();
+}
+
+void Odometry::Accept(const OdometryFrame& frame) {
+  constexpr std::size_t kRecent = 15;
+  const bool tracked = frame.status == OdometryFrame::Status::kTracked;
+  motion_.Accept(frame.stamp_ns, frame.T_world_lidar, tracked, frame.match.covariance);
+  if (!tracked) accelerations_ = RecentAccelerations(options_.motion);
+  if (!frame.acceleration.covariance.isZero()) accelerations_.Add(frame.acceleration);
+  lost_ = false;
+  if (tracked) {
+    recent_inliers_.push_back(frame.match.inlier_share);
+    recent_fits_.push_back(frame.match.fit());
+    if (recent_inliers_.size() > kRecent) recent_inliers_.pop_front();
+    if (recent_fits_.size() > kRecent) recent_fits_.pop_front();
+  } else {
+    recent_inliers_.clear();
+    recent_fits_.clear();
+  }
+}
+
+void Odometry::StartOver() {
+  motion_ = MotionModel(options_.motion);
+  accelerations_ = RecentAccelerations(options_.motion);
+  recent_inliers_.clear();
+  recent_fits_.clear();
+  lost_ = false;
+}
+
+void Odometry::Accept(StampNs stamp_ns, const SE3& T_world_lidar) {
+  motion_.Accept(stamp_ns, T_world_lidar, motion_.started(), Matrix6d::Zero());
+}
+
+void Odometry::StartAt(const SE3& T_world_lidar) {
+  StartOver();
+  motion_.StartAt(T_world_lidar);
+}
+
+void Odometry::Archive(StateArchive& a) {
+  a(&motion_, &accelerations_, &recent_inliers_, &recent_fits_, &lost_);
+}
+
+}  // namespace lamina

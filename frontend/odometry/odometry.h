@@ -1,0 +1,183 @@
+// One scan in, one pose out: predict, deskew, match, search, judge.
+//
+// A match counts as tracked on evidence that does not come from the match itself:
+//   - enough of the scan lies on the map's planes, compared with the scans before;
+//   - it lies within what the prediction allows, whose uncertainty grows with the gap; a match
+//     beyond that, or after a gap or a loss, must fit the planes that it meets as well as scans did
+//     before, and be clearly better than every other place that a search finds;
+//   - planes and prediction together leave no direction unknown by more than max_sigma_m, unless
+//     the sensor was tracked along it up to the scan before.
+// All else is lost: the pose is the prediction, and must not enter a map.
+#pragma once
+
+#include <deque>
+#include <functional>
+#include <vector>
+
+#include "core/geometry/scan.h"
+#include "core/geometry/state_archive.h"
+#include "core/map/voxel_map.h"
+#include "core/options/options.h"
+#include "frontend/matching/direction_profile.h"
+#include "frontend/matching/pose_search.h"
+#include "frontend/matching/scan_matcher.h"
+#include "frontend/odometry/lost_track.h"
+#include "frontend/odometry/motion_model.h"
+#include "frontend/odometry/sweep_acceleration.h"
+#include "frontend/scan/scan_clusters.h"
+
+namespace lamina {
+
+struct OdometryOptions {
+  // Deskew and match again so often with the motion just found.
+  int deskew_passes = 1;
+  // Lost when, after a search too, the share of inliers is below this part of its recent median ...
+  double lost_inlier_ratio = 0.35;
+  // ... or, where the prediction does not vouch for the match, if what meets a plane at all fits it
+  // worse than this part of the recent median, ...
+  double doubtful_fit_ratio = 0.85;
+  // ... or less of the scan than this meets one.
+  double min_overlap = 0.25;
+  // Standard deviations from the prediction beyond which it does not.
+  double max_prediction_sigmas = 4.5;
+  // After a gap longer than this it does not, either, ...
+  double vouched_gap_s = 0.5;
+  // ... and no direction may be known worse than this.
+  double max_sigma_m = 0.3;
+  MotionOptions motion;
+  ScanMatcherOptions matcher;
+  PoseSearchOptions search;
+
+  void Visit(OptionVisitor& v);
+};
+
+struct OdometryFrame {
+  enum class Status {
+    kFirst,  // nothing to match against yet: the pose is the start
+    kTracked,
+    kLost,  // no match to be trusted: the pose is the prediction, and must not enter a map
+  };
+  Status status = Status::kFirst;
+  StampNs stamp_ns = 0;
+  SE3 T_world_lidar;
+  SE3 T_world_predicted;
+  SweepMotion sweep;               // during the scan
+  SweepAcceleration acceleration;  // of it, where it was estimated
+  MatchResult match;
+  bool searched = false;  // a search ran
+  // Standard deviation along the direction that the match knows least, where few surfaces face it
+  // and the motion before tells no more (direction_profile.h); 0 elsewhere.
+  double open_m = 0.0;
+};
+
+// Not thread-safe; deterministic.
+class Odometry {
+ public:
+  explicit Odometry(const OdometryOptions& options);
+
+  // Where a scan is expected, from the state alone.
+  SE3 Predict(StampNs stamp_ns) const { return motion_.Predict(stamp_ns).T_world_lidar; }
+  // Whether a scan of that time, if it is lost, may be found by a search for where it is expected.
+  bool InReach(StampNs stamp_ns) const { return Searchable(motion_.Predict(stamp_ns)); }
+  // Pose of a scan from the state and the map. The state stays as it is until Accept. In a map that
+  // is older than the drive, one that knows no speed yet is searched for about the prediction: a
+  // street looks much the same a metre on, and a match settles where it begins.
+  OdometryFrame Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
+                         const VoxelMap& map, bool map_is_older = false) const;
+
+  // The same from a pose that Register has just found, in a map that has changed a little since:
+  // no search, and the status stays, unless too little of the map is met.
+  void Rematch(const std::vector<TimedCluster>& clusters, const VoxelMap& map,
+               OdometryFrame* frame) const;
+
+  // Where the map has the scans of a track that was lost: the pose of its newest one. They are
+  // expected where the first of them would have been, and believed on more evidence than a scan
+  // that was never lost.
+  // Without `search` no match is tried, and the prediction is all that is filled in.
+  OdometryFrame FindAgain(StampNs stamp_ns, const LostTrack& track, const VoxelMap& map,
+                          bool search) const;
+
+  // Makes a frame the last one: the next prediction starts from it. Not for lost frames, unless
+  // mapping is to start anew from there.
+  void Accept(const OdometryFrame& frame);
+  // A frame that was called lost: the next one is for FindAgain.
+  void Lose() { lost_ = true; }
+  bool lost() const { return lost_; }
+  // The last pose moves: T -> correction * T.
+  void Correct(const SE3& correction) { motion_.Correct(correction); }
+  // Whether stamps are measured. Before a scan.
+  void TrustClock(bool trusted) { motion_.TrustClock(trusted); }
+  // A body twist of the last frame that is known better than from the way since the frame before.
+  void Assume(const Vector6d& twist) { motion_.Assume(twist); }
+  // Begins anew with poses that are known otherwise: forgets all, then takes one after the other.
+  void StartOver();
+  void Accept(StampNs stamp_ns, const SE3& T_world_lidar);
+  // Makes this pose the last one: the next scan is expected there.
+  void StartAt(const SE3& T_world_lidar);
+
+  void Archive(StateArchive& a);
+
+  // Whether there is a last pose.
+  bool started() const { return motion_.started(); }
+  const Vector6d& velocity() const { return motion_.velocity(); }
+  Vector6d Twist(StampNs stamp_ns) const { return motion_.Twist(stamp_ns); }
+
+ private:
+  double RecentInliers() const;  // the median; 0 if there are none
+  // Whether a match is farther from the prediction than its uncertainty explains.
+  bool Surprising(const MatchResult& match, const PosePrediction& prediction) const;
+  // Whether a match is farther from the prediction than matching alone may carry it.
+  bool Leaps(const MatchResult& match, const PosePrediction& prediction) const;
+  // Whether the prediction is as near as matching alone can bridge.
+  bool WithinReach(const PosePrediction& prediction) const;
+  // Whether a match is so near a prediction that is not much worse, and fits so well, that another
+  // place is not to be expected.
+  bool AsExpected(const MatchResult& match, const PosePrediction& prediction) const;
+  // Whether a match near the prediction needs no other evidence.
+  bool Vouches(const MatchResult& match, const PosePrediction& prediction) const;
+  // Whether matching alone cannot be trusted to find the way.
+  bool NeedsSearch(const MatchResult& match, const PosePrediction& prediction) const;
+  PoseHypotheses Hypotheses(const PosePrediction& prediction, bool map_is_older) const;
+  // Whether the match is where the sensor was last, and sees what it saw then: it paused.
+  bool StoodStill(const MatchResult& match) const;
+  // Whether a search covers what the prediction leaves open.
+  bool Searchable(const PosePrediction& prediction) const;
+  // Whether a match is to be believed. `unique` tells whether a search finds no rival to it.
+  bool Believed(const OdometryFrame& frame, const PosePrediction& prediction,
+                const std::function<bool()>& unique) const;
+  // Deskews and matches `passes` times with the motion that each match finds, and with how the
+  // sensor accelerated meanwhile (sweep_acceleration.h).
+  void MatchDeskewed(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
+                     const VoxelMap& map, int passes, std::vector<PointCluster>* deskewed,
+                     OdometryFrame* frame) const;
+  // The motion during a scan at this pose, `dt` after the last one, with that acceleration.
+  SweepMotion SweepTo(const SE3& T_world_lidar, const Vector6d& acceleration, double dt) const;
+  // Where few surfaces face the direction that the match knows least: puts the pose where these and
+  // the motion before it together have it (direction_profile.h).
+  void SettleWeakest(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
+                     const VoxelMap& map, int passes, std::vector<PointCluster>* deskewed,
+                     OdometryFrame* frame) const;
+  // Whether the prediction leaves the direction that a match knows least to the search.
+  bool Unbridged(const PosePrediction& prediction, const MatchResult& match) const;
+  // What a search has found there where few surfaces face it.
+  void DoubtUnbridged(const PosePrediction& prediction, const std::vector<PointCluster>& deskewed,
+                      const VoxelMap& map, OdometryFrame* frame) const;
+  // The same while the motion before it is as unsure: the match stays, with what else it may be in
+  // its covariance. Degenerate where that is much.
+  void DoubtWeakest(const DirectionProfile& profile, OdometryFrame* frame) const;
+  // How often a scan is deskewed again.
+  int DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const;
+  // Status and pose of a frame that was matched.
+  void Judge(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+             OdometryFrame* frame) const;
+
+  OdometryOptions options_;
+  ScanMatcher matcher_, narrow_matcher_;
+  PoseSearch search_;
+  MotionModel motion_;
+  RecentAccelerations accelerations_;
+  std::deque<double> recent_inliers_, recent_fits_;
+  bool lost_ = false;  // since the last accepted frame
+};
+
+}  // namespace lamina

@@ -1,0 +1,51 @@
+// The points of one scan, gathered into clusters by leaf voxel of the LiDAR frame.
+//
+// After this step no raw point is touched again: matching, deskewing, the map and the bundle
+// adjustment all work on the clusters. One pass over the points, one hash look-up for each.
+#pragma once
+
+#include <vector>
+
+#include "core/geometry/point_cluster.h"
+#include "core/geometry/scan.h"
+#include "frontend/scan/scan_preparation.h"
+
+namespace lamina {
+
+struct ScanClusters {
+  StampNs stamp_ns = 0;
+  std::vector<TimedCluster> clusters;  // in the order in which the points first met the voxels
+};
+
+// leaf_size_m > 0; points must lie within 2^20 leaves of the origin (the range filter sees to
+// that). Pure function; thread-safe.
+std::vector<TimedCluster> BuildScanClusters(const std::vector<TimedPoint>& points,
+                                            double leaf_size_m);
+
+// Clusters gathered into larger voxels, by their means: those of the points themselves but for
+// clusters that straddle a face. (*group_of)[i], if asked for, says which of them clusters[i] is
+// in.
+std::vector<TimedCluster> MergeClusters(const std::vector<TimedCluster>& clusters,
+                                        double leaf_size_m,
+                                        std::vector<std::size_t>* group_of = nullptr);
+
+// The points of each of these clusters, for the few who ask for points after all.
+std::vector<std::vector<TimedPoint>> GroupByCluster(const std::vector<TimedPoint>& points,
+                                                    double leaf_size_m);
+
+// All clusters in the LiDAR frame at the instant from which their times count, for a sensor that
+// moves like this during the scan. result[i] belongs to clusters[i].
+std::vector<PointCluster> DeskewClusters(const std::vector<TimedCluster>& clusters,
+                                         const SweepMotion& motion);
+// The same into memory that is there already.
+void DeskewClusters(const std::vector<TimedCluster>& clusters, const SweepMotion& motion,
+                    std::vector<PointCluster>* result);
+
+// Makes times count from the middle of the sweep. Returns where that is, nanoseconds after the
+// instant from which they counted; 0 if there are no clusters.
+StampNs CentreTimes(std::vector<TimedCluster>* clusters);
+
+// Whether any cluster was measured at another instant than the stamp.
+bool AnyTimed(const std::vector<TimedCluster>& clusters);
+
+}  // namespace lamina

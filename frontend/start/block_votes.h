@@ -1,0 +1,32 @@
+// By how much one explanation of scans is better than another, each block of space having one vote.
+//
+// Clusters in one block are of one thing and move together: their differences D_b are summed before
+// the block votes, and a vote is bounded, however near and large that thing is,
+//
+//     z = sum_b v_b / sqrt(sum_b v_b^2),    v_b = D_b / sqrt(1 + D_b^2),
+//
+// standard deviations of a sum of independent votes.
+//
+// Private to frontend/start.
+#pragma once
+
+#include <cmath>
+
+namespace lamina {
+
+class BlockVotes {
+ public:
+  // Of one block: D_b, positive where the first explanation is better.
+  void Add(double difference) {
+    const double vote = difference / std::hypot(1.0, difference);
+    sum_ += vote;
+    squares_ += vote * vote;
+  }
+  // z; 0 where no block makes a difference.
+  double Sigmas() const { return squares_ > 0.0 ? sum_ / std::sqrt(squares_) : 0.0; }
+
+ private:
+  double sum_ = 0.0, squares_ = 0.0;
+};
+
+}  // namespace lamina

@@ -1,0 +1,138 @@
+// The first scans of a drive, as long as more than one motion explains them.
+//
+// Among much that moves (traffic at the sensor's speed, vans about it, a lorry alongside) two scans
+// have several motions that fit: that of the static world, and that of each thing that moves. Their
+// minima lie decimetres apart, and which is the deepest is decided by what happens to stand near.
+// A scan or two later it is not: the static world goes on with the sensor's motion, each thing that
+// moves with its own. So every motion that fits is followed as a hypothesis, through the scans that
+// come and in a map of its own, until one is clearly better than all others, or for so many scans
+// that the best of them is taken.
+//
+// Hypotheses are the minima along the unit vector u, the direction that the fewest planes face:
+// there few clusters decide. Each cluster i of each scan meets a plane under a hypothesis at the
+// distance d_i, and fits by rho_i = rho(d_i / s), with rho of core/geometry/robust_kernel.h and s
+// as narrow as minima are. Two hypotheses are compared by blocks of 4 m about the sensor, in
+// which clusters are of one thing and move together: block b has one vote, however near and large
+// that thing is,
+//
+//     v_b = D_b / sqrt(1 + D_b^2),    D_b = sum (rho'_i - rho_i),
+//
+// and a hypothesis is refuted by another, rho', when sum v_b > c sqrt(sum v_b^2), that is, by
+// c standard deviations of a sum of independent differences. Clusters that meet no plane under one
+// of the two say nothing: how much of a scan meets planes tells how widely the scans before are
+// spread, not whether they are where they belong.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "core/geometry/scan.h"
+#include "core/geometry/se3.h"
+#include "core/geometry/state_archive.h"
+#include "core/map/voxel_map.h"
+#include "frontend/matching/scan_matcher.h"
+#include "frontend/odometry/odometry.h"
+#include "frontend/scan/scan_clusters.h"
+#include "frontend/start/steady_motion.h"
+
+namespace lamina {
+
+// Not thread-safe; deterministic.
+class StartTrack {
+ public:
+  StartTrack(const OdometryOptions& options, const VoxelMapOptions& map_options);
+
+  // Whether the next scan is wanted: from the first one on, until one hypothesis is left or taken.
+  bool open() const { return open_; }
+  // Whether there is more than one hypothesis.
+  bool contested() const { return open_ && (unsure_ || !hypotheses_.empty()); }
+
+  // The next scan, and what odometry made of it. The first has no match. The second gives the
+  // hypotheses about its match; scans that are far apart in time, or made-up stamps, give none.
+  void Add(const OdometryFrame& frame, bool stamp_made_up,
+           const std::vector<TimedCluster>& clusters);
+
+  // A start as one hypothesis has it.
+  struct Scan {
+    StampNs stamp_ns = 0;
+    std::vector<TimedCluster> clusters;
+    SE3 T_world_lidar;
+    Vector6d twist = Vector6d::Zero();  // body, per second
+
+    void Archive(StateArchive& a) { a(&stamp_ns, &clusters, &T_world_lidar, &twist); }
+  };
+  // Once closed: whether another hypothesis than that of odometry is left. Then scans() has all
+  // scans so far under that hypothesis, the first one where odometry has it, and match() is that of
+  // the newest.
+  bool overruled() const { return overruled_; }
+  const std::vector<Scan>& scans() const { return scans_; }
+  const MatchResult& match() const { return match_; }
+  // Frees what it holds.
+  void Clear();
+  // All poses move: T -> correction * T.
+  void Move(const SE3& correction);
+
+  // While contested: what the hypotheses leave unknown of the newest pose, on top of a match's
+  // covariance; tangent of core/geometry/se3.h.
+  Matrix6d Spread(const SE3& T_world_lidar) const;
+
+  // Between scans.
+  void Archive(StateArchive& a);
+
+ private:
+  struct Hypothesis {
+    std::vector<SE3> poses;  // T_world_lidar of each scan
+    // rho of each cluster of all scans but the first; negative where there is no plane.
+    std::vector<float> fits;
+    MatchResult match;  // of the newest; not archived
+
+    void Archive(StateArchive& a) { a(&poses, &fits); }
+  };
+  // In standard deviations by how much one is better.
+  double Better(const Hypothesis& a, const Hypothesis& b) const;
+  // Body twist at a scan, per second, from the motion since the one before.
+  Vector6d Twist(const std::vector<SE3>& poses, std::size_t scan) const;
+  // Of the first so many scans, or all of them but one.
+  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
+  VoxelMap MapOf(const std::vector<SE3>& poses, std::size_t scans,
+                 std::size_t without = kNone) const;
+  // Poses that differ by moves along u, and fit better than those beside them.
+  std::vector<SE3> Minima(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
+                          const VoxelMap& map) const;
+  void Begin(const OdometryFrame& frame);
+  // The newest scan under a hypothesis; false if nothing fits.
+  bool Follow(Hypothesis* hypothesis) const;
+  // Brings its newest pose to the minimum near by.
+  bool Match(Hypothesis* hypothesis) const;
+  void Decide();
+  // Puts the scans where the steady motion along the open direction has them under which they make
+  // the sharpest map. False if it is no sharper than as odometry has them, or says too little.
+  bool TakeSteady();
+  // Brings the pose of a scan to the map that all others make, along u only as far as few surfaces
+  // may (direction_profile.h). False if it meets too little of it.
+  bool SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,
+                    MatchResult* match) const;
+  // The scans as if the sensor had not moved along u, and how it has as odometry has it.
+  std::vector<SteadyScan> WithoutWay(const Eigen::Vector3d& u, WayAlong* own) const;
+  // Closes with these poses, and with the twists of those where it is `moving`.
+  void Overrule(const std::vector<SE3>& poses, const std::vector<SE3>& moving,
+                const MatchResult& match);
+
+  VoxelMapOptions map_options_;
+  ScanMatcher matcher_;
+  double reach_m_s_, open_sigma_m_;
+  SteadyMotionOptions steady_;
+  bool open_ = true, overruled_ = false;
+  std::vector<Scan> scans_;  // poses and twists: once closed
+  std::vector<Hypothesis> hypotheses_;
+  bool followed_ = false;  // whether the first of them is that of odometry
+  // Whether a match left the way open, and whether all scans so far were tracked.
+  bool unsure_ = false, all_tracked_ = true;
+  // By how much at most, and along which direction.
+  double open_m_ = 0.0;
+  Eigen::Vector3d open_along_ = Eigen::Vector3d::Zero();
+  MatchResult match_;
+  Eigen::Vector3d u_ = Eigen::Vector3d::UnitX();
+};
+
+}  // namespace lamina

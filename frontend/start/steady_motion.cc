@@ -1,0 +1,250 @@
+#include "frontend/start/steady_motion.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <iterator>
+#include <limits>
+#include <numeric>
+#include <utility>
+
+#include "core/base/median.h"
+#include "core/base/parallel.h"
+#include "core/map/voxel_key.h"
+#include "frontend/start/block_votes.h"
+
+namespace lamina {
+namespace {
+
+constexpr double kBlockM = 4.0;
+// Points with which a block counts half.
+constexpr double kHalfPoints = 20.0;
+// Fewer points are no voxel.
+constexpr double kLeastPoints = 5.0;
+
+// Of four grids, in voxels: no two of them share a face.
+constexpr double kShifts[][3] = {
+    {0.1, 0.2, 0.3}, {0.6, 0.7, 0.8}, {0.35, 0.95, 0.05}, {0.85, 0.45, 0.55}};
+constexpr std::size_t kGrids = std::size(kShifts);
+// As many do where speeds are far apart.
+constexpr std::size_t kCoarseGrids = 2;
+
+// Smallest eigenvalue of the covariance; in closed form, as what counts is far above its rounding.
+double LeastVariance(const PointCluster& cluster) {
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
+  solver.computeDirect(cluster.Covariance().Dense(), Eigen::EigenvaluesOnly);
+  return std::max(0.0, solver.eigenvalues()(0));
+}
+
+double Votes(const std::vector<double>& one, const std::vector<double>& other) {
+  BlockVotes votes;
+  for (std::size_t b = 0; b < one.size(); ++b) votes.Add(one[b] - other[b]);
+  return votes.Sigmas();
+}
+
+}  // namespace
+
+SteadyMotionSearch::SteadyMotionSearch(const SteadyMotionOptions& options, const Eigen::Vector3d& u,
+                                       std::vector<SteadyScan> scans)
+    : options_(options), u_(u), scans_(std::move(scans)) {
+  ThinOut();
+  VoxelIndex blocks(256);
+  for (const SteadyScan& scan : scans_) {
+    for (const PointCluster& cluster : scan.clusters) {
+      const std::int32_t block = blocks.FindOrInsert(
+          VoxelKeyOf(cluster.mean, 1.0 / kBlockM), static_cast<std::int32_t>(block_points_.size()));
+      block_of_.push_back(block);
+      if (static_cast<std::size_t>(block) == block_points_.size()) block_points_.push_back(0.0);
+      block_points_[static_cast<std::size_t>(block)] += cluster.count;
+    }
+  }
+  const double duration_s = scans_.back().time_s - scans_.front().time_s;
+  middle_s_ = 0.5 * (scans_.front().time_s + scans_.back().time_s);
+  // L has its maximum over speeds by which the last scan is a voxel off.
+  constexpr double kStepVoxels = 0.44;
+  step_m_s_ = kStepVoxels * options_.voxel_size_m / std::max(duration_s, 1e-3);
+  // Scans that are farther apart than they see have nothing in common.
+  std::vector<double> ranges_m;
+  for (const PointCluster& cluster : scans_.front().clusters)
+    ranges_m.push_back((cluster.mean - scans_.front().centre).norm());
+  if (!ranges_m.empty())
+    most_speed_m_s_ = std::min(options_.most_speed_m_s,
+                               2.0 * UpperMedian(&ranges_m) / std::max(duration_s, 1e-3));
+}
+
+void SteadyMotionSearch::ThinOut() {
+  // So many tell a speed in any scene, and hundreds of speeds are tried.
+  constexpr std::size_t kMostClusters = 3000;
+  for (SteadyScan& scan : scans_) {
+    const std::size_t stride = (scan.clusters.size() + kMostClusters - 1) / kMostClusters;
+    if (stride <= 1) continue;
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < scan.clusters.size(); i += stride, ++kept) {
+      scan.clusters[kept] = scan.clusters[i];
+      if (!scan.cluster_times_s.empty()) scan.cluster_times_s[kept] = scan.cluster_times_s[i];
+    }
+    scan.clusters.resize(kept);
+    if (!scan.cluster_times_s.empty()) scan.cluster_times_s.resize(kept);
+  }
+}
+
+WayAlong SteadyMotionSearch::WayUnder(const SteadyMotion& motion) const {
+  const auto at = [&](double t) {
+    return motion.speed_m_s * t + 0.5 * motion.acceleration_m_s2 * t * t;
+  };
+  WayAlong way;
+  for (const SteadyScan& scan : scans_) {
+    const double t = scan.time_s - middle_s_;
+    way.positions_m.push_back(at(t) - at(scans_.front().time_s - middle_s_));
+    way.speeds_m_s.push_back(motion.speed_m_s + motion.acceleration_m_s2 * t);
+  }
+  return way;
+}
+
+void SteadyMotionSearch::AddGrid(const WayAlong& way, const Eigen::Vector3d& shift_m,
+                                 Evidence* sums) const {
+  const double noise2 = options_.noise_m * options_.noise_m;
+  VoxelIndex index(block_of_.size() / 4);
+  std::vector<PointCluster> voxels;
+  std::vector<std::size_t> first_scan;
+  std::vector<bool> shared;
+  std::vector<std::int32_t> voxel_of(block_of_.size());
+  std::size_t place = 0;
+  for (std::size_t k = 0; k < scans_.size(); ++k) {
+    const SteadyScan& scan = scans_[k];
+    for (std::size_t i = 0; i < scan.clusters.size(); ++i, ++place) {
+      PointCluster cluster = scan.clusters[i];
+      const double during_m =
+          scan.cluster_times_s.empty() ? 0.0 : way.speeds_m_s[k] * scan.cluster_times_s[i];
+      cluster.mean += (way.positions_m[k] + during_m) * u_;
+      voxel_of[place] =
+          index.FindOrInsert(VoxelKeyOf(cluster.mean + shift_m, 1.0 / options_.voxel_size_m),
+                             static_cast<std::int32_t>(voxels.size()));
+      const auto voxel = static_cast<std::size_t>(voxel_of[place]);
+      if (voxel == voxels.size()) {
+        voxels.emplace_back();
+        first_scan.push_back(k);
+        shared.push_back(false);
+      }
+      voxels[voxel] += cluster;
+      if (first_scan[voxel] != k) shared[voxel] = true;
+    }
+  }
+  std::vector<double> sharpness(voxels.size(), 0.0);
+  for (std::size_t v = 0; v < voxels.size(); ++v) {
+    if (shared[v]) sums->shared += voxels[v].count;
+    if (voxels[v].count >= kLeastPoints)
+      sharpness[v] = -0.5 * std::log(LeastVariance(voxels[v]) + noise2);
+  }
+  place = 0;
+  for (const SteadyScan& scan : scans_) {
+    for (const PointCluster& cluster : scan.clusters) {
+      sums->blocks[static_cast<std::size_t>(block_of_[place])] +=
+          cluster.count * sharpness[static_cast<std::size_t>(voxel_of[place])];
+      ++place;
+    }
+  }
+}
+
+SteadyMotionSearch::Evidence SteadyMotionSearch::EvidenceOf(const WayAlong& way,
+                                                            std::size_t grids) const {
+  Evidence sums;
+  sums.blocks.resize(block_points_.size(), 0.0);
+  for (std::size_t grid = 0; grid < grids; ++grid)
+    AddGrid(way, options_.voxel_size_m * Eigen::Vector3d(kShifts[grid]), &sums);
+  for (std::size_t b = 0; b < sums.blocks.size(); ++b)
+    sums.blocks[b] /= static_cast<double>(grids) * (block_points_[b] + kHalfPoints);
+  sums.shared /= static_cast<double>(grids);
+  return sums;
+}
+
+double SteadyMotionSearch::Total(const SteadyMotion& motion,
+                                 const std::vector<double>& blocks) const {
+  const double v = motion.speed_m_s / options_.speed_sigma_m_s;
+  const double a = motion.acceleration_m_s2 / options_.acceleration_sigma_m_s2;
+  return std::accumulate(blocks.begin(), blocks.end(), -0.5 * (v * v + a * a));
+}
+
+SteadyMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
+  constexpr double kLeastStepMS = 0.05, kAccelerationStepPerS = 8.0;
+  const auto evidence_of = [&](const SteadyMotion& motion) {
+    return Total(motion, EvidenceOf(WayUnder(motion), kGrids).blocks);
+  };
+  SteadyMotion best = start;
+  double most = evidence_of(best);
+  for (double step = step_m_s_; step >= kLeastStepMS;) {
+    const SteadyMotion from = best;
+    const double faster = kAccelerationStepPerS * step;
+    const std::array<SteadyMotion, 4> beside = {{
+        {from.speed_m_s + step, from.acceleration_m_s2},
+        {from.speed_m_s - step, from.acceleration_m_s2},
+        {from.speed_m_s, from.acceleration_m_s2 + faster},
+        {from.speed_m_s, from.acceleration_m_s2 - faster},
+    }};
+    std::array<double, 4> evidence{};
+    ParallelChunks(beside.size(), 1,
+                   [&](std::size_t i, std::size_t) { evidence[i] = evidence_of(beside[i]); });
+    const auto i = static_cast<std::size_t>(
+        std::distance(evidence.begin(), std::max_element(evidence.begin(), evidence.end())));
+    if (evidence[i] > most) {
+      most = evidence[i];
+      best = beside[i];
+    } else {
+      step *= 0.5;
+    }
+  }
+  return best;
+}
+
+FoundMotion SteadyMotionSearch::Find() const {
+  // Speeds nearer than so many steps are told apart in all grids.
+  constexpr int kNearSteps = 4;
+  constexpr double kRefutedSigmas = 2.0;
+  // Scans see mostly the same: a speed at which they have much less in common than at others is
+  // none, though nothing that they see contradicts it.
+  constexpr double kLeastShared = 0.5;
+  const auto most_steps = static_cast<int>(most_speed_m_s_ / step_m_s_);
+  const auto coarse_speed = [&](std::size_t i) {
+    return step_m_s_ * (static_cast<int>(i) - most_steps);
+  };
+  std::vector<Evidence> coarse(static_cast<std::size_t>(2 * most_steps + 1));
+  ParallelChunks(coarse.size(), 1, [&](std::size_t i, std::size_t) {
+    coarse[i] = EvidenceOf(WayUnder({coarse_speed(i), 0.0}), kCoarseGrids);
+  });
+  double most_shared = 0.0;
+  for (const Evidence& evidence : coarse) most_shared = std::max(most_shared, evidence.shared);
+  const auto possible = [&](const Evidence& e) { return e.shared >= kLeastShared * most_shared; };
+  std::size_t best = static_cast<std::size_t>(most_steps);
+  double most = -std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < coarse.size(); ++i) {
+    const double total = Total({coarse_speed(i), 0.0}, coarse[i].blocks);
+    if (total <= most || !possible(coarse[i])) continue;
+    best = i;
+    most = total;
+  }
+  FoundMotion found;
+  found.motion = Climb({coarse_speed(best), 0.0});
+  const WayAlong way = WayUnder(found.motion);
+  const std::vector<double> ours = EvidenceOf(way, kGrids).blocks;
+  const std::vector<double> ours_coarse = EvidenceOf(way, kCoarseGrids).blocks;
+  for (std::size_t i = 0; i < coarse.size(); ++i) {
+    const double apart = std::abs(coarse_speed(i) - found.motion.speed_m_s);
+    if (apart <= kNearSteps * step_m_s_ || !possible(coarse[i])) continue;
+    if (Votes(ours_coarse, coarse[i].blocks) < kRefutedSigmas)
+      found.open_speed_m_s = std::max(found.open_speed_m_s, apart);
+  }
+  for (int step = -kNearSteps; step <= kNearSteps; ++step) {
+    const double apart = step_m_s_ * step;
+    const SteadyMotion other = {found.motion.speed_m_s + apart, found.motion.acceleration_m_s2};
+    if (step != 0 && Votes(ours, EvidenceOf(WayUnder(other), kGrids).blocks) < kRefutedSigmas)
+      found.open_speed_m_s = std::max(found.open_speed_m_s, std::abs(apart));
+  }
+  return found;
+}
+
+double SteadyMotionSearch::Sharper(const WayAlong& one, const WayAlong& other) const {
+  return Votes(EvidenceOf(one, kGrids).blocks, EvidenceOf(other, kGrids).blocks);
+}
+
+}  // namespace lamina

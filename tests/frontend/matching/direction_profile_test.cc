@@ -1,0 +1,81 @@
+#include "frontend/matching/direction_profile.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "tests/support/random_rooms.h"
+
+namespace lamina {
+namespace {
+
+constexpr double kNoiseFloorM = 0.02;
+
+// A corridor along x, and boards across it that alone tell where along it the sensor is.
+World WithBoards(const std::vector<double>& at_x, double moved_m) {
+  World world = World::Corridor();
+  for (std::size_t i = 0; i < at_x.size(); ++i) {
+    const double side = i % 2 == 0 ? 1.5 : -1.5;
+    world.facets.push_back({{at_x[i] + moved_m, side, 0}, {0, 0.35, 0}, {0, 0, 1.2}});
+  }
+  return world;
+}
+
+class DirectionProfileTest : public testing::Test {
+ protected:
+  void Map(const World& world) { FillMap(world, 5, 3000, 0.005, &draws_, &map_); }
+  std::vector<PointCluster> Scan(const World& world) {
+    return DeskewClusters(
+        ScanFrom(SE3(), world.Sample(2000, 0.005, &draws_), map_.options().LeafSize()),
+        SweepMotion());
+  }
+  DirectionProfile::Posterior Posterior(const std::vector<PointCluster>& scan, double at_m,
+                                        double predicted_m, double sigma_m) {
+    const SE3 T(Eigen::Quaterniond::Identity(), {at_m, 0.0, 0.0});
+    return DirectionProfile(scan, map_, T, Vector6d::Unit(3), kNoiseFloorM)
+        .With(predicted_m, sigma_m);
+  }
+  double Blocks(const std::vector<PointCluster>& scan) {
+    return DirectionProfile(scan, map_, SE3(), Vector6d::Unit(3), kNoiseFloorM).Blocks();
+  }
+
+  Draws draws_{3};
+  VoxelMap map_{VoxelMapOptions()};
+};
+
+TEST_F(DirectionProfileTest, CountsTheBlocksThatFaceTheDirection) {
+  const World few = WithBoards({5.2}, 0.0);
+  Map(few);
+  EXPECT_LT(Blocks(Scan(few)), 2.5);
+  map_ = VoxelMap(VoxelMapOptions());
+  const World many = WithBoards({-17.2, -13.1, -9.2, -5.1, 5.2, 9.1, 13.2, 17.1}, 0.0);
+  Map(many);
+  EXPECT_GT(Blocks(Scan(many)), 5.0);
+}
+
+TEST_F(DirectionProfileTest, ManyBlocksOverruleThePrediction) {
+  const World world = WithBoards({-17.2, -13.1, -9.2, -5.1, 5.2, 9.1, 13.2, 17.1}, 0.0);
+  Map(world);
+  const auto posterior = Posterior(Scan(world), 0.0, 0.06, 0.03);
+  EXPECT_LT(std::abs(posterior.mean_m), 0.02);
+  EXPECT_LT(posterior.sigma_m, 0.03);
+}
+
+TEST_F(DirectionProfileTest, OneThingThatMovesDoesNot) {
+  // The board has gone on by 15 cm, and the match with it.
+  Map(WithBoards({5.2}, 0.0));
+  const auto scan = Scan(WithBoards({5.2}, 0.15));
+  const auto posterior = Posterior(scan, -0.15, 0.15, 0.03);
+  EXPECT_NEAR(-0.15 + posterior.mean_m, 0.0, 0.05);
+}
+
+TEST_F(DirectionProfileTest, WhereNothingFacesItThePredictionIsAllThatIsKnown) {
+  Map(World::Corridor());
+  const auto posterior = Posterior(Scan(World::Corridor()), 0.0, 0.04, 0.05);
+  EXPECT_NEAR(posterior.mean_m, 0.04, 0.01);
+  EXPECT_NEAR(posterior.sigma_m, 0.05, 0.015);
+}
+
+}  // namespace
+}  // namespace lamina

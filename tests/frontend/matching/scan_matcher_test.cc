@@ -1,0 +1,371 @@
+#include "frontend/matching/scan_matcher.h"
+#include "core/base/angle.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <map>
+#include <string>
+
+#include "core/map/voxel_key.h"
+#include "tests/support/bay_street.h"
+#include "tests/support/random_rooms.h"
+#include "tests/support/saved_map.h"
+
+namespace lamina {
+namespace {
+
+using Status = MatchResult::Status;
+
+// A map of a world, and scans to match with it.
+struct Stage {
+  Stage(const World& w, unsigned seed) : world(w), draws(seed), map(VoxelMapOptions()) {
+    FillMap(world, 5, 3000, 0.005, &draws, &map);
+  }
+  std::vector<PointCluster> Scan(const SE3& T_world_lidar) {
+    return Untimed(
+        ScanFrom(T_world_lidar, world.Sample(2000, 0.005, &draws), map.options().LeafSize()));
+  }
+
+  World world;
+  Draws draws;
+  VoxelMap map;
+};
+
+World CorridorWithPoles() {
+  Draws draws(99);
+  World world = World::Corridor();
+  world.AddPoles(&draws);
+  return world;
+}
+
+SE3 Shifted(const SE3& T, const SE3& by) { return SE3(T.q * by.q, T.t + by.t); }
+
+// A prediction that is off by about what constant velocity is at 10 Hz.
+PosePrediction Predicted(const SE3& T) {
+  PosePrediction prediction;
+  prediction.T_world_lidar = T;
+  prediction.covariance.diagonal() << Eigen::Vector3d::Constant(1e-3),
+      Eigen::Vector3d::Constant(1e-3);
+  return prediction;
+}
+
+TEST(ScanMatcher, RecoversThePoseInACornerOfThreePlanes) {
+  Stage stage(World::Corner(), 1);
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  for (int i = 0; i < 20; ++i) {
+    const SE3 truth = stage.draws.Offset(0.2, 0.6);
+    const SE3 start = Shifted(truth, stage.draws.Offset(2.0 * kDegree, 0.2));
+    const MatchResult result = matcher.Match(stage.Scan(truth), Predicted(start), stage.map);
+    EXPECT_NE(result.status, Status::kTooFewMatches);
+    EXPECT_EQ(result.degenerate, 0);
+    EXPECT_LT(RotationAngle(result.T_world_lidar, truth), 0.1 * kDegree);
+    EXPECT_LT((result.T_world_lidar.t - truth.t).norm(), 0.01);
+    EXPECT_GT(result.inlier_share, 0.6);
+    EXPECT_LT(result.residual_rms_m, 0.03);
+  }
+}
+
+// Ids of nodes follow the order in which roots were made; loaded, that in which they were touched.
+TEST(ScanMatcher, CovarianceHasTheSameBitsInAMapThatWasLoaded) {
+  World small = World::Corner();  // most of a pose is held by one block of space
+  for (auto& facet : small.facets) {
+    facet.centre *= 0.3;
+    facet.edge1 *= 0.3;
+    facet.edge2 *= 0.3;
+  }
+  VoxelMapOptions options;
+  options.root_size_m = 0.8;
+  Draws draws(3);
+  VoxelMap map(options), loaded(options);
+  FillMap(small, 5, 3000, 0.005, &draws, &map);
+  // Touched in another order than made.
+  Points corner = small.Sample(40, 0.0, &draws);
+  std::sort(corner.begin(), corner.end(),
+            [](const Eigen::Vector3d& a, const Eigen::Vector3d& b) { return a.z() < b.z(); });
+  for (const Eigen::Vector3d& p : corner) map.LeafAt(p);
+  map.Refresh();
+  const std::string records = Saved(&map);
+  loaded.Load(records);
+  loaded.FinishLoading();
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  for (int i = 0; i < 20; ++i) {
+    const SE3 truth = draws.Offset(0.05, 0.1);
+    const auto scan = Untimed(ScanFrom(truth, small.Sample(800, 0.01, &draws), options.LeafSize()));
+    const MatchResult made = matcher.Match(scan, Predicted(truth), map);
+    const MatchResult again = matcher.Match(scan, Predicted(truth), loaded);
+    ASSERT_NE(made.status, Status::kTooFewMatches);
+    EXPECT_EQ(made.covariance, again.covariance) << i;
+    EXPECT_EQ(made.T_world_lidar.t, again.T_world_lidar.t) << i;
+  }
+}
+
+// Points of foliage along straight strokes of a scan pattern: each in the sheet that its stroke
+// sweeps, at any depth. In the LiDAR frame.
+Points StrokesThroughFoliage(int strokes, int per_stroke, Draws* draws) {
+  Draws pattern(5);  // which is the same in every scan
+  Points points;
+  for (int i = 0; i < strokes; ++i) {
+    const Eigen::Vector3d from = pattern.Direction(), to = pattern.Direction();
+    for (int k = 0; k < per_stroke; ++k) {
+      const Eigen::Vector3d along = from + draws->Uniform(0.0, 1.0) * (to - from);
+      points.push_back(
+          draws->Uniform(2.0, 4.5) * along.normalized() +
+          Eigen::Vector3d(draws->Normal(0.005), draws->Normal(0.005), draws->Normal(0.005)));
+    }
+  }
+  return points;
+}
+
+TEST(ScanMatcher, SheetsOfABeamThatMoveAlongWithTheSensorDoNotHoldIt) {
+  // A sensor stood for ten scans between three walls and foliage, and moves on by 0.3 m: the sheets
+  // say that it still stands, with ten times the points of the walls.
+  constexpr int kStrokes = 40, kPerStroke = 400;
+  Stage stage(World::Corner(), 7);
+  for (std::int64_t frame = 5; frame < 15; ++frame) {
+    const Points sheets = StrokesThroughFoliage(kStrokes, kPerStroke, &stage.draws);
+    for (const PointCluster& c : Untimed(ScanFrom(SE3(), sheets, stage.map.options().LeafSize())))
+      stage.map.AddWindow(stage.map.LeafAt(c.mean), c, frame);
+  }
+  stage.map.Refresh();
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  for (const Eigen::Vector3d& way : {Eigen::Vector3d(0.3, 0.0, 0.0), Eigen::Vector3d(0.0, 0.3, 0.0),
+                                     Eigen::Vector3d(-0.2, -0.2, 0.1)}) {
+    const SE3 truth(Eigen::Quaterniond::Identity(), way);
+    Points seen = stage.world.Sample(500, 0.005, &stage.draws);
+    for (const Eigen::Vector3d& p : StrokesThroughFoliage(kStrokes, kPerStroke, &stage.draws))
+      seen.push_back(truth * p);
+    const double leaf_m = stage.map.options().LeafSize();
+    const MatchResult result =
+        matcher.Match(Untimed(ScanFrom(truth, seen, leaf_m)), Predicted(SE3()), stage.map);
+    EXPECT_LT((result.T_world_lidar.t - truth.t).norm(), 0.03) << way.transpose();
+    // Nor does where it stood look better.
+    EXPECT_GT(matcher.Compare(Untimed(ScanFrom(truth, seen, leaf_m)), truth, SE3(), stage.map, 0.1)
+                  .evidence_sigmas,
+              0.0);
+  }
+}
+
+// Mean squared error of matched poses over their covariance, as a share of 6, in a world with noise
+// and with errors along every axis that all points of a 4 m cube have in common.
+double NeesPerDof(const World& world, double cube_sigma_m) {
+  constexpr int kTrials = 60;
+  Stage stage(world, 11);
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  double sum = 0.0;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    const SE3 truth = stage.draws.Offset(0.2, 0.6);
+    std::map<VoxelKey, Eigen::Vector3d> offsets;
+    Points points = world.Sample(2000, 0.005, &stage.draws);
+    for (Eigen::Vector3d& p : points) {
+      const auto [offset, is_new] =
+          offsets.try_emplace(VoxelKeyOf(p, 0.25), Eigen::Vector3d::Zero());
+      for (int i = 0; i < 3 && is_new; ++i) {
+        offset->second(i) = stage.draws.Normal(cube_sigma_m);
+      }
+      p += offset->second;
+    }
+    const MatchResult match =
+        matcher.Match(Untimed(ScanFrom(truth, points, stage.map.options().LeafSize())),
+                      Predicted(truth), stage.map);
+    const Vector6d error = LocalDelta(truth, match.T_world_lidar);
+    sum += error.dot(match.covariance.ldlt().solve(error)) / (6.0 * kTrials);
+  }
+  return sum;
+}
+
+TEST(ScanMatcher, ErrorsThatNeighboursHaveInCommonCountOnce) {
+  World hall = World::Room();
+  for (Facet& facet : hall.facets) {
+    for (Eigen::Vector3d* v : {&facet.centre, &facet.edge1, &facet.edge2}) {
+      v->head<2>() *= 2.5;
+    }
+  }
+  for (const double cube_sigma_m : {0.0, 0.01}) {
+    const double nees = NeesPerDof(hall, cube_sigma_m);
+    EXPECT_GT(nees, 0.5) << cube_sigma_m;
+    EXPECT_LT(nees, 2.0) << cube_sigma_m;
+  }
+}
+
+TEST(ScanMatcher, TheCovarianceHoldsWhereFewBlocksDetermineThePose) {
+  const double nees = NeesPerDof(World::Room(), 0.0);
+  EXPECT_GT(nees, 0.5);
+  EXPECT_LT(nees, 2.0);
+}
+
+World Scaled(World world, double factor) {
+  for (Facet& facet : world.facets) {
+    for (Eigen::Vector3d* v : {&facet.centre, &facet.edge1, &facet.edge2}) *v *= factor;
+  }
+  return world;
+}
+
+TEST(ScanMatcher, TheCovarianceHoldsWhereOneBlockDeterminesThePose) {
+  for (const World& small :
+       {Scaled(World::Room(), 0.6), Scaled(World::Room(), 0.8), Scaled(World::Corner(), 0.8)}) {
+    const double nees = NeesPerDof(small, 0.0);
+    EXPECT_GT(nees, 0.5);
+    EXPECT_LT(nees, 2.0);
+  }
+}
+
+TEST(ScanMatcher, ACorridorLeavesItsAxisToThePrediction) {
+  Stage stage(World::Corridor(), 2);
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  for (int i = 0; i < 10; ++i) {
+    const SE3 truth = stage.draws.Offset(0.05, 0.3);
+    const SE3 start =
+        Shifted(truth, SE3(ExpSO3(0.5 * kDegree * stage.draws.Direction()), {0.3, 0.1, -0.05}));
+    const MatchResult result = matcher.Match(stage.Scan(truth), Predicted(start), stage.map);
+    EXPECT_NE(result.status, Status::kTooFewMatches);
+    ASSERT_EQ(result.degenerate, 1);
+    EXPECT_GT(std::abs(result.degenerate_directions(3, 0)), 0.99);
+    EXPECT_GT(result.worst_sigma_m, ScanMatcherOptions().max_direction_sigma_m);
+    EXPECT_NEAR(result.T_world_lidar.t.x(), start.t.x(), 0.01);
+    EXPECT_LT((result.T_world_lidar.t - truth.t).tail<2>().norm(), 0.01);
+    EXPECT_LT(RotationAngle(result.T_world_lidar, truth), 0.1 * kDegree);
+    // The covariance says so: far larger along the axis than across.
+    EXPECT_GT(result.covariance(3, 3), 100.0 * result.covariance(4, 4));
+  }
+}
+
+TEST(ScanMatcher, PolesMakeTheAxisOfTheCorridorObservable) {
+  Stage stage(CorridorWithPoles(), 3);
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  for (int i = 0; i < 5; ++i) {
+    const SE3 truth = stage.draws.Offset(0.05, 0.3);
+    const SE3 start = Shifted(truth, SE3(Eigen::Quaterniond::Identity(), {0.15, 0.02, 0.0}));
+    const MatchResult result = matcher.Match(stage.Scan(truth), Predicted(start), stage.map);
+    EXPECT_EQ(result.degenerate, 0);
+    EXPECT_NEAR(result.T_world_lidar.t.x(), truth.t.x(), 0.05);
+  }
+}
+
+TEST(ScanMatcher, TooFewMatchesLeaveThePoseAsItWas) {
+  Stage stage(World::Corner(), 4);
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  const SE3 start = stage.draws.Pose(1.0);
+  const VoxelMap empty{VoxelMapOptions()};
+  const auto expect_refused = [&](const MatchResult& result) {
+    EXPECT_EQ(result.status, Status::kTooFewMatches);
+    EXPECT_EQ(result.T_world_lidar.t, start.t);
+    EXPECT_EQ(result.T_world_lidar.q.coeffs(), start.q.coeffs());
+  };
+  expect_refused(matcher.Match(stage.Scan(start), Predicted(start), empty));
+  expect_refused(matcher.Match({}, Predicted(start), stage.map));
+  std::vector<PointCluster> few = stage.Scan(start);
+  few.resize(5);
+  expect_refused(matcher.Match(few, Predicted(start), stage.map));
+}
+
+TEST(ScanMatcher, ARefusedScanCarriesNoDegeneracy) {
+  // Matches at the start leave directions open; the first step then carries the scan off the small
+  // plane, to where too few are left.
+  World world;
+  world.facets.push_back({{5.5, 0, 0.8}, {0, 4, 0}, {0, 0, 0.7}});
+  world.facets.push_back({{2.4, 2.4, 0.8}, {0.7, 0, 0}, {0, 0, 0.7}});
+  Stage stage(world, 8);
+  constexpr double kOffM = 0.6;
+  std::vector<PointCluster> scan;
+  for (int i = 0; i < 9; ++i) {
+    const Patch wall({5.5 - kOffM, 0.8 * (i - 4), 0.7}, Eigen::Vector3d::UnitX());
+    scan.push_back(ClusterOf({wall.centre, wall.centre + 0.1 * wall.u1, wall.centre - 0.1 * wall.u1,
+                              wall.centre + 0.1 * wall.u2, wall.centre - 0.1 * wall.u2}));
+  }
+  for (int i = 0; i < 3; ++i) scan.push_back(ClusterOf({{3.0, 2.4, 0.5 + 0.2 * i}}));
+  ScanMatcherOptions options;
+  options.max_iterations = 1;
+  EXPECT_GT(ScanMatcher(options).Score(scan, SE3(), stage.map, 1.0), 0.5);  // met at the start
+  for (const int iterations : {1, 20}) {
+    options.max_iterations = iterations;
+    const MatchResult result = ScanMatcher(options).Match(scan, Predicted(SE3()), stage.map);
+    EXPECT_EQ(result.status, Status::kTooFewMatches);
+    EXPECT_EQ(result.T_world_lidar.t, Eigen::Vector3d::Zero());
+    EXPECT_EQ(result.degenerate, 0);
+    EXPECT_TRUE(result.degenerate_directions.isZero());
+    EXPECT_TRUE(result.covariance.isZero());
+    EXPECT_EQ(result.worst_sigma_m, 0.0);
+  }
+}
+
+TEST(ScanMatcher, CovarianceIsPositiveAndShrinksWithMorePlanes) {
+  Stage corner(World::Corner(), 5);
+  Stage room(World::Room(), 5);
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  const MatchResult few = matcher.Match(corner.Scan(SE3()), Predicted(SE3()), corner.map);
+  const MatchResult many = matcher.Match(room.Scan(SE3()), Predicted(SE3()), room.map);
+  for (const MatchResult* result : {&few, &many}) {
+    EXPECT_GT(result->covariance.diagonal().minCoeff(), 0.0);
+    EXPECT_LT((result->covariance - result->covariance.transpose()).norm(),
+              1e-9 * result->covariance.norm());
+  }
+  EXPECT_GT(many.matched, few.matched);
+  EXPECT_LT(many.covariance.trace(), few.covariance.trace());
+}
+
+TEST(ScanMatcher, HasTheSameBitsAtAnyNumberOfThreads) {
+  Stage stage(World::Room(), 6);
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  const std::vector<PointCluster> scan = stage.Scan(SE3());
+  const SE3 start = stage.draws.Offset(0.02, 0.1);
+  SE3 first;
+  for (const std::size_t threads : {1U, 2U, 4U}) {
+    const ThreadLimit limit(threads);
+    const SE3 T = matcher.Match(scan, Predicted(start), stage.map).T_world_lidar;
+    if (threads == 1) first = T;
+    EXPECT_EQ(T.t, first.t) << threads << " threads";
+    EXPECT_EQ(T.q.coeffs(), first.q.coeffs()) << threads << " threads";
+  }
+}
+
+TEST(ScanMatcher, AStartFarAlongAWeakDirectionIsNotKeptWithoutAWord) {
+  // Little in a street faces along it, and what does is beyond the reach of its planes at first.
+  const BayStreet street(11);
+  Draws draws(12);
+  VoxelMap map{VoxelMapOptions()};
+  for (std::int64_t frame = 0; frame < 8; ++frame) {
+    const SE3 T = BayStreet::PoseAt(1.0 * static_cast<double>(frame));
+    const auto clusters = BuildScanClusters(street.Scan(T, 8000, &draws), map.options().LeafSize());
+    for (const PointCluster& c : Untimed(clusters)) {
+      const PointCluster in_world = c.Moved(T);
+      map.AddWindow(map.LeafAt(in_world.mean), in_world, frame);
+    }
+  }
+  map.Refresh();
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  int right = 0;
+  for (int i = 0; i < 40; ++i) {
+    const SE3 truth = BayStreet::PoseAt(draws.Uniform(2.0, 8.0));
+    const auto scan =
+        Untimed(BuildScanClusters(street.Scan(truth, 8000, &draws), map.options().LeafSize()));
+    const double off = draws.Uniform(0.84, 1.16) * (i % 2 == 0 ? 1.0 : -1.0);
+    PosePrediction prediction;
+    prediction.T_world_lidar = SE3(truth.q, truth.t + Eigen::Vector3d(off, 0.0, 0.0));
+    prediction.covariance.diagonal().setConstant(1.0);
+    const MatchResult result = matcher.Match(scan, prediction, map);
+    const double error = (result.T_world_lidar.t - truth.t).norm();
+    right += error < 0.05 ? 1 : 0;
+    // Held at the prediction, and not said to be.
+    EXPECT_TRUE(result.degenerate > 0 || error < std::abs(off) - 0.1) << "start " << i;
+  }
+  EXPECT_GE(right, 34);
+}
+
+TEST(ScanMatcher, ScoreIsHighestAtTheTruth) {
+  Stage stage(World::Room(), 7);
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  const std::vector<PointCluster> scan = stage.Scan(SE3());
+  const double best = matcher.Score(scan, SE3(), stage.map, 0.2);
+  EXPECT_GT(best, 0.6);
+  EXPECT_LE(best, 1.0);
+  for (int i = 0; i < 20; ++i) {
+    EXPECT_LT(matcher.Score(scan, stage.draws.Offset(0.15, 0.3), stage.map, 0.2), best - 0.05);
+  }
+  EXPECT_NEAR(matcher.Score(scan, SE3(), stage.map, 0.2, 3), best, 0.1);
+  EXPECT_EQ(matcher.Score(scan, SE3(), VoxelMap{VoxelMapOptions()}, 0.2), 0.0);
+  EXPECT_EQ(matcher.Score({}, SE3(), stage.map, 0.2), 0.0);
+}
+
+}  // namespace
+}  // namespace lamina

@@ -1,0 +1,95 @@
+#include "frontend/odometry/lost_track.h"
+
+#include <gtest/gtest.h>
+
+#include "frontend/odometry/odometry.h"
+#include "tests/support/bay_street.h"
+
+namespace lamina {
+namespace {
+
+class LostTrackTest : public testing::Test {
+ protected:
+  std::vector<TimedCluster> Scan(double along_m) {
+    return BuildScanClusters(street_.Scan(BayStreet::PoseAt(along_m), 10000, &draws_),
+                             map_.LeafSize());
+  }
+  std::vector<TimedCluster> Spray() {
+    return BuildScanClusters(BayStreet::Spray(10000, &draws_), map_.LeafSize());
+  }
+  static StampNs Stamp(int i) { return i * 100'000'000LL; }
+
+  const BayStreet street_{1};
+  Draws draws_{2};
+  const VoxelMapOptions map_;
+  const OdometryOptions options_;
+  const Vector6d still_ = Vector6d::Zero();
+};
+
+TEST_F(LostTrackTest, FollowsScansOfOnePlace) {
+  LostTrack track(options_, map_);
+  Vector6d twist = Vector6d::Zero();
+  twist(3) = 9.0;  // as the sensor was last seen to move; in truth 10
+  for (int i = 0; i < 12; ++i) track.Add(Stamp(i), Scan(1.0 * i), twist);
+  EXPECT_EQ(track.scans(), 12);
+  EXPECT_EQ(track.first_stamp_ns(), Stamp(0));
+  const SE3 truth = BayStreet::PoseAt(0.0).Inverse() * BayStreet::PoseAt(11.0);
+  EXPECT_LT((track.T_first_newest().t - truth.t).norm(), 0.1);
+  EXPECT_NEAR(track.Twist()(3), 10.0, 0.3);
+  // Together they cover more than one does, in voxels of the map's size.
+  EXPECT_GT(track.Together().size(), Scan(11.0).size() * 3 / 2);
+}
+
+TEST_F(LostTrackTest, SprayAgreesWithNothing) {
+  LostTrack track(options_, map_);
+  track.Add(Stamp(0), Scan(0.0), still_);
+  track.Add(Stamp(1), Spray(), still_);
+  EXPECT_EQ(track.scans(), 1);
+  EXPECT_EQ(track.first_stamp_ns(), Stamp(1));
+  track.Add(Stamp(2), Spray(), still_);
+  EXPECT_EQ(track.scans(), 1);
+  track.Add(Stamp(3), Scan(3.0), still_);
+  EXPECT_EQ(track.scans(), 1);
+  track.Clear();
+  EXPECT_EQ(track.scans(), 0);
+}
+
+TEST_F(LostTrackTest, CountsGuessesOfOnePlace) {
+  LostTrack track(options_, map_);
+  Vector6d twist = Vector6d::Zero();
+  twist(3) = 10.0;
+  const auto at = [](double along_m) {
+    return SE3(Eigen::Quaterniond::Identity(), {along_m, 0.0, 0.0});
+  };
+  for (int i = 0; i < 3; ++i) {
+    track.Add(Stamp(i), Scan(1.0 * i), twist);
+    ASSERT_EQ(track.scans(), i + 1);
+    // The place goes along with the sensor.
+    EXPECT_EQ(track.Guessed(at(40.0 + i)), i);
+    track.Guess(at(40.0 + i));
+  }
+  EXPECT_EQ(track.Guessed(at(45.0)), 0);
+  track.Guess(at(45.0));
+  EXPECT_EQ(track.Guessed(at(42.0)), 0);
+}
+
+TEST_F(LostTrackTest, GoesOnFromItsArchive) {
+  LostTrack track(options_, map_);
+  Vector6d twist = Vector6d::Zero();
+  twist(3) = 10.0;
+  for (int i = 0; i < 3; ++i) track.Add(Stamp(i), Scan(1.0 * i), twist);
+  StateArchive written;
+  track.Archive(written);
+  LostTrack copy(options_, map_);
+  StateArchive read(written.written());
+  copy.Archive(read);
+  EXPECT_EQ(read.unread(), 0U);
+  const std::vector<TimedCluster> next = Scan(3.0);
+  track.Add(Stamp(3), next, twist);
+  copy.Add(Stamp(3), next, twist);
+  EXPECT_EQ(copy.scans(), 4);
+  EXPECT_EQ(copy.T_first_newest().t, track.T_first_newest().t);
+}
+
+}  // namespace
+}  // namespace lamina

@@ -1,0 +1,117 @@
+#include "frontend/odometry/motion_model.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace lamina {
+namespace {
+
+constexpr StampNs kPeriodNs = 100000000;
+
+SE3 Along(double x) { return SE3(Eigen::Quaterniond::Identity(), {x, 0.0, 0.0}); }
+
+double WaySigma(const MotionModel& model, StampNs stamp_ns) {
+  return std::sqrt(model.Predict(stamp_ns).covariance(3, 3));
+}
+
+// At 15 m/s along x; the last pose at 15 m, one second after the first.
+MotionModel Driving() {
+  MotionModel model{MotionOptions()};
+  for (int i = 0; i <= 10; ++i) model.Accept(i * kPeriodNs, Along(1.5 * i), i > 0);
+  return model;
+}
+
+TEST(MotionModel, UncertaintyGrowsWithTheGap) {
+  const MotionModel model = Driving();
+  double last = 0.0;
+  for (int k = 1; k <= 50; ++k) {
+    const double sigma = WaySigma(model, (10 + k) * kPeriodNs);
+    EXPECT_GT(sigma, last);
+    last = sigma;
+  }
+  EXPECT_LT(WaySigma(model, 11 * kPeriodNs), 0.05);
+  // A car that brakes with 8 m/s^2 from the last pose on stays within two standard deviations.
+  EXPECT_GT(2.0 * WaySigma(model, 20 * kPeriodNs), 0.5 * 8.0);
+}
+
+TEST(MotionModel, AVehicleIsExpectedAheadAfterAGap) {
+  const MotionModel model = Driving();
+  EXPECT_NEAR(model.Predict(11 * kPeriodNs).T_world_lidar.t.x(), 16.5, 1e-9);
+  EXPECT_NEAR(model.Predict(25 * kPeriodNs).T_world_lidar.t.x(), 15.0 + 22.5, 1.5);
+}
+
+TEST(MotionModel, WithoutStampsTheNextStepMayBeHalfAsLongOrHalfAsLongAgain) {
+  MotionModel model = Driving();
+  model.TrustClock(false);
+  EXPECT_GT(WaySigma(model, 11 * kPeriodNs), 0.75 - 1e-9);
+  EXPECT_LT(WaySigma(model, 11 * kPeriodNs), 0.80);
+  // A short step is no promise that the next one is short.
+  model.Accept(11 * kPeriodNs, Along(15.1), true);
+  EXPECT_GT(WaySigma(model, 12 * kPeriodNs), 0.6);
+  model.TrustClock(true);
+  EXPECT_LT(WaySigma(model, 12 * kPeriodNs), 0.05);
+}
+
+TEST(MotionModel, WithoutStampsAStartMayBeFarAway) {
+  MotionModel model{MotionOptions()};
+  model.Accept(0, Along(0.0), false);
+  model.TrustClock(false);
+  EXPECT_GT(WaySigma(model, kPeriodNs), 4.0);
+}
+
+TEST(MotionModel, BeforeAnyMotionTheSpeedIsUnknown) {
+  MotionModel model{MotionOptions()};
+  model.Accept(0, Along(0.0), false);
+  EXPECT_FALSE(model.moving_known());
+  EXPECT_GT(WaySigma(model, kPeriodNs), 1.0);
+  model.Accept(kPeriodNs, Along(1.5), true);
+  EXPECT_TRUE(model.moving_known());
+  EXPECT_LT(WaySigma(model, 2 * kPeriodNs), 0.1);
+}
+
+TEST(MotionModel, AnAssumedVelocityMovesThePredictionAndIsNoBetterKnown) {
+  MotionModel model{MotionOptions()};
+  model.Accept(0, Along(0.0), false);
+  const double sigma = WaySigma(model, kPeriodNs);
+  Vector6d velocity = Vector6d::Zero();
+  velocity(3) = 10.0;
+  model.Assume(velocity);
+  EXPECT_NEAR(model.Predict(kPeriodNs).T_world_lidar.t.x(), 1.0, 1e-9);
+  EXPECT_EQ(WaySigma(model, kPeriodNs), sigma);
+}
+
+TEST(MotionModel, SetDownSomewhereItIsExpectedThere) {
+  MotionModel model = Driving();
+  model.StartAt(Along(15.0));
+  EXPECT_EQ(model.Predict(5).T_world_lidar.t.x(), 15.0);
+  EXPECT_EQ(model.Twist(5).norm(), 0.0);
+  EXPECT_GT(WaySigma(model, 5), 5.0);
+}
+
+TEST(MotionModel, PosesThatWereHeldLeaveTheNextOneOpen) {
+  const auto drift_m = [](const MotionModel& model, StampNs stamp_ns) {
+    return std::sqrt(model.Drift(stamp_ns)(3, 3));
+  };
+  const Matrix6d well = 1e-6 * Matrix6d::Identity();
+  MotionModel model = Driving();
+  model.Accept(11 * kPeriodNs, Along(16.5), true, well);
+  model.Accept(12 * kPeriodNs, Along(18.0), true, well);
+  EXPECT_LT(drift_m(model, 13 * kPeriodNs), 0.005);
+  // Poses that are little more than predictions: as unsure as these, and more with each.
+  Matrix6d held = well;
+  double last = 0.0;
+  for (int k = 13; k < 18; ++k) {
+    held(3, 3) += 0.04 * 0.04;
+    model.Accept(k * kPeriodNs, Along(1.5 * k), true, held);
+    EXPECT_GT(drift_m(model, (k + 1) * kPeriodNs), std::max(last, 0.04));
+    last = drift_m(model, (k + 1) * kPeriodNs);
+  }
+  model.Accept(18 * kPeriodNs, Along(27.0), true, well);
+  model.Accept(19 * kPeriodNs, Along(28.5), true, well);
+  EXPECT_LT(drift_m(model, 20 * kPeriodNs), 0.01);
+}
+
+}  // namespace
+}  // namespace lamina

@@ -1,0 +1,126 @@
+#include "frontend/odometry/odometry.h"
+#include "core/base/angle.h"
+
+#include <gtest/gtest.h>
+
+#include "tests/support/random_rooms.h"
+
+namespace lamina {
+namespace {
+
+using Status = OdometryFrame::Status;
+constexpr StampNs kScanPeriodNs = 100000000;
+
+// A room that is mapped already, and odometry that starts at its origin.
+class OdometryTest : public testing::Test {
+ protected:
+  OdometryTest() : odometry_(OdometryOptions()), map_(VoxelMapOptions()) {
+    FillMap(World::Room(), 5, 3000, 0.005, &draws_, &map_);
+  }
+
+  std::vector<TimedCluster> Scan(const SE3& T_world_lidar) {
+    return ScanFrom(T_world_lidar, World::Room().Sample(2000, 0.005, &draws_),
+                    map_.options().LeafSize());
+  }
+  // Registers and accepts poses along a constant motion, from the origin on.
+  OdometryFrame Drive(int frames, const SE3& step) {
+    SE3 T;
+    OdometryFrame frame;
+    for (int i = 0; i < frames; ++i) {
+      frame = odometry_.Register(i * kScanPeriodNs, Scan(T), map_);
+      odometry_.Accept(frame);
+      if (i + 1 < frames) T = T * step;
+    }
+    return frame;
+  }
+
+  Draws draws_{1};
+  Odometry odometry_;
+  VoxelMap map_;
+};
+
+TEST_F(OdometryTest, TheFirstScanIsTheStart) {
+  const OdometryFrame frame = odometry_.Register(7, Scan(draws_.Pose(1.0)), map_);
+  EXPECT_EQ(frame.status, Status::kFirst);
+  EXPECT_EQ(frame.stamp_ns, 7);
+  EXPECT_EQ(frame.T_world_lidar.t.norm(), 0.0);
+}
+
+TEST_F(OdometryTest, PredictsConstantVelocityAndFollows) {
+  const SE3 step(ExpSO3({0.0, 0.0, 0.02}), {0.05, 0.01, 0.0});
+  const OdometryFrame last = Drive(8, step);
+  EXPECT_EQ(last.status, Status::kTracked);
+  SE3 truth;
+  for (int i = 0; i < 7; ++i) truth = truth * step;
+  EXPECT_LT((last.T_world_lidar.t - truth.t).norm(), 0.015);
+  const SE3 velocity = TwistExp(odometry_.velocity() * 0.1);
+  EXPECT_LT((velocity.t - step.t).norm(), 0.02);
+  // The prediction is exactly the last motion once more, and scales with time.
+  const OdometryFrame next = odometry_.Register(8 * kScanPeriodNs, Scan(truth * step), map_);
+  const SE3 expected = last.T_world_lidar * velocity;
+  EXPECT_LT((next.T_world_predicted.t - expected.t).norm(), 1e-12);
+  const OdometryFrame later = odometry_.Register(9 * kScanPeriodNs, Scan(truth), map_);
+  EXPECT_LT((later.T_world_predicted.t - (expected * velocity).t).norm(), 1e-9);
+}
+
+TEST_F(OdometryTest, AfterALongGapAStandingSensorIsFoundWhereItStands) {
+  const OdometryFrame last = Drive(5, SE3(Eigen::Quaterniond::Identity(), {0.1, 0.0, 0.0}));
+  const OdometryFrame next =
+      odometry_.Register(last.stamp_ns + 20 * kScanPeriodNs, Scan(last.T_world_lidar), map_);
+  EXPECT_EQ(next.status, Status::kTracked);
+  EXPECT_LT((next.T_world_lidar.t - last.T_world_lidar.t).norm(), 0.02);
+}
+
+TEST_F(OdometryTest, AfterALongGapAMovingSensorIsFoundWhereItHasGone) {
+  const SE3 step(Eigen::Quaterniond::Identity(), {0.06, 0.0, 0.0});
+  const OdometryFrame last = Drive(5, step);
+  SE3 truth = last.T_world_lidar;
+  for (int i = 0; i < 25; ++i) truth = truth * step;
+  const OdometryFrame next =
+      odometry_.Register(last.stamp_ns + 25 * kScanPeriodNs, Scan(truth), map_);
+  EXPECT_EQ(next.status, Status::kTracked);
+  EXPECT_LT((next.T_world_lidar.t - truth.t).norm(), 0.02);
+}
+
+TEST_F(OdometryTest, RotationSearchFollowsAJump) {
+  const OdometryFrame last = Drive(5, SE3());
+  for (int i = 0; i < 10; ++i) {
+    // Mostly about the vertical, as a hand-held sensor turns.
+    const Eigen::Vector3d axis = (Eigen::Vector3d::UnitZ() + 0.3 * draws_.Direction()).normalized();
+    const double angle = draws_.Uniform(10.0, 20.0) * kDegree * (i % 2 == 0 ? 1.0 : -1.0);
+    const SE3 truth(ExpSO3(angle * axis), draws_.InCube(0.1));
+    const OdometryFrame frame =
+        odometry_.Register(last.stamp_ns + kScanPeriodNs, Scan(truth), map_);
+    EXPECT_EQ(frame.status, Status::kTracked);
+    EXPECT_TRUE(frame.searched);
+    EXPECT_LT(RotationAngle(frame.T_world_lidar, truth), 0.3 * kDegree);
+    EXPECT_LT((frame.T_world_lidar.t - truth.t).norm(), 0.03);
+  }
+}
+
+TEST_F(OdometryTest, AScanOfAnotherPlaceIsLost) {
+  const OdometryFrame last = Drive(5, SE3());
+  const auto elsewhere = BuildScanClusters(StillPoints(draws_.Cloud(8000, {0, 0, 0}, 8.0)), 0.8);
+  const OdometryFrame frame = odometry_.Register(last.stamp_ns + kScanPeriodNs, elsewhere, map_);
+  EXPECT_EQ(frame.status, Status::kLost);
+  EXPECT_EQ(frame.T_world_lidar.t, frame.T_world_predicted.t);
+  const OdometryFrame nothing = odometry_.Register(last.stamp_ns + kScanPeriodNs, {}, map_);
+  EXPECT_EQ(nothing.status, Status::kLost);
+  // The state is as before: the next good scan is tracked.
+  EXPECT_EQ(odometry_.Register(last.stamp_ns + 2 * kScanPeriodNs, Scan(SE3()), map_).status,
+            Status::kTracked);
+}
+
+TEST_F(OdometryTest, CorrectionMovesTheStartOfThePrediction) {
+  const OdometryFrame last = Drive(3, SE3());
+  const SE3 correction = draws_.Offset(0.1, 0.2);
+  const OdometryFrame before = odometry_.Register(last.stamp_ns + kScanPeriodNs, {}, map_);
+  odometry_.Correct(correction);
+  const OdometryFrame after = odometry_.Register(last.stamp_ns + kScanPeriodNs, {}, map_);
+  const SE3 expected = correction * before.T_world_predicted;
+  EXPECT_LT((after.T_world_predicted.t - expected.t).norm(), 1e-12);
+  EXPECT_LT(RotationAngle(after.T_world_predicted, expected), 1e-12);
+}
+
+}  // namespace
+}  // namespace lamina

@@ -1,0 +1,152 @@
+#include "frontend/start/steady_motion.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "tests/support/bay_street.h"
+#include "tests/support/random_rooms.h"
+
+namespace lamina {
+namespace {
+
+constexpr int kScans = 8;
+constexpr double kScanPeriodS = 0.1, kSteadyVoxelM = 0.8;
+
+double SteadyAt(double speed, double acceleration, int scan) {
+  const double t = kScanPeriodS * (scan - 0.5 * (kScans - 1));
+  return speed * t + 0.5 * acceleration * t * t;
+}
+
+// Clusters of the LiDAR frame, where they are if the sensor did not move along x.
+SteadyScan SteadyScanOf(const std::vector<TimedCluster>& clusters, const SE3& T_world_lidar,
+                        int scan) {
+  SteadyScan made;
+  made.time_s = kScanPeriodS * scan;
+  const SE3 T(T_world_lidar.q, {0.0, T_world_lidar.t.y(), T_world_lidar.t.z()});
+  for (const TimedCluster& cluster : clusters) made.clusters.push_back(cluster.points.Moved(T));
+  return made;
+}
+
+std::vector<TimedCluster> Seen(const BayStreet& street, const SE3& T, int points, Draws* draws) {
+  return BuildScanClusters(street.Scan(T, points, draws), kSteadyVoxelM);
+}
+
+std::vector<SteadyScan> InStreet(double speed, double acceleration, int points, unsigned seed) {
+  const BayStreet street(seed);
+  Draws draws(seed + 100);
+  std::vector<SteadyScan> scans;
+  for (int k = 0; k < kScans; ++k) {
+    const SE3 T = BayStreet::PoseAt(100.0 + SteadyAt(speed, acceleration, k));
+    scans.push_back(SteadyScanOf(Seen(street, T, points, &draws), T, k));
+  }
+  return scans;
+}
+
+FoundMotion Find(std::vector<SteadyScan> scans) {
+  return SteadyMotionSearch(SteadyMotionOptions(), Eigen::Vector3d::UnitX(), std::move(scans))
+      .Find();
+}
+
+TEST(SteadyMotionTest, FindsTheSpeedOfSparseScans) {
+  struct Drive {
+    double speed, acceleration;
+  };
+  for (const Drive drive : {Drive{15.0, 0.0}, Drive{-12.0, 0.0}, Drive{8.0, -3.0}, {3.0, 3.0}}) {
+    for (unsigned seed = 1; seed <= 3; ++seed) {
+      const FoundMotion found = Find(InStreet(drive.speed, drive.acceleration, 3000, seed));
+      EXPECT_NEAR(found.motion.speed_m_s, drive.speed, 0.8) << seed;
+      for (const int scan : {0, kScans - 1}) {
+        const double found_m =
+            SteadyAt(found.motion.speed_m_s, found.motion.acceleration_m_s2, scan);
+        EXPECT_NEAR(found_m, SteadyAt(drive.speed, drive.acceleration, scan), 0.4) << seed;
+      }
+      EXPECT_LE(found.open_speed_m_s, 2.0) << drive.speed << ", " << seed;
+    }
+  }
+}
+
+TEST(SteadyMotionTest, TheWayIsThatOfTheMotion) {
+  const SteadyMotionSearch search(SteadyMotionOptions(), Eigen::Vector3d::UnitX(),
+                                  InStreet(10.0, 0.0, 500, 1));
+  const WayAlong way = search.WayUnder({10.0, 4.0});
+  ASSERT_EQ(way.positions_m.size(), static_cast<std::size_t>(kScans));
+  EXPECT_EQ(way.positions_m.front(), 0.0);
+  EXPECT_NEAR(way.positions_m.back(), 7.0, 1e-9);  // 0.7 s at 10 m/s on the mean
+  EXPECT_NEAR(way.speeds_m_s.front(), 10.0 - 4.0 * 0.35, 1e-9);
+  EXPECT_NEAR(way.speeds_m_s.back(), 10.0 + 4.0 * 0.35, 1e-9);
+}
+
+TEST(SteadyMotionTest, RefutesPosesThatScatter) {
+  const SteadyMotionSearch search(SteadyMotionOptions(), Eigen::Vector3d::UnitX(),
+                                  InStreet(15.0, 0.0, 3000, 2));
+  const WayAlong way = search.WayUnder({15.0, 0.0});
+  WayAlong scattered = way;
+  for (std::size_t k = 0; k < scattered.positions_m.size(); ++k)
+    scattered.positions_m[k] += k % 2 == 0 ? 0.5 : -0.5;
+  EXPECT_GT(search.Sharper(way, scattered), 3.0);
+  EXPECT_LT(search.Sharper(scattered, way), -3.0);
+  EXPECT_EQ(search.Sharper(way, way), 0.0);
+}
+
+TEST(SteadyMotionTest, ALorryAtTheSensorsSpeedDoesNotStopTheStreet) {
+  std::vector<SteadyScan> scans = InStreet(15.0, 0.0, 3000, 3);
+  Draws draws(7);
+  for (SteadyScan& scan : scans) {
+    // 12 m long and 3 m high, 2.5 m to the side: more points than all of the street.
+    for (int i = 0; i < 2000; ++i) {
+      PointCluster point;
+      point.AddPoint({draws.Uniform(-6.0, 6.0), 2.5 + draws.Normal(0.01), draws.Uniform(0.5, 3.5)});
+      scan.clusters.push_back(point);
+    }
+  }
+  EXPECT_NEAR(Find(std::move(scans)).motion.speed_m_s, 15.0, 0.4);
+}
+
+TEST(SteadyMotionTest, SaysWhereSpeedCannotBeTold) {
+  const World world = World::Corridor();
+  Draws draws(5);
+  std::vector<SteadyScan> scans;
+  for (int k = 0; k < kScans; ++k)
+    scans.push_back(
+        SteadyScanOf(ScanFrom(SE3(), world.Sample(1500, 0.005, &draws), kSteadyVoxelM), SE3(), k));
+  const FoundMotion found = Find(std::move(scans));
+  EXPECT_GT(found.open_speed_m_s, 10.0);
+}
+
+TEST(SteadyMotionTest, ASensorInARoomHasNotLeftIt) {
+  // At any speed by which the scans have nothing in common, nothing contradicts it either.
+  const World room = World::Room();
+  Draws draws(6);
+  std::vector<SteadyScan> scans;
+  for (int k = 0; k < kScans; ++k)
+    scans.push_back(
+        SteadyScanOf(ScanFrom(SE3(), room.Sample(400, 0.005, &draws), kSteadyVoxelM), SE3(), k));
+  const FoundMotion found = Find(std::move(scans));
+  EXPECT_NEAR(found.motion.speed_m_s, 0.0, 0.5);
+  EXPECT_LE(found.open_speed_m_s, 1.0);
+}
+
+TEST(SteadyMotionTest, PointsOfASweepLieWhereTheyWereSeen) {
+  // Clusters measured up to 0.1 s after the stamp, as a sweep at 15 m/s sees them.
+  const BayStreet street(4);
+  Draws draws(8);
+  std::vector<SteadyScan> scans;
+  for (int k = 0; k < kScans; ++k) {
+    SteadyScan scan;
+    scan.time_s = kScanPeriodS * k;
+    for (int part = 0; part < 10; ++part) {
+      const double after_s = 0.01 * part;
+      const SE3 T = BayStreet::PoseAt(100.0 + 15.0 * (scan.time_s + after_s));
+      const SteadyScan made = SteadyScanOf(Seen(street, T, 150, &draws), T, k);
+      scan.clusters.insert(scan.clusters.end(), made.clusters.begin(), made.clusters.end());
+      scan.cluster_times_s.resize(scan.clusters.size(), after_s);
+    }
+    scans.push_back(std::move(scan));
+  }
+  EXPECT_NEAR(Find(scans).motion.speed_m_s, 15.0, 0.4);
+}
+
+}  // namespace
+}  // namespace lamina
