@@ -20,6 +20,7 @@ void BackendOptions::Visit(OptionVisitor& v) {
   v.Integer("keyframe_after_frames", &keyframe_after_frames, 0, 1000000);
   v.Integer("final_after_frames", &final_after_frames, 1, 1000000);
   v.Integer("restart_after_lost_frames", &restart_after_lost_frames, 0, 1000000);
+  v.Number("restart_after_sigma_m", &restart_after_sigma_m, 0.0, 1e6);
   v.Integer("min_surfel_frames", &min_surfel_frames, 1, 1000);
   v.Group("window", &window);
   v.Group("solver", &solver);
@@ -50,7 +51,8 @@ Mapper::Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
       odometry_(options.odometry),
       window_(options.backend.window, map),
       lost_track_(options.odometry, options.map),
-      start_(options.odometry, options.map) {
+      start_(options.odometry, options.map),
+      stretch_(options.odometry) {
   CheckOptions(options.backend, "backend");
   options.backend.CheckTogether();
 }
@@ -64,7 +66,19 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   if (odometry_.started()) RecallAround(odometry_.Predict(stamp_ns), *clusters);
   result.odometry = Register(stamp_ns, *clusters);
   OdometryFrame& frame = result.odometry;
+  if (frame.status == OdometryFrame::Status::kFirst)
+    frame.T_world_lidar = T_world_start_ * AtStamp(frame.sweep, scan.middle_ns).Inverse();
   const bool started_over = start_.open() && FollowStart(scan, &frame);
+  if (!localising_) stretch_.Follow(frame, *clusters, *map_, NextId());
+  if (stretch_.over()) {
+    const double most = options_.backend.restart_after_sigma_m;
+    result.to_restart = may_restart && may_restart_ && most > 0.0 && stretch_.SigmaM() > most;
+    if (result.to_restart) {
+      MoveToStamp(scan.middle_ns, &frame);
+      return result;
+    }
+    stretch_.Forget();
+  }
   if (frame.status == OdometryFrame::Status::kLost) {
     if (!odometry_.lost()) lost_track_.Add(stamp_ns, *clusters, frame.sweep.twist);
     odometry_.Lose();
@@ -88,6 +102,7 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   // The last keyframe's clusters may have moved though nothing new entered the map.
   map_->Refresh();
   Open(scan, frame);
+  stretch_.Widen(&frame.match);
   MoveToStamp(scan.middle_ns, &frame);
   return result;
 }
@@ -166,9 +181,9 @@ void Mapper::RecallAround(const SE3& T_world_lidar, const std::vector<TimedClust
 }
 
 OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) {
+  if (NextId() == 0 && !localising_) return First(stamp_ns);
   if (odometry_.lost()) return FindAgain(stamp_ns, clusters);
   OdometryFrame frame = odometry_.Register(stamp_ns, clusters, *map_, localising_);
-  if (frame.status == OdometryFrame::Status::kFirst) frame.T_world_lidar = T_world_start_;
   const auto refine = [&] {
     return frame.status == OdometryFrame::Status::kTracked &&
            RefineLastTwist(stamp_ns, frame.T_world_lidar);
@@ -187,6 +202,13 @@ OdometryFrame Mapper::Register(StampNs stamp_ns, const std::vector<TimedCluster>
     // of half a sweep where the stamp is at its start.
     odometry_.Rematch(clusters, *map_, &frame);
   }
+  return frame;
+}
+
+OdometryFrame Mapper::First(StampNs stamp_ns) const {
+  OdometryFrame frame;
+  frame.stamp_ns = stamp_ns;
+  if (odometry_.started()) frame.sweep = odometry_.Twist(stamp_ns);
   return frame;
 }
 
@@ -311,6 +333,35 @@ void Mapper::StartLocalising(const Trajectory& last) {
   AcceptLast(last);
 }
 
+std::vector<WindowFrame> Mapper::SettledFrames() const {
+  std::vector<WindowFrame> settled;
+  for (const WindowFrame& frame : window_.frames()) {
+    if (frame.id < stretch_.settled_keyframe()) continue;
+    WindowFrame& copy = settled.emplace_back();
+    copy.stamp_ns = frame.stamp_ns;
+    copy.T_world_lidar = frame.T_world_lidar;
+    copy.sweep = frame.sweep;
+    copy.T_previous_this = frame.T_previous_this;
+    copy.measured = frame.measured;
+    if (!copy.measured.empty()) continue;
+    for (const PointCluster& cluster : frame.deskewed)
+      copy.measured.emplace_back().points = cluster;
+  }
+  return settled;
+}
+
+void Mapper::GoOnFrom(const Mapper& before, std::vector<WindowFrame> frames) {
+  odometry_.GoOnFrom(before.odometry_);
+  start_.Clear();
+  map_->SelectPiece(piece_);
+  for (WindowFrame& frame : frames) {
+    frame.id = NextId();
+    keyframes_.push_back(frame.T_world_lidar);
+    window_.Push(std::move(frame));
+  }
+  map_->Refresh();
+}
+
 void Mapper::Resume(const Trajectory& last, std::int64_t keyframe) {
   first_id_ = keyframe;
   matched_ = true;
@@ -426,8 +477,8 @@ std::vector<Eigen::Vector3d> Mapper::NewestKeyframe() const {
 
 void Mapper::Archive(StateArchive& a) {
   a(&T_world_start_, &odometry_, &window_, &keyframes_, &first_id_, &keyframes_since_solve_,
-    &frames_since_keyframe_, &solving_, &lost_in_a_row_, &lost_track_, &start_, &matched_,
-    &localising_, &may_restart_);
+    &frames_since_keyframe_, &solving_, &lost_in_a_row_, &lost_track_, &start_, &stretch_,
+    &matched_, &localising_, &may_restart_);
   open_.resize(a.Size(open_.size(), 1));
   for (OpenFrame& frame : open_) {
     a(&frame.scan, &frame.stamp_ns, &frame.middle_ns, &frame.keyframe_id, &frame.T_keyframe_lidar,

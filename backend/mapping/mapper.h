@@ -21,6 +21,7 @@
 #include <vector>
 
 #include "backend/bundle/adjuster.h"
+#include "backend/mapping/degenerate_stretch.h"
 #include "backend/mapping/sliding_window.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"
@@ -49,6 +50,9 @@ struct BackendOptions {
   // Lost for so many frames in a row: the next one begins a piece of its own, at its predicted
   // pose.
   int restart_after_lost_frames = 20;
+  // So does one that is less certain than this against what was mapped before a stretch of
+  // degenerate scans, once scans determine all directions again (degenerate_stretch.h). 0: never.
+  double restart_after_sigma_m = 0.1;
   // Frames that must have seen a plane before it counts as part of the map that is written out.
   int min_surfel_frames = 2;
   SlidingWindowOptions window;
@@ -86,9 +90,9 @@ struct MapperScan {
 struct RegisteredScan {
   OdometryFrame odometry;
   bool keyframe = false;
-  // Lost for so long that this scan is to begin a piece of its own, and was left out of this one.
-  // Only after scans that agree with one another, and that the map does not have: rain and spray
-  // begin no map.
+  // This scan is to begin a piece of its own, and was left out of this one: lost for so long, after
+  // scans that agree with one another, and that the map does not have (rain and spray begin no
+  // map), or tracked, but at an unknown place against what was mapped before.
   bool to_restart = false;
 };
 
@@ -136,6 +140,12 @@ class Mapper {
   // long, a scan is to begin a piece of its own.
   void StartLocalising(const Trajectory& last);
 
+  // Where a stretch of degenerate scans is over: the keyframes that determine one another again.
+  std::vector<WindowFrame> SettledFrames() const;
+  // The next scan follows the last one of another mapper, in the same world, and the map of this
+  // one begins with these keyframes of it. Before any scan.
+  void GoOnFrom(const Mapper& before, std::vector<WindowFrame> frames);
+
   // The sensor was found in the piece, in which it had these last scans: mapping goes on there.
   // Before any scan. `keyframe`: number of the next one, behind all that the piece has had.
   void Resume(const Trajectory& last, std::int64_t keyframe);
@@ -163,6 +173,7 @@ class Mapper {
 
  private:
   OdometryFrame Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters);
+  OdometryFrame First(StampNs stamp_ns) const;
   void AcceptLast(const Trajectory& last);
   void DropWindow();
   void PopOldest();
@@ -215,6 +226,7 @@ class Mapper {
   int lost_in_a_row_ = 0;
   LostTrack lost_track_;
   StartTrack start_;
+  DegenerateStretch stretch_;
   OnFinalKeyframe on_final_keyframe_;
   bool matched_ = false;  // any scan, ever
   bool localising_ = false;

@@ -222,7 +222,8 @@ void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedClu
   const LoopTrack* const track = loops_ == nullptr ? nullptr : loops_->Find(piece);
   if (track != nullptr) report->T_map_world = track->T_map_world();
   report->keyframe = frame.keyframe;
-  report->began_piece = frame.odometry.status == OdometryFrame::Status::kFirst;
+  report->began_piece =
+      report->began_piece || frame.odometry.status == OdometryFrame::Status::kFirst;
   ++counts_.frames;
   counts_.keyframes += frame.keyframe ? 1 : 0;
   counts_.lost += frame.odometry.status == OdometryFrame::Status::kLost ? 1 : 0;
@@ -242,12 +243,20 @@ RegisteredScan Mapping::Register(Recording* recording, MappedScan* report,
   const Stopwatch watch;
   RegisteredScan frame = mapper->Process(scan, map_.RoomForPiece());
   if (frame.to_restart) {
-    // Where the sensor would be had it not been lost: what is drawn stays readable.
-    const SE3 start = frame.odometry.T_world_predicted;
+    // Where the sensor is, or would be had it not been lost: what is drawn stays readable.
+    const bool lost = frame.odometry.status == OdometryFrame::Status::kLost;
+    const SE3 start = lost ? frame.odometry.T_world_predicted : frame.odometry.T_world_lidar;
+    const bool in_range = map_.CanHold(start.t);
+    const std::unique_ptr<PieceMapper> before = std::move(recording->mapper);
+    std::vector<WindowFrame> settled;
+    if (!lost) settled = before->mapper().SettledFrames();
     recording->before.push_back(mapper->mapper().piece());
     End(mapper, report->index);
     ++counts_.restarts;
-    recording->mapper = BeginPiece(map_.CanHold(start.t) ? start : SE3());
+    recording->mapper = BeginPiece(in_range ? start : SE3());
+    if (!lost && in_range)
+      recording->mapper->mapper().GoOnFrom(before->mapper(), std::move(settled));
+    report->began_piece = true;
     if (loops_ != nullptr)
       lost_searches_->Begin(recording->mapper->mapper().piece(), recording->before);
     frame = recording->mapper->Process(scan, false);

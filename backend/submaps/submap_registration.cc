@@ -29,7 +29,8 @@ std::unique_ptr<VoxelMap> MapOf(const Submap& submap, VoxelMapOptions options) {
   for (const SubmapLeaf& leaf : submap.leaves) {
     const PointCluster cluster = submap.Cluster(leaf);
     if (!map->CanHold(cluster.mean)) continue;
-    map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes, submap.keyframes.back().id);
+    map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes, submap.keyframes.front().id,
+                  submap.keyframes.back().id);
   }
   map->Refresh();
   return map;
