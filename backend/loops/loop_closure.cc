@@ -347,6 +347,12 @@ AnchorCorrection::AnchorCorrection(const std::vector<const Submap*>& submaps,
   }
 }
 
+AnchorCorrection::AnchorCorrection(std::vector<StampNs> stamps, const std::vector<SE3>& from,
+                                   const std::vector<SE3>& to)
+    : middles_(std::move(stamps)) {
+  for (std::size_t i = 0; i < from.size(); ++i) corrections_.push_back(to[i] * from[i].Inverse());
+}
+
 SE3 AnchorCorrection::Corrected(StampNs stamp_ns, const SE3& T_world_lidar) const {
   if (middles_.empty()) return T_world_lidar;
   const auto after = static_cast<std::size_t>(

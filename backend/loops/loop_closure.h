@@ -119,6 +119,9 @@ class AnchorCorrection {
   // From these anchors to those.
   AnchorCorrection(const std::vector<const Submap*>& submaps, const std::vector<SE3>& from,
                    const std::vector<SE3>& to);
+  // From these poses at these stamps, ascending, to those.
+  AnchorCorrection(std::vector<StampNs> stamps, const std::vector<SE3>& from,
+                   const std::vector<SE3>& to);
   SE3 Corrected(StampNs stamp_ns, const SE3& T_world_lidar) const;
 
   void Archive(StateArchive& a) { a(&middles_, &corrections_); }

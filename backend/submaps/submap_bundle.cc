@@ -1,6 +1,5 @@
 #include "backend/submaps/submap_bundle.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -10,6 +9,7 @@
 
 #include "backend/bundle/adjuster.h"
 #include "backend/bundle/uncertainty/observability.h"
+#include "backend/submaps/anchor_prior.h"
 #include "core/base/parallel.h"
 #include "core/geometry/robust_kernel.h"
 
@@ -27,18 +27,6 @@ struct Part {
   std::vector<std::size_t> submaps;
   std::vector<RelativePrior> priors;
 };
-
-RelativePrior PriorOf(const AnchorEdge& edge) {
-  RelativePrior prior;
-  prior.T_a_b = edge.T_from_to;
-  // The translation of an edge is perturbed in the frame of `to`, that of a prior in `from`.
-  Matrix6d J = Matrix6d::Identity();
-  J.bottomRightCorner<3, 3>() = edge.T_from_to.R().transpose();
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(edge.information);
-  prior.sqrt_information = eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal() *
-                           eigen.eigenvectors().transpose() * J;
-  return prior;
-}
 
 std::vector<Part> PartsOf(const AnchorGraph& graph) {
   std::vector<std::size_t> first(graph.poses.size());

@@ -62,6 +62,14 @@ class MergedMap {
   // The poses of a drive; those of pieces without a submap are left out.
   std::vector<Posed> PosesOf(std::size_t drive) const;
 
+  // The poses of the keyframes of each submap, as PosesOf has those of scans.
+  std::vector<std::vector<SE3>> KeyframePoses() const;
+  // Moves keyframes, from those poses to these: submaps are made anew of their clusters, which
+  // read(submap, keyframe of it) returns, and anchors and poses follow.
+  using ReadClusters = std::function<std::vector<PackedCluster>(std::size_t, std::size_t)>;
+  void MoveKeyframes(const std::vector<std::vector<SE3>>& from,
+                     const std::vector<std::vector<SE3>>& to, const ReadClusters& read);
+
   // All submaps of all frames, each a piece of the map.
   void AddTo(VoxelMap* map) const;
 
@@ -81,6 +89,9 @@ class MergedMap {
   std::vector<std::vector<std::size_t>> members_;  // of each frame
   // Of each piece of each drive.
   std::map<std::pair<std::size_t, std::int64_t>, AnchorCorrection> corrections_;
+  // After those, where keyframes have been moved.
+  std::map<std::pair<std::size_t, std::int64_t>, AnchorCorrection> keyframe_corrections_;
+  std::vector<Submap> moved_;  // what origins_ point to then
   std::map<std::pair<std::size_t, std::int64_t>, std::size_t> frame_of_piece_;
   std::map<std::pair<std::size_t, std::int64_t>, std::int64_t> numbers_;
 };

@@ -25,6 +25,7 @@
 #include "io/store/tile_store.h"
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"
+#include "tools/results/keyframe_file.h"
 #include "tools/results/output_folder.h"
 #include "tools/results/piece_trajectories.h"
 #include "tools/results/process_report.h"
@@ -267,11 +268,19 @@ int RunRecording(const RunArguments& arguments) {
     progress.Step();
   };
   callbacks.on_final_pose = [&](const FinalPose& pose) { output.Add(pose); };
+  std::optional<KeyframeWriter> keyframes;
+  if (arguments.keyframes) {
+    keyframes.emplace(output.Path(kKeyframeFileName));
+    callbacks.on_final_keyframe = [&](std::int64_t piece, const FinalKeyframe& keyframe) {
+      keyframes->Add(piece, keyframe);
+    };
+  }
   Mapping mapping(config.Mapping(), callbacks, &tiles);
   running = &mapping;
   const std::size_t processed =
       MapScans(*source, {range.begin, range.begin, range.end}, &mapping, &stop);
   mapping.Finish();
+  if (keyframes) keyframes->Commit();
   std::optional<CorrectedMap> corrected;
   std::optional<JoinedRun> joined;
   if (const PieceLoops* const loops = mapping.loops(); loops != nullptr) {
