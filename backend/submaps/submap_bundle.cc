@@ -97,7 +97,7 @@ class CastSubmaps {
       : submaps_(submaps), anchors_(anchors), map_(map), leaves_(submaps.size()) {
     for (std::size_t k = 0; k < submaps_.size(); ++k) {
       const Eigen::Matrix3d R = anchors_[k].R();
-      for (const SubmapLeaf& leaf : submaps_[k]->leaves) {
+      for (const SubmapLeaf& leaf : submaps_[k]->Leaves()) {
         const PointCluster cluster = submaps_[k]->Cluster(leaf).Moved(R, anchors_[k].t);
         VoxelMap::NodeId node = VoxelMap::kNoNode;
         if (map_.CanHold(cluster.mean)) {
@@ -163,13 +163,14 @@ class CastSubmaps {
   std::vector<Seen> SeenBy(std::size_t k, double kernel_sigma, double noise_floor_m) const {
     const Submap& submap = *submaps_[k];
     std::vector<Seen> seen;
-    for (std::size_t i = 0; i < leaves_[k].size(); ++i) {
+    const SubmapLeaves leaves = submap.Leaves();
+    for (std::size_t i = 0; i < std::min(leaves.size(), leaves_[k].size()); ++i) {
       if (leaves_[k][i] == VoxelMap::kNoNode) continue;
       const VoxelMap::NodeId node = map_.PlaneAbove(leaves_[k][i]);
       if (node == VoxelMap::kNoNode) continue;
       const Surface& surface = map_.plane(node);
       const Eigen::Vector3d normal = surface.normal.cast<double>();
-      const PointCluster cluster = submap.Cluster(submap.leaves[i]);
+      const PointCluster cluster = submap.Cluster(leaves[i]);
       const Eigen::Vector3d mean = anchors_[k] * cluster.mean;
       const Eigen::Vector3d sensor = anchors_[k] * SeenFrom(submap, cluster.mean);
       const double weight = KernelWeight(surface, mean, noise_floor_m, kernel_sigma);

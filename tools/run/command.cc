@@ -22,6 +22,7 @@
 #include "core/base/error.h"
 #include "core/base/printable_text.h"
 #include "io/map/trajectory_io.h"
+#include "io/store/byte_file.h"
 #include "io/store/tile_store.h"
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"
@@ -257,6 +258,7 @@ int RunRecording(const RunArguments& arguments) {
   const double cpu_start = ProcessCpuSeconds();
   RunFigures figures;
   TileStore tiles(output.Path("map_tiles.scratch"), TileStore::Lifetime::kScratch);
+  ByteFile submaps(output.Path("submaps.scratch"), ByteFile::Lifetime::kScratch);
   const Mapping* running = nullptr;
   MappingCallbacks callbacks;
   callbacks.on_scan = [&](const MappedScan& report) {
@@ -267,7 +269,7 @@ int RunRecording(const RunArguments& arguments) {
     progress.Step();
   };
   callbacks.on_final_pose = [&](const FinalPose& pose) { output.Add(pose); };
-  Mapping mapping(config.Mapping(), callbacks, &tiles);
+  Mapping mapping(config.Mapping(), callbacks, &tiles, &submaps);
   running = &mapping;
   const std::size_t processed =
       MapScans(*source, {range.begin, range.begin, range.end}, &mapping, &stop);
