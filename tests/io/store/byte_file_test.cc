@@ -13,8 +13,6 @@
 namespace lamina {
 namespace {
 
-using Lifetime = ByteFile::Lifetime;
-
 class ByteFileTest : public FilesTest {
  protected:
   static std::string Of(const ByteFile& file, const StoredBytes& place) {
@@ -26,13 +24,13 @@ class ByteFileTest : public FilesTest {
 TEST_F(ByteFileTest, WhatWasAppendedIsReadAgainAlsoByTheNextProcess) {
   StoredBytes first, second;
   {
-    ByteFile file(Path("bytes"), Lifetime::kKept);
+    ByteFile file(Path("bytes"), ByteFile::Lifetime::kKept);
     first = *file.Append("one");
     second = *file.Append("and two");
     file.SyncToDisk();
     EXPECT_EQ(Of(file, first), "one");
   }
-  ByteFile again(Path("bytes"), Lifetime::kKept);
+  ByteFile again(Path("bytes"), ByteFile::Lifetime::kKept);
   EXPECT_EQ(again.size(), 10U);
   EXPECT_EQ(Of(again, second), "and two");
   again.RollBackTo(3);
@@ -43,14 +41,14 @@ TEST_F(ByteFileTest, WhatWasAppendedIsReadAgainAlsoByTheNextProcess) {
 }
 
 TEST_F(ByteFileTest, AReaderLeavesAllAsItIs) {
-  EXPECT_EQ(ByteFile(Path("none"), Lifetime::kReadOnly).size(), 0U);
+  EXPECT_EQ(ByteFile(Path("none"), ByteFile::Lifetime::kReadOnly).size(), 0U);
   StoredBytes place;
   {
-    ByteFile file(Path("bytes"), Lifetime::kKept);
+    ByteFile file(Path("bytes"), ByteFile::Lifetime::kKept);
     place = *file.Append("something");
     file.Append("more");
   }
-  ByteFile reader(Path("bytes"), Lifetime::kReadOnly);
+  ByteFile reader(Path("bytes"), ByteFile::Lifetime::kReadOnly);
   EXPECT_FALSE(reader.Append("else"));
   reader.RollBackTo(9);
   EXPECT_EQ(Of(reader, place), "something");
@@ -60,7 +58,7 @@ TEST_F(ByteFileTest, AReaderLeavesAllAsItIs) {
 
 TEST_F(ByteFileTest, DamageIsFoundAndAScratchFileGoes) {
   {
-    ByteFile scratch(Path("scratch"), Lifetime::kScratch);
+    ByteFile scratch(Path("scratch"), ByteFile::Lifetime::kScratch);
     EXPECT_FALSE(std::filesystem::exists(Path("scratch")));
     const StoredBytes place = *scratch.Append("bytes");
     std::fstream(Path("scratch"), std::ios::in | std::ios::out).write("B", 1);
