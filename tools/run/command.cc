@@ -337,8 +337,8 @@ void AddRunCommand(CLI::App* app, std::function<int()>* run) {
   command
       ->add_option(
           "--loops", a.loops,
-          "on: find places that are visited again, and correct map and trajectory by them; "
-          "else as loops.enabled of the configuration")
+          "Whether to find places that are visited again, and to correct map and trajectory by "
+          "them; else as loops.enabled of the configuration, which is on")
       ->check(CLI::IsMember({"on", "off"}));
   AddProgressOption(command, &a.progress);
   command->callback([arguments, run] { *run = [arguments] { return RunRecording(*arguments); }; });
