@@ -35,7 +35,8 @@ void PipelineOptions::Visit(OptionVisitor& v) {
   v.Integer("max_recordings", &max_recordings, 1, 1000);
 }
 
-Mapping::Mapping(const MappingOptions& options, MappingCallbacks callbacks, VoxelStore* store)
+Mapping::Mapping(const MappingOptions& options, MappingCallbacks callbacks, VoxelStore* store,
+                 ByteStore* submaps)
     : options_(Together(options)),
       callbacks_(std::move(callbacks)),
       map_(options.mapper.map, store) {
@@ -46,7 +47,7 @@ Mapping::Mapping(const MappingOptions& options, MappingCallbacks callbacks, Voxe
   options.mapper.backend.CheckTogether();
   if (options_.loops.enabled) {
     loops_ = std::make_unique<PieceLoops>(options_.loops, options_.mapper.map,
-                                          options_.mapper.odometry.matcher);
+                                          options_.mapper.odometry.matcher, submaps);
     lost_searches_ = std::make_unique<LostSearches>(
         options_.loops, options_.mapper.odometry.matcher, options_.mapper.map);
   }

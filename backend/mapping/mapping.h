@@ -27,7 +27,8 @@
 // (ThreadLimit of core/base/parallel.h bounds them), whether scans come one by one or are decoded
 // ahead (pipeline.h). Memory does not grow with the number of scans: poses are handed on by
 // MappingCallbacks::on_final_pose when nothing will change them any more, and the map keeps within
-// map.budget_mb if it has a VoxelStore.
+// map.budget_mb if it has a VoxelStore; with a ByteStore loops take some 50 kB a submap, without
+// one all that the submaps hold.
 //
 // With loops.enabled the map is made of submaps, and places that are visited again correct it
 // (backend/loops/loop_track.h). A recording that was lost for too long is looked for, as a piece of
@@ -75,9 +76,10 @@ class PlaceSearch;
 // Not thread-safe, but for Decode.
 class Mapping {
  public:
-  // `store` gets parts of the map that leave memory (VoxelMap). Throws OptionError.
+  // `store` gets parts of the map that leave memory (VoxelMap), `submaps` what the submaps of loops
+  // hold (LoopTrack). Throws OptionError.
   explicit Mapping(const MappingOptions& options = {}, MappingCallbacks callbacks = {},
-                   VoxelStore* store = nullptr);
+                   VoxelStore* store = nullptr, ByteStore* submaps = nullptr);
   ~Mapping();
   Mapping(const Mapping&) = delete;
   Mapping& operator=(const Mapping&) = delete;

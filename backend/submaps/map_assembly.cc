@@ -22,7 +22,7 @@ class LeafSums {
     const auto first = static_cast<std::int32_t>(submap.keyframes.front().id);
     const auto last = static_cast<std::int32_t>(submap.keyframes.back().id);
     EndSubmap();
-    for (const SubmapLeaf& leaf : submap.leaves) {
+    for (const SubmapLeaf& leaf : submap.Leaves()) {
       const PointCluster cluster = submap.Cluster(leaf).Moved(R, placed.T_world_submap.t);
       if (!IsVoxelKeyInRange(cluster.mean, inverse_leaf_)) continue;
       const auto next = static_cast<std::int32_t>(sums_.size());

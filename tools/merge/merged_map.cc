@@ -32,7 +32,7 @@ void CheckLeaves(const std::vector<Drive>& drives) {
 }  // namespace
 
 MergedMap::MergedMap(const std::vector<Drive>& drives, const LaminaConfig& config, Effort effort,
-                     const Progress& progress, const WorkSharing& sharing)
+                     const Work& work, const WorkSharing& sharing)
     : drives_(drives) {
   CheckLeaves(drives);
   std::vector<MapPiece> pieces;
@@ -49,19 +49,19 @@ MergedMap::MergedMap(const std::vector<Drive>& drives, const LaminaConfig& confi
   for (const Origin& origin : origins_) submaps.push_back(origin.submap);
   SubmapBundleOptions bundle = config.loops.bundle;
   if (effort == Effort::kAllPairs) {
-    Refine(submaps, config, progress);
+    Refine(submaps, config, work);
     bundle.rounds *= kMoreRounds;
   }
   bundle_ = AdjustSubmaps(submaps, joined_.graph, bundle, config.map,
-                          config.frontend.matcher.noise_floor_m);
+                          config.frontend.matcher.noise_floor_m, work.bundle);
   joined_.graph.poses = bundle_.anchors;
   CorrectDrives();
 }
 
 void MergedMap::Refine(const std::vector<const Submap*>& submaps, const LaminaConfig& config,
-                       const Progress& progress) {
+                       const Work& work) {
   RefinedGraph refined = RefineGraph(submaps, joined_.graph, config.loops, config.map,
-                                     config.frontend.matcher, progress);
+                                     config.frontend.matcher, work.on_pairs, work.bundle.journal);
   joined_.graph = std::move(refined.graph);
   joined_.loops.insert(joined_.loops.end(), refined.loops.begin(), refined.loops.end());
 }

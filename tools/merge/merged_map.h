@@ -26,11 +26,14 @@ class MergedMap {
   // Drives sorted by age, one at least; they must outlive it. Throws InputError if their submaps
   // have leaves of different sizes.
   enum class Effort { kJoin, kAllPairs };
-  // Pairs that were compared, and that are known to be due.
-  using Progress = std::function<void(std::size_t, std::size_t)>;
+  // What is told of the work with more effort, and what it goes on from; all may be left out.
+  struct Work {
+    // Pairs that were compared, and that are known to be due.
+    std::function<void(std::size_t, std::size_t)> on_pairs;
+    SubmapBundleWork bundle;  // its journal keeps the pairs, too
+  };
   MergedMap(const std::vector<Drive>& drives, const LaminaConfig& config,
-            Effort effort = Effort::kJoin, const Progress& progress = {},
-            const WorkSharing& sharing = {});
+            Effort effort = Effort::kJoin, const Work& work = {}, const WorkSharing& sharing = {});
 
   std::size_t frames() const { return members_.size(); }
   // Positions in graph() of a frame's submaps.
@@ -76,7 +79,7 @@ class MergedMap {
  private:
   void AddOrigins();
   void Refine(const std::vector<const Submap*>& submaps, const LaminaConfig& config,
-              const Progress& progress);
+              const Work& work);
   void NumberFrames();
   void CorrectDrives();
 
