@@ -227,19 +227,25 @@ TEST_F(RunBadInputTest, FullDisk) {
 
 TEST_F(RunBadInputTest, FileLargerThanTheSystemAllows) {
   const std::string scans = WriteRecording("street", Street(6));
-  const std::vector<std::string> arguments{"run", "--scans", scans, "--out", Path("out")};
-  const Outcome outcome = Lamina(arguments, [] {
-    std::signal(SIGXFSZ, SIG_IGN);
-    const rlimit limit{8192, 8192};
-    setrlimit(RLIMIT_FSIZE, &limit);
-  });
-  EXPECT_EQ(outcome.code, 1);
-  EXPECT_THAT(outcome.err, AllOf(HasSubstr("error: "), HasSubstr(Path("out/map_surfels.ply")),
-                                 HasSubstr("File too large")));
-  // Nothing half-written is left.
-  EXPECT_FALSE(std::filesystem::exists(Path("out/map_surfels.ply")));
-  EXPECT_FALSE(std::filesystem::exists(Path("out/map_surfels.ply.partial")));
-  EXPECT_FALSE(std::filesystem::exists(Path("out/summary.json")));
+  const struct {
+    const char *loops, *file;
+  } kCases[] = {{"off", "map_surfels.ply"}, {"on", "submaps.scratch"}};
+  for (const auto& [loops, file] : kCases) {
+    const std::string out = Path(std::string("out_") + loops);
+    const Outcome outcome = Lamina({"run", "--scans", scans, "--out", out, "--loops", loops}, [] {
+      std::signal(SIGXFSZ, SIG_IGN);
+      const rlimit limit{8192, 8192};
+      setrlimit(RLIMIT_FSIZE, &limit);
+    });
+    EXPECT_EQ(outcome.code, 1) << loops;
+    EXPECT_THAT(outcome.err, AllOf(HasSubstr("error: "), HasSubstr(out + "/" + file),
+                                   HasSubstr("File too large")));
+    // Nothing half-written is left.
+    for (const char* left :
+         {"map_surfels.ply", "map_surfels.ply.partial", "summary.json", "submaps.scratch"}) {
+      EXPECT_FALSE(std::filesystem::exists(out + "/" + left)) << loops << " " << left;
+    }
+  }
 }
 
 TEST_F(RunBadInputTest, OptionsAgainstTheirRules) {
