@@ -65,6 +65,12 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   result.odometry = Register(stamp_ns, *clusters);
   OdometryFrame& frame = result.odometry;
   const bool started_over = start_.open() && FollowStart(scan, &frame);
+  if (start_.given_up() && may_restart_ && may_restart) {
+    matched_ = false;  // not as it should be: nothing of it is to stay
+    result.to_restart = true;
+    MoveToStamp(scan.middle_ns, &frame);
+    return result;
+  }
   if (frame.status == OdometryFrame::Status::kLost) {
     if (!odometry_.lost()) lost_track_.Add(stamp_ns, *clusters, frame.sweep.twist);
     odometry_.Lose();
@@ -103,6 +109,12 @@ bool Mapper::FollowStart(const MapperScan& scan, OdometryFrame* frame) {
     start_.Clear();
   }
   frame->match.covariance += start_.Spread(frame->T_world_lidar);
+  MatchResult& match = frame->match;
+  if (start_.unsettled() && frame->status == OdometryFrame::Status::kTracked &&
+      match.degenerate == 0) {
+    match.degenerate = 1;
+    match.degenerate_directions.col(0) = match.weakest_direction;
+  }
   return overruled;
 }
 
