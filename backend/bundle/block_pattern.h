@@ -8,6 +8,7 @@
 #include <Eigen/SparseCore>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "backend/bundle/index.h"
@@ -18,6 +19,9 @@ namespace lamina {
 class BlockPattern {
  public:
   BlockPattern(const BundleProblem& problem, const BundleIndex& index);
+  // partners[f]: as partners(f) below.
+  explicit BlockPattern(std::vector<std::vector<std::int32_t>> partners)
+      : partners_(std::move(partners)) {}
   std::size_t frames() const { return partners_.size(); }
   // Frames k <= frame that share a plane or a prior with it, ascending; itself is the last.
   const std::vector<std::int32_t>& partners(std::size_t frame) const { return partners_[frame]; }

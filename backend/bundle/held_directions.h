@@ -52,6 +52,17 @@ class HeldDirections {
     }
   }
 
+  // Damping D of a frame some of whose directions are held couples to none of these: P D P. Calls
+  // add(frame, what comes to its block of D).
+  template <typename Add>
+  void ForEachDamping(const Eigen::VectorXd& damping, const Add& add) const {
+    for (const Frame& f : frames_) {
+      if (f.space.cols() == 6) continue;  // uncoupled as it is
+      const Matrix6d D = damping.segment<6>(static_cast<Eigen::Index>(6 * f.frame)).asDiagonal();
+      add(f.frame, (f.projector * D * f.projector - D).eval());
+    }
+  }
+
  private:
   std::vector<Frame> frames_;
 };

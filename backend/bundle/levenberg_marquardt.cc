@@ -7,33 +7,15 @@
 #include "backend/bundle/held_directions.h"
 #include "backend/bundle/priors.h"
 #include "backend/bundle/sparse_cholesky.h"
-#include "core/base/stopwatch.h"
+#include "backend/bundle/trust_region.h"
 
 namespace lamina {
 namespace {
 
-constexpr double kMinGain = 1e-3;
-constexpr double kStartRadius = 1e4, kMinRadius = 1e-32, kMaxRadius = 1e16;
-constexpr double kMinStep = 1e-11;       // rad or m: the poses' own digits
-constexpr double kRounding = 4e-16;      // of the cost
 constexpr double kLeastDiagonal = 1e-9;  // of the largest
-// H is kept after a step that is smaller than this, rad or m, and has brought what was promised.
-constexpr double kKeepStep = 0.02, kKeepGain = 0.5;
-// A solve that ends where a step lowers the cost by less than this share needs few steps more, and
-// none of the digits that a fresh H brings: one of a small system is kept, too.
-constexpr double kCoarseEnd = 5e-6;
-
-std::vector<SE3> Moved(const std::vector<SE3>& poses, const Eigen::VectorXd& step) {
-  std::vector<SE3> moved;
-  moved.reserve(poses.size());
-  for (std::size_t k = 0; k < poses.size(); ++k) {
-    moved.push_back(Retract(poses[k], step.segment<6>(static_cast<Eigen::Index>(6 * k))));
-  }
-  return moved;
-}
 
 // The quadratic model at one linearisation, and its damped solutions.
-class StepSolver {
+class StepSolver final : public StepModel {
  public:
   StepSolver(const BundleProblem& problem, BundleCost* cost)
       : problem_(problem), index_(problem), pattern_(problem, index_), held_(problem), cost_(cost) {
@@ -44,7 +26,7 @@ class StepSolver {
   }
 
   // False if anything is not finite.
-  bool Linearise(const std::vector<SE3>& poses) {
+  bool Linearise(const std::vector<SE3>& poses) override {
     kept_.clear();
     LineariseCost(poses);
     value_ = system_.cost;
@@ -80,12 +62,12 @@ class StepSolver {
 
   // Whether assembling and factorising H takes most of a step, or, if `coarse`, at least much of
   // it.
-  bool large(bool coarse) const {
+  bool large(bool coarse) const override {
     return !decoupled_ && system_.gradient.size() >= (coarse ? kWindowSize : kLargeSize);
   }
   // Cost and gradient at these poses, which `step` has led to; H is that of before, corrected by
   // how the gradient has changed (see the header). False if anything is not finite.
-  bool LineariseKeeping(const std::vector<SE3>& poses, const Eigen::VectorXd& step) {
+  bool LineariseKeeping(const std::vector<SE3>& poses, const Eigen::VectorXd& step) override {
     const Eigen::VectorXd before = system_.gradient;
     cost_->FindGradient(poses, &system_);
     value_ = system_.cost + AddPriorGradient(problem_, poses, &system_.gradient);
@@ -95,15 +77,15 @@ class StepSolver {
            kept_.back().step.dot(kept_.back().change) > 0.0;
   }
   // Whether H is one of before.
-  bool kept() const { return !kept_.empty(); }
+  bool kept() const override { return !kept_.empty(); }
 
-  double value() const { return value_; }
-  double Value(const std::vector<SE3>& poses) const {
+  double value() const override { return value_; }
+  double Value(const std::vector<SE3>& poses) const override {
     return cost_->Value(poses) + PriorCost(problem_, poses);
   }
 
   // False if the damped matrix is not positive definite. `promised` is the model's decrease.
-  bool Solve(double radius, Eigen::VectorXd* step, double* promised) {
+  bool Solve(double radius, Eigen::VectorXd* step, double* promised) override {
     step->setZero(system_.gradient.size());
     Eigen::VectorXd damping = Eigen::VectorXd::Zero(step->size());
     if (kept()) {
@@ -111,8 +93,8 @@ class StepSolver {
     } else {
       damping = diagonal_ / radius;
       const bool ready = decoupled_ ? SolveBlocks(damping, step)
-                         : sparse_  ? FactoriseSparse(damping)
-                                    : FactoriseDense(damping);
+                         : sparse_ ? cholesky_.FactoriseDamped(pattern_, held_, damping, &sparse_H_)
+                                   : FactoriseDense(damping);
       if (!ready) return false;
       if (!decoupled_) *step = -SolveFactor(system_.gradient);
     }
@@ -130,21 +112,10 @@ class StepSolver {
     }
   }
 
-  // Damping of a frame some of whose directions are held couples to none of these: P D P. Calls
-  // add(frame, what comes to D).
-  template <typename Add>
-  void ForEachHeldDamping(const Eigen::VectorXd& damping, const Add& add) const {
-    for (const HeldDirections::Frame& f : held_.frames()) {
-      if (f.space.cols() == 6) continue;  // uncoupled as it is
-      const Matrix6d D = damping.segment<6>(static_cast<Eigen::Index>(6 * f.frame)).asDiagonal();
-      add(f.frame, (f.projector * D * f.projector - D).eval());
-    }
-  }
-
   bool SolveBlocks(const Eigen::VectorXd& damping, Eigen::VectorXd* step) const {
     std::vector<Matrix6d> damped = system_.diagonal;
-    ForEachHeldDamping(damping,
-                       [&](std::size_t k, const Matrix6d& change) { damped[k] += change; });
+    held_.ForEachDamping(damping,
+                         [&](std::size_t k, const Matrix6d& change) { damped[k] += change; });
     for (Eigen::Index i = 0; i < step->size(); i += 6) {
       Matrix6d& block = damped[static_cast<std::size_t>(i / 6)];
       block.diagonal() += damping.segment<6>(i);
@@ -158,7 +129,7 @@ class StepSolver {
   bool FactoriseDense(const Eigen::VectorXd& damping) {
     factor_ = H_;
     factor_.diagonal() += damping;
-    ForEachHeldDamping(damping, [&](std::size_t k, const Matrix6d& change) {
+    held_.ForEachDamping(damping, [&](std::size_t k, const Matrix6d& change) {
       const auto i = static_cast<Eigen::Index>(6 * k);
       factor_.block<6, 6>(i, i) += change;
     });
@@ -189,37 +160,6 @@ class StepSolver {
     return -x;
   }
 
-  // Entry (r, c), r <= c, of the block of frame f on the diagonal.
-  double& DiagonalEntry(std::size_t f, int r, int c) {
-    return BlockPattern::Entry(f, pattern_.own(f), r, c, &sparse_H_);
-  }
-
-  // The damping is added in place and taken back afterwards.
-  bool FactoriseSparse(const Eigen::VectorXd& damping) {
-    std::vector<double> before;
-    const auto for_each = [&](const auto& visit) {
-      for (std::size_t f = 0; f < pattern_.frames(); ++f) {
-        for (int c = 0; c < 6; ++c) {
-          for (int r = 0; r <= c; ++r) visit(&DiagonalEntry(f, r, c));
-        }
-      }
-    };
-    for_each([&](const double* entry) { before.push_back(*entry); });
-    for (Eigen::Index i = 0; i < damping.size(); ++i) {
-      const int c = static_cast<int>(i % 6);
-      DiagonalEntry(static_cast<std::size_t>(i / 6), c, c) += damping(i);
-    }
-    ForEachHeldDamping(damping, [&](std::size_t k, const Matrix6d& change) {
-      for (int c = 0; c < 6; ++c) {
-        for (int r = 0; r <= c; ++r) DiagonalEntry(k, r, c) += change(r, c);
-      }
-    });
-    const bool factorised = cholesky_.Factorise(sparse_H_);
-    auto value = before.begin();
-    for_each([&](double* entry) { *entry = *value++; });
-    return factorised;
-  }
-
   // Below this size, with more of its blocks filled, or where a factorisation saves less, the dense
   // one is faster.
   static constexpr Eigen::Index kSparseSize = 300;
@@ -246,84 +186,13 @@ class StepSolver {
   Eigen::VectorXd diagonal_;
 };
 
-// Radius of the trust region (see the header).
-class TrustRegion {
- public:
-  double radius() const { return radius_; }
-  void Accept(double gain) {
-    radius_ =
-        std::min(kMaxRadius, radius_ / std::max(1.0 / 3.0, 1.0 - std::pow(2.0 * gain - 1.0, 3)));
-    shrink_ = 2.0;
-  }
-  // False if there is nothing left to try.
-  bool Reject() {
-    radius_ /= shrink_;
-    shrink_ *= 2.0;
-    return radius_ > kMinRadius;
-  }
-
- private:
-  double radius_ = kStartRadius;
-  double shrink_ = 2.0;
-};
-
 }  // namespace
 
 BundleResult MinimiseByLevenbergMarquardt(const BundleProblem& problem, BundleCost* cost,
                                           const BundleAdjusterOptions& options,
                                           const BundleObserver& observer, bool may_keep) {
-  Stopwatch clock;
-  BundleResult result;
-  result.poses = problem.poses;
-  result.status = BundleResult::Status::kFailed;
   StepSolver solver(problem, cost);
-  if (!solver.Linearise(result.poses)) return result;
-  result.status = BundleResult::Status::kIterationLimit;
-  result.initial_cost = result.final_cost = solver.value();
-  TrustRegion region;
-  bool done = false;
-  while (!done && result.iterations < options.max_iterations) {
-    BundleStep step;
-    step.iteration = ++result.iterations;
-    Eigen::VectorXd delta;
-    double promised = 0.0;
-    bool stale = false;
-    if (solver.Solve(region.radius(), &delta, &promised)) {
-      step.step = delta.cwiseAbs().maxCoeff();
-      const std::vector<SE3> moved = Moved(result.poses, delta);
-      const double before = solver.value();
-      const double decrease = before - solver.Value(moved);
-      done = step.step < kMinStep || promised <= kRounding * before;
-      step.accepted = decrease > kMinGain * promised;  // false for NaN
-      if (step.accepted) {
-        result.poses = moved;
-        const double gain = decrease / promised;
-        region.Accept(gain);
-        done = done || decrease <= options.min_cost_change * before;
-        result.final_cost = before - decrease;
-        if (!done && result.iterations < options.max_iterations) {
-          const bool keep = may_keep && solver.large(options.min_cost_change >= kCoarseEnd) &&
-                            step.step < kKeepStep && gain > kKeepGain;
-          if (!(keep && solver.LineariseKeeping(result.poses, delta)) &&
-              !solver.Linearise(result.poses)) {
-            break;
-          }
-          result.final_cost = solver.value();
-        }
-      } else if (solver.kept() && !done) {
-        // H was too old for this step: a fresh one decides.
-        if (!solver.Linearise(result.poses)) break;
-        stale = true;
-      }
-    }
-    if (done) result.status = BundleResult::Status::kConverged;
-    if (!step.accepted && !stale && !region.Reject()) break;
-    step.cost = result.final_cost;
-    step.solve_ms = clock.Milliseconds();
-    if (observer) clock.Outside([&] { observer(step, result.poses); });
-  }
-  result.solve_ms = clock.Milliseconds();
-  return result;
+  return MinimiseInTrustRegion(problem.poses, options, observer, may_keep, &solver);
 }
 
 }  // namespace lamina

@@ -1,13 +1,6 @@
 // The trust region that minimises a BundleCost over the poses.
 //
-// A step solves (H + diag(H) / radius) delta = -g. With the gain rho = (cost before - after) /
-// (decrease that the quadratic model promised), it is taken if rho > 1e-3, and
-//
-//     taken      radius <- radius / max(1/3, 1 - (2 rho - 1)^3)
-//     rejected   radius <- radius / 2, then / 4, / 8, ... while it keeps being rejected
-//
-// (Madsen, Nielsen, Tingleff: Methods for Non-Linear Least Squares Problems, 2004). A Hessian that
-// is not positive definite with its damping counts as a rejected step.
+// The steps: trust_region.h.
 //
 // Of a large system, and of a window's where convergence is coarse (kCoarseEnd), H and its factor
 // are kept after a small step that has brought what the model promised (kKeepStep): a new gradient

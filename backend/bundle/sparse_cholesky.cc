@@ -107,6 +107,37 @@ bool SparseCholesky::Factorise(const Eigen::SparseMatrix<double>& upper) {
   return done && common.status == CHOLMOD_OK && impl_->factor->minor == impl_->factor->n;
 }
 
+bool SparseCholesky::FactoriseDamped(const BlockPattern& pattern, const HeldDirections& held,
+                                     const Eigen::VectorXd& damping,
+                                     Eigen::SparseMatrix<double>* H) {
+  // Entry (r, c), r <= c, of the block of frame f on the diagonal.
+  const auto entry = [&](std::size_t f, int r, int c) -> double& {
+    return BlockPattern::Entry(f, pattern.own(f), r, c, H);
+  };
+  const auto for_each = [&](const auto& visit) {
+    for (std::size_t f = 0; f < pattern.frames(); ++f) {
+      for (int c = 0; c < 6; ++c) {
+        for (int r = 0; r <= c; ++r) visit(&entry(f, r, c));
+      }
+    }
+  };
+  std::vector<double> before;
+  for_each([&](const double* value) { before.push_back(*value); });
+  for (Eigen::Index i = 0; i < damping.size(); ++i) {
+    const int c = static_cast<int>(i % 6);
+    entry(static_cast<std::size_t>(i / 6), c, c) += damping(i);
+  }
+  held.ForEachDamping(damping, [&](std::size_t f, const Matrix6d& change) {
+    for (int c = 0; c < 6; ++c) {
+      for (int r = 0; r <= c; ++r) entry(f, r, c) += change(r, c);
+    }
+  });
+  const bool factorised = Factorise(*H);
+  auto value = before.begin();
+  for_each([&](double* to) { *to = *value++; });
+  return factorised;
+}
+
 Eigen::VectorXd SparseCholesky::Solve(const Eigen::VectorXd& right_side) {
   cholmod_dense b = {};
   b.nrow = b.nzmax = b.d = static_cast<std::size_t>(right_side.size());

@@ -9,8 +9,6 @@
 //             the installed BLAS does not itself share out a product by its own threads)
 //
 // Not thread-safe; different objects may be used at once.
-//
-// Private to backend/bundle.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,6 +16,7 @@
 #include <memory>
 
 #include "backend/bundle/block_pattern.h"
+#include "backend/bundle/held_directions.h"
 
 namespace lamina {
 
@@ -34,6 +33,9 @@ class SparseCholesky {
   // Factorises the upper triangle of a matrix with the structure of that pattern. False if it is
   // not positive definite, or too large.
   bool Factorise(const Eigen::SparseMatrix<double>& upper);
+  // The same of H, which has this pattern, with this damping of the unknowns; H is as before then.
+  bool FactoriseDamped(const BlockPattern& pattern, const HeldDirections& held,
+                       const Eigen::VectorXd& damping, Eigen::SparseMatrix<double>* H);
   // After a Factorise that was true.
   Eigen::VectorXd Solve(const Eigen::VectorXd& right_side);
 

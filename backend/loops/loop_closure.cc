@@ -91,8 +91,11 @@ class LoopClosure::Targets {
 };
 
 LoopClosure::LoopClosure(const LoopOptions& options, const VoxelMapOptions& map,
-                         const ScanMatcherOptions& matcher)
-    : options_(options), registration_(matcher), targets_(std::make_unique<Targets>(map)) {
+                         const ScanMatcherOptions& matcher, const ByteStore* store)
+    : options_(options),
+      store_(store),
+      registration_(matcher),
+      targets_(std::make_unique<Targets>(map)) {
   CheckOptions(options, "loops");
 }
 LoopClosure::~LoopClosure() = default;
@@ -164,6 +167,7 @@ void LoopClosure::Add(Submap submap) {
   anchors_.push_back(anchor);
   FindLoops(query);
   if (AcceptAgreeing()) Correct();
+  submaps_.back().Release();
 }
 
 std::vector<double> LoopClosure::Ways() const {
@@ -347,6 +351,12 @@ AnchorCorrection::AnchorCorrection(const std::vector<const Submap*>& submaps,
   }
 }
 
+AnchorCorrection::AnchorCorrection(std::vector<StampNs> stamps, const std::vector<SE3>& from,
+                                   const std::vector<SE3>& to)
+    : middles_(std::move(stamps)) {
+  for (std::size_t i = 0; i < from.size(); ++i) corrections_.push_back(to[i] * from[i].Inverse());
+}
+
 SE3 AnchorCorrection::Corrected(StampNs stamp_ns, const SE3& T_world_lidar) const {
   if (middles_.empty()) return T_world_lidar;
   const auto after = static_cast<std::size_t>(
@@ -361,10 +371,11 @@ SE3 AnchorCorrection::Corrected(StampNs stamp_ns, const SE3& T_world_lidar) cons
 
 void AddToMap(const Submap& submap, const SE3& T_world_submap, VoxelMap* map) {
   const Eigen::Matrix3d R = T_world_submap.R();
-  for (const SubmapLeaf& leaf : submap.leaves) {
+  for (const SubmapLeaf& leaf : submap.Leaves()) {
     const PointCluster cluster = submap.Cluster(leaf).Moved(R, T_world_submap.t);
     if (map->CanHold(cluster.mean))
-      map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes, submap.keyframes.back().id);
+      map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes, submap.keyframes.front().id,
+                    submap.keyframes.back().id);
   }
   map->Refresh();
   map->EvictToBudget();

@@ -8,8 +8,9 @@
 // A loop is accepted when all of that holds; until another one agrees with it, it waits. Odometry's
 // edges join successive submaps; their sigmas are the drift that options expect of the way.
 //
-// Submaps come one by one, and each correction is complete when Add() returns. Memory: 48 bytes a
-// leaf, and some 50 kB a submap for its image. Not thread-safe; same bits at any number of threads.
+// Submaps come one by one, and each correction is complete when Add() returns. Memory: some 50 kB a
+// submap for its image, and 48 bytes a leaf of submaps that are not stored. Not thread-safe; same
+// bits at any number of threads.
 #pragma once
 
 #include <cstddef>
@@ -46,12 +47,13 @@ AnchorEdge EdgeOf(const Loop& loop);
 
 class LoopClosure {
  public:
-  // Throws OptionError. `map`, `matcher`: as in mapping.
+  // Throws OptionError. `map`, `matcher`: as in mapping. `store`: where the leaves of submaps are
+  // that come with leaves stored; outlives this.
   LoopClosure(const LoopOptions& options, const VoxelMapOptions& map,
-              const ScanMatcherOptions& matcher);
+              const ScanMatcherOptions& matcher, const ByteStore* store = nullptr);
   ~LoopClosure();
 
-  // The next submap; its anchor as odometry has it.
+  // The next submap; its anchor as odometry has it. Leaves that are stored leave memory.
   void Add(Submap submap);
 
   const std::vector<Submap>& submaps() const { return submaps_; }
@@ -100,6 +102,7 @@ class LoopClosure {
   double WayM(std::size_t submap) const;
 
   LoopOptions options_;
+  const ByteStore* store_;
   SubmapRegistration registration_;
   std::unique_ptr<Targets> targets_;
   std::vector<Submap> submaps_;
@@ -118,6 +121,9 @@ class AnchorCorrection {
   AnchorCorrection(const std::vector<Submap>& submaps, const std::vector<SE3>& anchors);
   // From these anchors to those.
   AnchorCorrection(const std::vector<const Submap*>& submaps, const std::vector<SE3>& from,
+                   const std::vector<SE3>& to);
+  // From these poses at these stamps, ascending, to those.
+  AnchorCorrection(std::vector<StampNs> stamps, const std::vector<SE3>& from,
                    const std::vector<SE3>& to);
   SE3 Corrected(StampNs stamp_ns, const SE3& T_world_lidar) const;
 

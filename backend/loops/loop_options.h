@@ -10,7 +10,7 @@
 namespace lamina {
 
 struct LoopOptions {
-  bool enabled = false;
+  bool enabled = true;
   // Way of the sensor between two visits that make a loop.
   double min_way_m = 60.0;
   // What odometry may be off by, of the way along edges and accepted loops: a loop that would

@@ -13,16 +13,22 @@ constexpr double kMovedM = 0.01, kMovedRad = 2e-4;
 }  // namespace
 
 LoopTrack::LoopTrack(const LoopOptions& options, const VoxelMapOptions& map,
-                     const ScanMatcherOptions& matcher)
+                     const ScanMatcherOptions& matcher, ByteStore* store)
     : options_(options),
       map_(map),
+      store_(store),
       builder_(options.submap, map.LeafSize()),
-      closure_(options, map, matcher) {}
+      closure_(options, map, matcher, store) {}
 
 void LoopTrack::Add(const FinalKeyframe& keyframe) {
   sensor_ = keyframe.T_world_lidar.t;
   ++keyframes_since_begin_;
-  if (auto submap = builder_.Add(keyframe)) complete_.push_back(std::move(*submap));
+  if (auto submap = builder_.Add(keyframe)) Complete(std::move(*submap));
+}
+
+void LoopTrack::Complete(Submap submap) {
+  if (store_ != nullptr) submap.StoreIn(store_);
+  complete_.push_back(std::move(submap));
 }
 
 std::optional<std::vector<VoxelMap::FixedPart>> LoopTrack::Advance() {
@@ -117,7 +123,7 @@ void LoopTrack::Finish() {
     background_.Wait();
     TakeIn();
   }
-  if (auto last = builder_.Finish()) complete_.push_back(std::move(*last));
+  if (auto last = builder_.Finish()) Complete(std::move(*last));
   if (complete_.empty()) return;
   Begin();
   background_.Wait();

@@ -34,9 +34,10 @@ namespace lamina {
 
 class LoopTrack {
  public:
-  // Throws OptionError.
+  // Throws OptionError. `store` gets the leaves of submaps that are complete, which then leave
+  // memory; null: they stay.
   LoopTrack(const LoopOptions& options, const VoxelMapOptions& map,
-            const ScanMatcherOptions& matcher);
+            const ScanMatcherOptions& matcher, ByteStore* store = nullptr);
 
   // The next keyframe that has left the window.
   void Add(const FinalKeyframe& keyframe);
@@ -73,8 +74,12 @@ class LoopTrack {
   bool Stands(const std::vector<PlacedSubmap>& wanted) const;
   std::vector<VoxelMap::FixedPart> TakeIn();
 
+  // Of the mapping thread: what is stored, and where, follows from the scans alone.
+  void Complete(Submap submap);
+
   LoopOptions options_;
   VoxelMapOptions map_;
+  ByteStore* store_;
   SubmapBuilder builder_;
   LoopClosure closure_;
   std::vector<Submap> complete_;  // wait to be begun with

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <set>
 #include <string>
+#include <string_view>
 #include <utility>
 
 #include "backend/loops/loop_agreement.h"
@@ -23,12 +24,19 @@ constexpr std::size_t kBatch = 64;
 
 using Pair = std::pair<std::size_t, std::size_t>;
 
+template <typename T>
+std::string BytesOf(T* value) {
+  StateArchive archive;
+  archive(value);
+  return archive.written();
+}
+
 class GraphRefiner {
  public:
   GraphRefiner(const std::vector<const Submap*>& submaps, const AnchorGraph& graph,
                const LoopOptions& options, const VoxelMapOptions& map,
-               const ScanMatcherOptions& matcher)
-      : submaps_(submaps), options_(options), map_(map), registration_(matcher) {
+               const ScanMatcherOptions& matcher, ResultJournal* journal)
+      : submaps_(submaps), options_(options), map_(map), registration_(matcher), journal_(journal) {
     result_.graph = graph;
     for (const auto* edges : {&graph.odometry, &graph.loops}) {
       for (const AnchorEdge& edge : *edges) compared_.insert(std::minmax(edge.from, edge.to));
@@ -60,6 +68,8 @@ class GraphRefiner {
   void Describe();
   std::vector<SubmapPair> Overlapping() const;
   void Compare(const std::vector<SubmapPair>& pairs);
+  // Those of the journal, and the others registered.
+  std::vector<SubmapMatch> MatchesOf(std::vector<SubmapPair> pairs);
   void Solve();
   Eigen::Vector3d Middle(std::size_t i) const { return images_[i].middle(); }
 
@@ -67,6 +77,7 @@ class GraphRefiner {
   const LoopOptions& options_;
   const VoxelMapOptions& map_;
   SubmapRegistration registration_;
+  ResultJournal* journal_;  // may be null
   std::vector<PlaceImage> images_;
   std::vector<std::size_t> part_, chain_;  // chain_: those that odometry joins
   std::vector<double> way_;                // along the chain
@@ -121,9 +132,35 @@ std::vector<SubmapPair> GraphRefiner::Overlapping() const {
   return pairs;
 }
 
+std::vector<SubmapMatch> GraphRefiner::MatchesOf(std::vector<SubmapPair> pairs) {
+  if (journal_ == nullptr) return RegisterPairs(submaps_, images_, pairs, registration_, map_, {});
+  std::vector<SubmapMatch> matches(pairs.size());
+  std::vector<std::string> keys;
+  std::vector<std::size_t> open;
+  std::vector<SubmapPair> open_pairs;
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    keys.push_back(BytesOf(&pairs[i]));
+    if (const auto known = journal_->Find(keys[i])) {
+      StateArchive archive{std::string_view(*known)};
+      archive(&matches[i]);
+      continue;
+    }
+    open.push_back(i);
+    open_pairs.push_back(pairs[i]);
+  }
+  if (open.empty()) return matches;
+  std::vector<SubmapMatch> found =
+      RegisterPairs(submaps_, images_, open_pairs, registration_, map_, {});
+  for (std::size_t k = 0; k < open.size(); ++k) {
+    journal_->Add(keys[open[k]], BytesOf(&found[k]));
+    matches[open[k]] = found[k];
+  }
+  journal_->Sync();
+  return matches;
+}
+
 void GraphRefiner::Compare(const std::vector<SubmapPair>& pairs) {
-  const std::vector<SubmapMatch> matches =
-      RegisterPairs(submaps_, images_, pairs, registration_, map_, {});
+  const std::vector<SubmapMatch> matches = MatchesOf(pairs);
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     compared_.insert({pairs[i].from, pairs[i].to});
     Loop loop = LoopOf(pairs[i], matches[i], options_.verification);
@@ -171,9 +208,10 @@ void GraphRefiner::Solve() {
 RefinedGraph RefineGraph(const std::vector<const Submap*>& submaps, const AnchorGraph& graph,
                          const LoopOptions& options, const VoxelMapOptions& map,
                          const ScanMatcherOptions& matcher,
-                         const std::function<void(std::size_t, std::size_t)>& progress) {
+                         const std::function<void(std::size_t, std::size_t)>& progress,
+                         ResultJournal* journal) {
   CheckOptions(options, "loops");
-  return GraphRefiner(submaps, graph, options, map, matcher).Refine(progress);
+  return GraphRefiner(submaps, graph, options, map, matcher, journal).Refine(progress);
 }
 
 }  // namespace lamina

@@ -14,6 +14,7 @@
 #include "backend/loops/loop_closure.h"
 #include "backend/loops/loop_options.h"
 #include "backend/submaps/anchor_graph.h"
+#include "backend/submaps/result_journal.h"
 #include "backend/submaps/submap.h"
 #include "core/map/voxel_map.h"
 #include "frontend/matching/scan_matcher.h"
@@ -28,10 +29,12 @@ struct RefinedGraph {
 
 // graph.poses: the anchors to start from; parts that no edge joins are not compared with one
 // another. `progress`: called with the number of pairs that were compared and that are known to be
-// due, on this thread. Pure function; the same bits at any number of threads. Throws OptionError.
+// due, on this thread. `journal`: keeps what pairs came to. Pure function but for that; the same
+// bits at any number of threads. Throws OptionError.
 RefinedGraph RefineGraph(const std::vector<const Submap*>& submaps, const AnchorGraph& graph,
                          const LoopOptions& options, const VoxelMapOptions& map,
                          const ScanMatcherOptions& matcher,
-                         const std::function<void(std::size_t, std::size_t)>& progress = {});
+                         const std::function<void(std::size_t, std::size_t)>& progress = {},
+                         ResultJournal* journal = nullptr);
 
 }  // namespace lamina

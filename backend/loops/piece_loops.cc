@@ -12,14 +12,14 @@ SE3 PieceCorrections::Corrected(std::int64_t piece, StampNs stamp_ns,
 }
 
 PieceLoops::PieceLoops(const LoopOptions& options, const VoxelMapOptions& map,
-                       const ScanMatcherOptions& matcher)
-    : options_(options), map_(map), matcher_(matcher) {
+                       const ScanMatcherOptions& matcher, ByteStore* store)
+    : options_(options), map_(map), matcher_(matcher), store_(store) {
   CheckOptions(options, "loops");
 }
 
 LoopTrack* PieceLoops::Track(std::int64_t piece) {
   auto& track = tracks_[piece];
-  if (track == nullptr) track = std::make_unique<LoopTrack>(options_, map_, matcher_);
+  if (track == nullptr) track = std::make_unique<LoopTrack>(options_, map_, matcher_, store_);
   return track.get();
 }
 
@@ -84,6 +84,9 @@ void PieceLoops::AddCorrectedTo(VoxelMap* map) const {
 }
 
 void PieceLoops::Archive(StateArchive& a) {
+  std::uint64_t stored = store_ == nullptr ? 0 : store_->size();
+  a(&stored);
+  if (a.reading() && store_ != nullptr) store_->RollBackTo(stored);
   std::vector<std::int64_t> pieces;
   for (const auto& [piece, track] : tracks_) pieces.push_back(piece);
   a(&pieces);

@@ -21,9 +21,9 @@ struct PieceCorrections {
 
 class PieceLoops {
  public:
-  // Throws OptionError. `map`, `matcher`: as in mapping.
+  // Throws OptionError. `map`, `matcher`: as in mapping; `store`: as of LoopTrack.
   PieceLoops(const LoopOptions& options, const VoxelMapOptions& map,
-             const ScanMatcherOptions& matcher);
+             const ScanMatcherOptions& matcher, ByteStore* store = nullptr);
 
   // That of a piece, made if it is not there.
   LoopTrack* Track(std::int64_t piece);
@@ -49,13 +49,15 @@ class PieceLoops {
   // After Finish(): all submaps at their anchors, into an empty map.
   void AddCorrectedTo(VoxelMap* map) const;
 
-  // Between two scans.
+  // Between two scans. What is in the store is not in the archive: reading needs a store that has
+  // it, and takes it back to how it was then. Throws InputError if it has not.
   void Archive(StateArchive& a);
 
  private:
   LoopOptions options_;
   VoxelMapOptions map_;
   ScanMatcherOptions matcher_;
+  ByteStore* store_;
   std::map<std::int64_t, std::unique_ptr<LoopTrack>> tracks_;
 };
 

@@ -23,6 +23,7 @@ struct Look {
 Look MapAndLook(const ScanSource& source, std::size_t begin, std::size_t end,
                 MappingOptions options, Deskew deskew, const std::atomic<bool>* stop) {
   options.preparation.deskew = deskew;
+  options.loops.enabled = false;
   Look look;
   Trajectory poses;
   MappingCallbacks callbacks;

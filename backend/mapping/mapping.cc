@@ -35,7 +35,8 @@ void PipelineOptions::Visit(OptionVisitor& v) {
   v.Integer("max_recordings", &max_recordings, 1, 1000);
 }
 
-Mapping::Mapping(const MappingOptions& options, MappingCallbacks callbacks, VoxelStore* store)
+Mapping::Mapping(const MappingOptions& options, MappingCallbacks callbacks, VoxelStore* store,
+                 ByteStore* submaps)
     : options_(Together(options)),
       callbacks_(std::move(callbacks)),
       map_(options.mapper.map, store) {
@@ -46,13 +47,26 @@ Mapping::Mapping(const MappingOptions& options, MappingCallbacks callbacks, Voxe
   options.mapper.backend.CheckTogether();
   if (options_.loops.enabled) {
     loops_ = std::make_unique<PieceLoops>(options_.loops, options_.mapper.map,
-                                          options_.mapper.odometry.matcher);
+                                          options_.mapper.odometry.matcher, submaps);
     lost_searches_ = std::make_unique<LostSearches>(
         options_.loops, options_.mapper.odometry.matcher, options_.mapper.map);
   }
 }
 
 Mapping::~Mapping() = default;
+
+RegisteredScan Mapping::Recording::Process(const MapperScan& scan, bool may_restart) {
+  return mapper != nullptr ? mapper->Process(scan, may_restart)
+                           : localiser->Process(scan, may_restart);
+}
+
+Trajectory Mapping::Recording::TakeFinal(std::int64_t before_scan) {
+  return mapper != nullptr ? mapper->mapper().TakeFinal(before_scan) : localiser->TakeFinal();
+}
+
+Trajectory Mapping::Recording::OpenPoses() const {
+  return mapper != nullptr ? mapper->mapper().OpenFrames() : localiser->final_poses();
+}
 
 void Mapping::StartLocalising(const SE3& T_world_lidar) {
   localise_from_ = T_world_lidar;
@@ -105,11 +119,11 @@ MappedScan Mapping::Add(DecodedScan scan) {
   } else {
     if (!report.skipped && recording->any) CheckStamp(*recording, &report);
     if (!report.skipped) Map(recording, &report, &scan.clusters);
-    report.piece = recording->mapper->mapper().piece();
+    report.piece = recording->piece;
   }
   if (report.skipped) ++counts_.skipped[report.reason];
   poses_.AddScan(report.index, report.stamp_ns, report.skipped,
-                 recording == nullptr ? kNoStream : recording->mapper->stream(), report.piece);
+                 recording == nullptr ? kNoStream : recording->stream, report.piece);
   if (recording == nullptr) poses_.Close(kNoStream);
   if (callbacks_.on_scan) callbacks_.on_scan(report);
   HandOnFinalPoses(report.index);
@@ -117,7 +131,7 @@ MappedScan Mapping::Add(DecodedScan scan) {
   if (!report.skipped) {
     CorrectMap(report.piece);
     FindPlace(recording, report);
-    recording->mapper->StartDueSolve();
+    if (recording->mapper != nullptr) recording->mapper->StartDueSolve();
   }
   SolveSilent(report.index);
   if (callbacks_.on_settled) callbacks_.on_settled();
@@ -150,28 +164,31 @@ Mapping::Recording* Mapping::FindOrBegin(const MappedScan& report) {
     }
     if (!localise_from_ && counts_.pieces > 0 && !map_.RoomForPiece()) return nullptr;
     found = recordings_.emplace(report.recording, Recording()).first;
-    found->second.mapper = BeginPiece(SE3());
+    BeginPiece(SE3(), &found->second);
   }
   newest_ = report.recording;
   found->second.last_scan = static_cast<std::int64_t>(report.index);
   return &found->second;
 }
 
-std::unique_ptr<PieceMapper> Mapping::BeginPiece(const SE3& T_world_start) {
-  std::int64_t piece = 0;
+void Mapping::BeginPiece(const SE3& T_world_start, Recording* recording) {
+  recording->stream = next_stream_++;
+  recording->mapper.reset();
+  recording->localiser.reset();
   if (localise_from_) {
     counts_.pieces = 1;
-  } else {
-    piece = static_cast<std::int64_t>(counts_.pieces++);
-    // The first one is in the map from the beginning.
-    if (piece > 0) map_.BeginPiece(piece);
+    recording->piece = 0;
+    recording->localiser = std::make_unique<Localiser>(options_.mapper, &map_, recording->piece);
+    recording->localiser->Start(*localise_from_);
+    return;
   }
-  auto mapper =
-      std::make_unique<PieceMapper>(options_.mapper, &map_, piece, next_stream_++, T_world_start);
-  if (searches_ != nullptr) searches_->Begin(piece);
-  Listen(&mapper->mapper());
-  if (localise_from_) mapper->mapper().StartLocalising(*localise_from_);
-  return mapper;
+  recording->piece = static_cast<std::int64_t>(counts_.pieces++);
+  // The first one is in the map from the beginning.
+  if (recording->piece > 0) map_.BeginPiece(recording->piece);
+  recording->mapper =
+      std::make_unique<PieceMapper>(options_.mapper, &map_, recording->piece, T_world_start);
+  if (searches_ != nullptr) searches_->Begin(recording->piece);
+  Listen(&recording->mapper->mapper());
 }
 
 void Mapping::Listen(Mapper* mapper) {
@@ -195,18 +212,20 @@ void Mapping::EndLongestSilent(std::size_t scan) {
   const auto silent = std::min_element(
       recordings_.begin(), recordings_.end(),
       [](const auto& a, const auto& b) { return a.second.last_scan < b.second.last_scan; });
-  End(silent->second.mapper.get(), scan);
+  End(&silent->second, scan);
   stamps_.erase(silent->first);
   recordings_.erase(silent);
 }
 
-void Mapping::End(PieceMapper* mapper, std::size_t scan) {
-  mapper->FinishSolves();
-  CountSolves(mapper->TakeSolves(), scan);
-  poses_.AddPoses(mapper->mapper().TakeFinal(kAllScans), mapper->stream());
-  poses_.Close(mapper->stream());
-  mapper->mapper().Close();
-  const std::int64_t piece = mapper->mapper().piece();
+void Mapping::End(Recording* recording, std::size_t scan) {
+  if (recording->mapper != nullptr) {
+    recording->mapper->FinishSolves();
+    CountSolves(recording->mapper->TakeSolves(), scan);
+  }
+  poses_.AddPoses(recording->TakeFinal(kAllScans), recording->stream);
+  poses_.Close(recording->stream);
+  if (recording->mapper != nullptr) recording->mapper->mapper().Close();
+  const std::int64_t piece = recording->piece;
   if (searches_ != nullptr) searches_->End(piece);
   if (lost_searches_ != nullptr) lost_searches_->End(piece);
   if (loops_ != nullptr && loops_->Find(piece) != nullptr) loops_->Track(piece)->Finish();
@@ -218,11 +237,11 @@ void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedClu
   recording->any = true;
   const RegisteredScan frame = Register(recording, report, clusters);
   report->odometry = frame.odometry;
-  const std::int64_t piece = recording->mapper->mapper().piece();
-  const LoopTrack* const track = loops_ == nullptr ? nullptr : loops_->Find(piece);
+  const LoopTrack* const track = loops_ == nullptr ? nullptr : loops_->Find(recording->piece);
   if (track != nullptr) report->T_map_world = track->T_map_world();
   report->keyframe = frame.keyframe;
-  report->began_piece = frame.odometry.status == OdometryFrame::Status::kFirst;
+  report->began_piece =
+      report->began_piece || frame.odometry.status == OdometryFrame::Status::kFirst;
   ++counts_.frames;
   counts_.keyframes += frame.keyframe ? 1 : 0;
   counts_.lost += frame.odometry.status == OdometryFrame::Status::kLost ? 1 : 0;
@@ -234,23 +253,30 @@ RegisteredScan Mapping::Register(Recording* recording, MappedScan* report,
                                  std::vector<TimedCluster>* clusters) {
   const MapperScan scan{static_cast<std::int64_t>(report->index), report->stamp_ns,
                         report->stamp_made_up, clusters, CentreTimes(clusters)};
-  PieceMapper* const mapper = recording->mapper.get();
-  const std::vector<SolveReport> solves = mapper->TakeSolves();
-  for (const SolveReport& solve : solves) report->solve_ms = solve.result.solve_ms;
-  CountSolves(solves, report->index);
-  report->map_ms = mapper->TakeHandOverMs();
+  if (recording->mapper != nullptr) {
+    const std::vector<SolveReport> solves = recording->mapper->TakeSolves();
+    for (const SolveReport& solve : solves) report->solve_ms = solve.result.solve_ms;
+    CountSolves(solves, report->index);
+    report->map_ms = recording->mapper->TakeHandOverMs();
+  }
   const Stopwatch watch;
-  RegisteredScan frame = mapper->Process(scan, map_.RoomForPiece());
+  RegisteredScan frame = recording->Process(scan, map_.RoomForPiece());
   if (frame.to_restart) {
-    // Where the sensor would be had it not been lost: what is drawn stays readable.
-    const SE3 start = frame.odometry.T_world_predicted;
-    recording->before.push_back(mapper->mapper().piece());
-    End(mapper, report->index);
+    // Where the sensor is, or would be had it not been lost: what is drawn stays readable.
+    const SE3 start =
+        frame.goes_on ? frame.odometry.T_world_lidar : frame.odometry.T_world_predicted;
+    const bool follows = frame.goes_on && map_.CanHold(start.t);
+    std::vector<WindowFrame> settled;
+    if (follows) settled = recording->mapper->mapper().SettledFrames();
+    recording->before.push_back(recording->piece);
+    End(recording, report->index);
+    const std::unique_ptr<PieceMapper> before = std::move(recording->mapper);
     ++counts_.restarts;
-    recording->mapper = BeginPiece(map_.CanHold(start.t) ? start : SE3());
-    if (loops_ != nullptr)
-      lost_searches_->Begin(recording->mapper->mapper().piece(), recording->before);
-    frame = recording->mapper->Process(scan, false);
+    BeginPiece(map_.CanHold(start.t) ? start : SE3(), recording);
+    if (follows) recording->mapper->mapper().GoOnFrom(before->mapper(), std::move(settled));
+    report->began_piece = true;
+    if (loops_ != nullptr) lost_searches_->Begin(recording->piece, recording->before);
+    frame = recording->Process(scan, false);
   }
   report->odometry_ms = watch.Milliseconds();
   return frame;
@@ -263,7 +289,7 @@ void Mapping::SolveSilent(std::size_t scan) {
   for (auto& [name, recording] : recordings_) {
     if (static_cast<std::int64_t>(scan) - recording.last_scan != silent) continue;
     Settle();
-    recording.mapper->FinishSolves();
+    if (recording.mapper != nullptr) recording.mapper->FinishSolves();
   }
 }
 
@@ -282,8 +308,7 @@ void Mapping::HandOnFinalPoses(std::size_t scan) {
   const std::int64_t before =
       static_cast<std::int64_t>(scan) + 1 - options_.mapper.backend.final_after_frames;
   for (auto& [name, recording] : recordings_) {
-    PieceMapper& mapper = *recording.mapper;
-    poses_.AddPoses(mapper.mapper().TakeFinal(before), mapper.stream());
+    poses_.AddPoses(recording.TakeFinal(before), recording.stream);
   }
   poses_.HandOn(before, Visitor());
 }
@@ -297,6 +322,7 @@ FinalPoses::Visit Mapping::Visitor() const {
 void Mapping::Finish() {
   finished_ = true;
   for (auto& [name, recording] : recordings_) {
+    if (recording.mapper == nullptr) continue;
     recording.mapper->FinishSolves();
     CountSolves(recording.mapper->TakeSolves(), counts_.scans);
     recording.mapper->mapper().TellWindow();
@@ -307,20 +333,38 @@ void Mapping::Finish() {
 
 void Mapping::ShowOpenPoses(const FinalPoses::Visit& visit) const {
   std::map<FinalPoses::Stream, Trajectory> open;
-  for (const auto& [name, recording] : recordings_) {
-    open[recording.mapper->stream()] = recording.mapper->mapper().OpenFrames();
-  }
+  for (const auto& [name, recording] : recordings_) open[recording.stream] = recording.OpenPoses();
   poses_.ShowOpen(open, visit);
 }
 
 std::vector<Eigen::Vector3d> Mapping::NewestKeyframe() const {
   const auto newest = recordings_.find(newest_);
-  if (newest == recordings_.end()) return {};
+  if (newest == recordings_.end() || newest->second.mapper == nullptr) return {};
   return newest->second.mapper->mapper().NewestKeyframe();
 }
 
 void Mapping::Settle() {
-  for (auto& [name, recording] : recordings_) recording.mapper->TakeInDueSolve();
+  for (auto& [name, recording] : recordings_) {
+    if (recording.mapper != nullptr) recording.mapper->TakeInDueSolve();
+  }
+}
+
+void Mapping::ArchiveRecording(StateArchive& a, Recording* recording) {
+  bool maps = recording->mapper != nullptr;
+  a(&recording->any, &recording->last_stamp_ns, &recording->last_sensor, &recording->last_scan,
+    &recording->piece, &recording->stream, &recording->before, &maps);
+  if (a.reading() && maps) {
+    recording->mapper =
+        std::make_unique<PieceMapper>(options_.mapper, &map_, recording->piece, SE3());
+    Listen(&recording->mapper->mapper());
+  } else if (a.reading()) {
+    recording->localiser = std::make_unique<Localiser>(options_.mapper, &map_, recording->piece);
+  }
+  if (maps) {
+    a(recording->mapper.get());
+  } else {
+    a(recording->localiser.get());
+  }
 }
 
 void Mapping::Archive(StateArchive& a) {
@@ -333,19 +377,7 @@ void Mapping::Archive(StateArchive& a) {
   for (const auto& [name, recording] : recordings_) names.push_back(name);
   a(&names);
   if (a.reading()) recordings_.clear();
-  for (const std::string& name : names) {
-    Recording& recording = recordings_[name];
-    std::int64_t piece = a.reading() ? 0 : recording.mapper->mapper().piece();
-    FinalPoses::Stream stream = a.reading() ? 0 : recording.mapper->stream();
-    a(&recording.any, &recording.last_stamp_ns, &recording.last_sensor, &recording.last_scan,
-      &piece, &stream, &recording.before);
-    if (a.reading()) {
-      recording.mapper =
-          std::make_unique<PieceMapper>(options_.mapper, &map_, piece, stream, SE3());
-      Listen(&recording.mapper->mapper());
-    }
-    a(recording.mapper.get());
-  }
+  for (const std::string& name : names) ArchiveRecording(a, &recordings_[name]);
   if (localise_from_ || searches_ != nullptr) loops_.reset();
   if (loops_ != nullptr) a(loops_.get(), lost_searches_.get());
 }

@@ -15,8 +15,9 @@
 //     register  predict, deskew, match to the map, search where       frontend/odometry/odometry.h
 //               that fails
 //     keyframe  into the sliding window, its clusters into the map         mapper.h
+//               (localising, neither: localiser.h)
 //     final     poses that have left the window are handed on, in order    final_poses.h
-//     correct   with loops.enabled: what loops found earlier takes        submaps/loop_track.h
+//     correct   with loops.enabled: what loops found earlier takes backend/loops/loop_track.h
 //               effect
 //     solve     bundle adjustment of the window begins, if it is due; it  backend/bundle/adjuster.h
 //               runs in the background and takes effect a fixed number
@@ -26,7 +27,8 @@
 // (ThreadLimit of core/base/parallel.h bounds them), whether scans come one by one or are decoded
 // ahead (pipeline.h). Memory does not grow with the number of scans: poses are handed on by
 // MappingCallbacks::on_final_pose when nothing will change them any more, and the map keeps within
-// map.budget_mb if it has a VoxelStore.
+// map.budget_mb if it has a VoxelStore; with a ByteStore loops take some 50 kB a submap, without
+// one all that the submaps hold.
 //
 // With loops.enabled the map is made of submaps, and places that are visited again correct it
 // (backend/loops/loop_track.h). A recording that was lost for too long is looked for, as a piece of
@@ -53,6 +55,7 @@
 
 #include "backend/loops/piece_loops.h"
 #include "backend/mapping/final_poses.h"
+#include "backend/mapping/localiser.h"
 #include "backend/mapping/mapped_scan.h"
 #include "backend/mapping/options.h"
 #include "backend/mapping/piece_mapper.h"
@@ -73,9 +76,10 @@ class PlaceSearch;
 // Not thread-safe, but for Decode.
 class Mapping {
  public:
-  // `store` gets parts of the map that leave memory (VoxelMap). Throws OptionError.
+  // `store` gets parts of the map that leave memory (VoxelMap), `submaps` what the submaps of loops
+  // hold (LoopTrack). Throws OptionError.
   explicit Mapping(const MappingOptions& options = {}, MappingCallbacks callbacks = {},
-                   VoxelStore* store = nullptr);
+                   VoxelStore* store = nullptr, ByteStore* submaps = nullptr);
   ~Mapping();
   Mapping(const Mapping&) = delete;
   Mapping& operator=(const Mapping&) = delete;
@@ -127,9 +131,17 @@ class Mapping {
     bool any = false;  // scan that was not skipped
     StampNs last_stamp_ns = 0;
     std::string last_sensor;
-    std::int64_t last_scan = 0;        // skipped or not
+    std::int64_t last_scan = 0;  // skipped or not
+    std::int64_t piece = 0;      // that its scans are matched to now
+    FinalPoses::Stream stream = 0;
     std::vector<std::int64_t> before;  // pieces that it made before this one
+    // One of these: the piece is being made, or stays as it is.
     std::unique_ptr<PieceMapper> mapper;
+    std::unique_ptr<Localiser> localiser;
+
+    RegisteredScan Process(const MapperScan& scan, bool may_restart);
+    Trajectory TakeFinal(std::int64_t before_scan);
+    Trajectory OpenPoses() const;
   };
 
   // Looks for the piece of a recording among the places of the map, or, while it maps, in those
@@ -140,9 +152,11 @@ class Mapping {
   PlaceSearch* SearchOf(std::int64_t piece);
   // Null if the map has no room for another piece.
   Recording* FindOrBegin(const MappedScan& report);
-  std::unique_ptr<PieceMapper> BeginPiece(const SE3& T_world_start);
+  // A piece of its own; localising from a start, the one that is there.
+  void BeginPiece(const SE3& T_world_start, Recording* recording);
   void EndLongestSilent(std::size_t scan);
-  void End(PieceMapper* mapper, std::size_t scan);
+  // Nothing more comes of this recording in its piece.
+  void End(Recording* recording, std::size_t scan);
   static void CheckStamp(const Recording& recording, MappedScan* report);
   void Map(Recording* recording, MappedScan* report, std::vector<TimedCluster>* clusters);
   RegisteredScan Register(Recording* recording, MappedScan* report,
@@ -155,6 +169,7 @@ class Mapping {
   void HandOnFinalPoses(std::size_t scan);
   void CountSolves(std::vector<SolveReport> solves, std::size_t before_scan);
   FinalPoses::Visit Visitor() const;
+  void ArchiveRecording(StateArchive& a, Recording* recording);
   void ArchiveSearches(StateArchive& a);
 
   const MappingOptions options_;

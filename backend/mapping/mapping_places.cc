@@ -37,26 +37,28 @@ void Mapping::GoOnAt(const FoundPlace& found, Recording* recording, const Mapped
   const SE3 T_world_own =
       localising ? found.T_piece_own
                  : loops_->Find(found.piece)->T_map_world().Inverse() * found.T_piece_own;
-  Trajectory last = recording->mapper->mapper().OpenFrames();
+  Trajectory last = recording->OpenPoses();
   if (last.size() > kLast) last.erase(last.begin(), last.end() - kLast);
   for (StampedPose& pose : last) pose.T_world_lidar = T_world_own * pose.T_world_lidar;
-  End(recording->mapper.get(), report.index);
+  End(recording, report.index);
   ++counts_.found;
-  auto mapper =
-      std::make_unique<PieceMapper>(options_.mapper, &map_, found.piece, next_stream_++, SE3());
+  recording->piece = found.piece;
+  recording->stream = next_stream_++;
   if (localising) {
+    recording->mapper.reset();
     map_.ErasePiece(report.piece);
-    mapper->mapper().StartLocalising(last);
+    recording->localiser = std::make_unique<Localiser>(options_.mapper, &map_, found.piece);
+    recording->localiser->Start(last);
   } else {
     auto& before = recording->before;
     *std::find(before.begin(), before.end(), found.piece) = report.piece;
     map_.SelectPiece(found.piece);
     const auto parts = loops_->Track(found.piece)->Resume(last.back().T_world_lidar.t);
     if (parts) map_.ReplaceFixed(*parts);
-    Listen(&mapper->mapper());
-    mapper->mapper().Resume(last, loops_->NextKeyframe(found.piece));
+    recording->mapper = std::make_unique<PieceMapper>(options_.mapper, &map_, found.piece, SE3());
+    Listen(&recording->mapper->mapper());
+    recording->mapper->mapper().Resume(last, loops_->NextKeyframe(found.piece));
   }
-  recording->mapper = std::move(mapper);
 }
 
 void Mapping::ArchiveSearches(StateArchive& a) {

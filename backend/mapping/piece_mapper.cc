@@ -7,8 +7,8 @@
 namespace lamina {
 
 PieceMapper::PieceMapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
-                         FinalPoses::Stream stream, const SE3& T_world_start)
-    : options_(options.backend), mapper_(options, map, piece, T_world_start), stream_(stream) {}
+                         const SE3& T_world_start)
+    : options_(options.backend), mapper_(options, map, piece, T_world_start) {}
 
 void PieceMapper::TakeInDueSolve() {
   if (!pending_ || frames_ < due_) return;

@@ -17,9 +17,8 @@ namespace lamina {
 // Not thread-safe.
 class PieceMapper {
  public:
-  // `stream` is that of its poses.
   PieceMapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
-              FinalPoses::Stream stream, const SE3& T_world_start);
+              const SE3& T_world_start);
 
   // Before a scan of any recording is mapped: takes in the solve whose time has come.
   void TakeInDueSolve();
@@ -36,9 +35,8 @@ class PieceMapper {
 
   Mapper& mapper() { return mapper_; }
   const Mapper& mapper() const { return mapper_; }
-  FinalPoses::Stream stream() const { return stream_; }
 
-  // All but piece and stream. Reading starts the solve again that was under way.
+  // All but the piece's number. Reading starts the solve again that was under way.
   void Archive(StateArchive& a);
 
  private:
@@ -48,7 +46,6 @@ class PieceMapper {
 
   const BackendOptions options_;
   Mapper mapper_;
-  FinalPoses::Stream stream_;
   std::int64_t frames_ = 0;
   bool pending_ = false;
   std::int64_t due_ = 0;  // takes effect before this frame

@@ -11,8 +11,6 @@
 //
 // Weights are those of the sliding window (SlidingWindowOptions): caps and a robust kernel on the
 // observations, 1 / variance on the planes, as the map has both.
-//
-// Private to backend/registration.
 #pragma once
 
 #include <cstdint>

@@ -5,6 +5,7 @@
 
 #include "core/geometry/packed_scan.h"
 #include "core/geometry/scan.h"
+#include "frontend/scan/scan_preparation.h"
 
 namespace lamina {
 

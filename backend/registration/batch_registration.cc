@@ -1,6 +1,5 @@
 #include "backend/registration/batch_registration.h"
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <iomanip>
@@ -10,6 +9,7 @@
 #include "backend/bundle/uncertainty/pose_covariance.h"
 #include "backend/registration/batch_cast.h"
 #include "backend/registration/frame_links.h"
+#include "backend/registration/put_back.h"
 #include "core/base/angle.h"
 #include "core/base/parallel.h"
 #include "core/base/stopwatch.h"
@@ -95,36 +95,6 @@ bool Settled(const std::vector<SE3>& before, const std::vector<SE3>& after, cons
          (between.rad <= kBetween * rad && between.m <= kBetween * m);
 }
 
-// Groups found to slide go back, along the directions that are open, to where they began: earlier
-// rounds may have taken thick planes for something that holds them.
-void PutBack(const std::vector<BatchFrame>& frames, const std::vector<BundleFault>& faults,
-             std::vector<SE3>* poses) {
-  // From the last group: others, before it, may follow it.
-  for (std::size_t end = faults.size(), begin = end; end > 0; end = begin) {
-    const auto held = static_cast<std::size_t>(faults[end - 1].frame);
-    while (begin > 0 && static_cast<std::size_t>(faults[begin - 1].frame) == held) --begin;
-    std::vector<const BundleFault*> slides;
-    Eigen::MatrixXd open(6, 0);
-    for (std::size_t i = begin; i < end; ++i) {
-      const std::vector<int>& group = faults[i].group;
-      if (faults[i].motion.empty()) continue;
-      const auto at = std::find(group.begin(), group.end(), faults[i].frame) - group.begin();
-      slides.push_back(&faults[i]);
-      open.conservativeResize(Eigen::NoChange, open.cols() + 1);
-      open.rightCols<1>() = faults[i].motion[static_cast<std::size_t>(at)];
-    }
-    if (slides.empty()) continue;
-    const Vector6d moved = LocalDelta(frames[held].T_world_lidar, (*poses)[held]);
-    const Eigen::VectorXd along = open.colPivHouseholderQr().solve(moved);
-    for (std::size_t i = 0; i < slides.size(); ++i) {
-      for (std::size_t k = 0; k < slides[i]->group.size(); ++k) {
-        SE3& T = (*poses)[static_cast<std::size_t>(slides[i]->group[k])];
-        T = Retract(T, -along(static_cast<Eigen::Index>(i)) * slides[i]->motion[k]);
-      }
-    }
-  }
-}
-
 // Finds what the problem does not determine, and holds it. False if there is nothing to solve: then
 // *result says why.
 bool HoldOpen(const std::vector<BatchFrame>& frames, const RegistrationOptions& options,
@@ -136,7 +106,7 @@ bool HoldOpen(const std::vector<BatchFrame>& frames, const RegistrationOptions& 
     result->status = Status::kIllPosed;
     return false;
   }
-  PutBack(frames, result->faults, &problem->poses);
+  PutSlidesBack(frames, result->faults, &problem->poses);
   problem->holds = observability.holds;
   problem->hold_first_pose = false;
   return true;
@@ -349,6 +319,7 @@ RegistrationResult BatchRegistration::Solve(const std::vector<BatchFrame>& frame
     }
   }
   if (!result.faults.empty() && result.status != Status::kInterrupted) {
+    PutPartsBack(frames, result.faults, &result.poses);
     result.status = Status::kPartial;
   }
   return result;

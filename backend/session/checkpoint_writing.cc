@@ -37,12 +37,13 @@ struct CheckpointWriting::Job {
 };
 
 CheckpointWriting::CheckpointWriting(const SessionFolder& folder, std::string fixed_options,
-                                     Mapping* mapping, TileStore* tiles, SessionLog* log,
+                                     Mapping* mapping, const SessionStores& stores, SessionLog* log,
                                      std::int64_t loaded, OnCheckpoint on_checkpoint)
     : folder_(folder),
       fixed_options_(std::move(fixed_options)),
       mapping_(mapping),
-      tiles_(tiles),
+      tiles_(stores.tiles),
+      submaps_(stores.submaps),
       log_(log),
       on_checkpoint_(std::move(on_checkpoint)),
       last_(loaded),
@@ -146,6 +147,7 @@ void CheckpointWriting::FinishJob(Job* job) {
   if (job->failed) return;
   log_->WaitDurable();
   tiles_->SyncToDisk();
+  if (submaps_ != nullptr) submaps_->SyncToDisk();
   job->writer->Commit();
   newest_ = job->scans;
   tidy_ = Tidy::kFirst;

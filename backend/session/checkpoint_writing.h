@@ -37,7 +37,7 @@ class CheckpointWriting {
 
   // All must outlive it. `loaded`: scans of the checkpoint that the session went on from.
   CheckpointWriting(const SessionFolder& folder, std::string fixed_options, Mapping* mapping,
-                    TileStore* tiles, SessionLog* log, std::int64_t loaded,
+                    const SessionStores& stores, SessionLog* log, std::int64_t loaded,
                     OnCheckpoint on_checkpoint);
 
   void Request() { requested_ = true; }
@@ -75,6 +75,7 @@ class CheckpointWriting {
   const std::string fixed_options_;
   Mapping* mapping_;
   TileStore* tiles_;
+  const ByteFile* submaps_;  // may be null
   SessionLog* log_;
   OnCheckpoint on_checkpoint_;
   std::int64_t last_;                    // scans in the last one that was begun

@@ -115,6 +115,10 @@ std::unique_ptr<TileStore> SessionFolder::OpenTiles() const {
   }
 }
 
+std::unique_ptr<ByteFile> SessionFolder::OpenSubmaps() const {
+  return std::make_unique<ByteFile>(Path(kSubmapLeavesName), ByteFile::Lifetime::kKept);
+}
+
 SessionReadingLock::SessionReadingLock(const std::string& session)
     : file_(open((fs::path(session) / "lock").c_str(), O_RDONLY | O_CLOEXEC)) {
   // Without the file no process has ever worked on it.

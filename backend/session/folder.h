@@ -5,6 +5,7 @@
 #include <memory>
 #include <string>
 
+#include "io/store/byte_file.h"
 #include "io/store/session_database.h"
 #include "io/store/tile_store.h"
 
@@ -31,11 +32,22 @@ class SessionFolder {
   std::unique_ptr<SessionDatabase> OpenDatabase() const;
   // The tiles; where they are damaged, none.
   std::unique_ptr<TileStore> OpenTiles() const;
+  // What its submaps hold. Throws OutputError.
+  std::unique_ptr<ByteFile> OpenSubmaps() const;
 
  private:
   std::string path_;
   int lock_ = -1;
 };
+
+// What leaves the memory of a session's mapping.
+struct SessionStores {
+  TileStore* tiles = nullptr;
+  ByteFile* submaps = nullptr;  // null without loops
+};
+
+// In a session's folder, the file of OpenSubmaps().
+inline constexpr const char* kSubmapLeavesName = "submap_leaves.bin";
 
 // Keeps a session as it is while its map is read: no process can begin to work on it.
 class SessionReadingLock {

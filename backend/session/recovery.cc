@@ -55,7 +55,9 @@ std::unique_ptr<Mapping> CopyOfMap(const SessionSetup& setup, std::int64_t scans
   std::unique_ptr<Mapping> mapping = make();
   if (setup.mapping.loops.enabled) {
     // What it matches to is the part around its sensor alone.
-    Mapping mapped(setup.mapping);
+    ByteFile submaps((fs::path(base.session) / kSubmapLeavesName).string(),
+                     ByteFile::Lifetime::kReadOnly);
+    Mapping mapped(setup.mapping, {}, nullptr, &submaps);
     ReadCheckpoint(path, base.fixed_options, CheckpointPart::kAll, &mapped);
     if (mapped.loops() != nullptr) {
       mapped.Finish();
@@ -128,7 +130,7 @@ void CheckFixedOptions(const SessionSetup& setup, SessionDatabase* database) {
 }
 
 RecoveredMapping RecoverMapping(const SessionSetup& setup, const SessionFolder& folder,
-                                const SessionDatabase& database, TileStore* tiles,
+                                const SessionDatabase& database, const SessionStores& stores,
                                 const MakeMapping& make) {
   const std::int64_t recorded = database.scans();
   for (const std::int64_t scans : CheckpointsIn(folder.path())) {
@@ -140,15 +142,16 @@ RecoveredMapping RecoverMapping(const SessionSetup& setup, const SessionFolder& 
     try {
       std::unique_ptr<Mapping> mapping = make();
       ReadCheckpoint(path, setup.fixed_options, CheckpointPart::kAll, mapping.get());
-      tiles->RollBackTo(scans - 1);
+      stores.tiles->RollBackTo(scans - 1);
       return {std::move(mapping), scans};
     } catch (const InputError& error) {
       SetAside(path, error.what());
     }
   }
   if (recorded > 0) spdlog::warn("no checkpoint can be used: all scans are mapped again");
-  tiles->RollBackTo(-1);
-  return {setup.base_map ? MappingInBaseMap(setup, tiles, make) : make(), 0};
+  stores.tiles->RollBackTo(-1);
+  if (stores.submaps != nullptr) stores.submaps->RollBackTo(0);
+  return {setup.base_map ? MappingInBaseMap(setup, stores.tiles, make) : make(), 0};
 }
 
 }  // namespace lamina

@@ -12,7 +12,6 @@
 #include "backend/session/folder.h"
 #include "backend/session/options.h"
 #include "io/store/session_database.h"
-#include "io/store/tile_store.h"
 
 namespace lamina {
 
@@ -24,11 +23,11 @@ struct RecoveredMapping {
 // Throws OptionError if the session was begun with other options than these; a new one gets them.
 void CheckFixedOptions(const SessionSetup& setup, SessionDatabase* database);
 
-// `make` makes a mapping without scans. Tiles go back to what they were at the checkpoint;
-// checkpoints that cannot be used are set aside. Throws InputError if there is a map to localise in
-// and nothing of it can be used.
+// `make` makes a mapping without scans. Tiles and submaps go back to what they were at the
+// checkpoint; checkpoints that cannot be used are set aside. Throws InputError if there is a map to
+// localise in and nothing of it can be used.
 RecoveredMapping RecoverMapping(const SessionSetup& setup, const SessionFolder& folder,
-                                const SessionDatabase& database, TileStore* tiles,
+                                const SessionDatabase& database, const SessionStores& stores,
                                 const std::function<std::unique_ptr<Mapping>()>& make);
 
 }  // namespace lamina

@@ -32,8 +32,10 @@ Session::Session(SessionSetup setup, SessionHooks hooks)
   database_ = folder_.OpenDatabase();
   CheckFixedOptions(setup_, database_.get());
   tiles_ = folder_.OpenTiles();
-  RecoveredMapping recovered = RecoverMapping(setup_, folder_, *database_, tiles_.get(), [this] {
-    return std::make_unique<Mapping>(setup_.mapping, Callbacks(), tiles_.get());
+  if (setup_.mapping.loops.enabled && !setup_.base_map) submaps_ = folder_.OpenSubmaps();
+  const SessionStores stores = {tiles_.get(), submaps_.get()};
+  RecoveredMapping recovered = RecoverMapping(setup_, folder_, *database_, stores, [this] {
+    return std::make_unique<Mapping>(setup_.mapping, Callbacks(), tiles_.get(), submaps_.get());
   });
   mapping_ = std::move(recovered.mapping);
   next_ = repeat_from_ = recovered.scans;
@@ -49,8 +51,8 @@ Session::Session(SessionSetup setup, SessionHooks hooks)
   }
   log_ = std::make_unique<SessionLog>(folder_.Path("session.db"), hooks_.on_durable);
   checkpoints_ =
-      std::make_unique<CheckpointWriting>(folder_, setup_.fixed_options, mapping_.get(),
-                                          tiles_.get(), log_.get(), next_, hooks_.on_checkpoint);
+      std::make_unique<CheckpointWriting>(folder_, setup_.fixed_options, mapping_.get(), stores,
+                                          log_.get(), next_, hooks_.on_checkpoint);
   trajectory_ = std::make_unique<TrajectoryPublisher>(folder_, mapping_.get(), log_.get());
 }
 

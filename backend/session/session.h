@@ -124,6 +124,7 @@ class Session {
   SessionFolder folder_;
   std::unique_ptr<SessionDatabase> database_;
   std::unique_ptr<TileStore> tiles_;
+  std::unique_ptr<ByteFile> submaps_;  // null without loops
   std::unique_ptr<Mapping> mapping_;
   std::unique_ptr<SessionLog> log_;
   std::unique_ptr<CheckpointWriting> checkpoints_;

@@ -37,8 +37,9 @@ std::vector<LeafPlane> LeafPlanes(const Submap& submap) {
   constexpr float kMinCount = 6.0F;
   constexpr double kMaxFlatness = 0.1, kMinBreadth = 0.05, kMaxThicknessM = 0.1;
   std::vector<LeafPlane> planes;
-  for (std::size_t i = 0; i < submap.leaves.size(); ++i) {
-    const SubmapLeaf& leaf = submap.leaves[i];
+  const SubmapLeaves leaves = submap.Leaves();
+  for (std::size_t i = 0; i < leaves.size(); ++i) {
+    const SubmapLeaf& leaf = leaves[i];
     if (leaf.cluster.count < kMinCount) continue;
     const PointCluster cluster = submap.Cluster(leaf);
     const Eigen3 eigen = cluster.Eigen();
@@ -56,10 +57,11 @@ std::vector<Eigen::Vector3f> UprightLeaves(const Submap& submap,
                                            const Eigen::Vector3d& up) {
   std::vector<Eigen::Vector3f> means;
   auto plane = planes.begin();
-  for (std::size_t i = 0; i < submap.leaves.size(); ++i) {
+  const SubmapLeaves leaves = submap.Leaves();
+  for (std::size_t i = 0; i < leaves.size(); ++i) {
     const bool planar = plane != planes.end() && plane->leaf == i;
     if (!planar || !LiesFlat(*plane, up))
-      means.push_back(submap.Cluster(submap.leaves[i]).mean.cast<float>());
+      means.push_back(submap.Cluster(leaves[i]).mean.cast<float>());
     if (planar) ++plane;
   }
   return means;

@@ -23,8 +23,50 @@ PointCluster Submap::Cluster(const SubmapLeaf& leaf) const {
   return leaf.cluster.Unpacked(CentreOf(leaf.index, leaf_size_m));
 }
 
+SubmapLeaves Submap::Leaves() const {
+  if (store == nullptr || !leaves.empty()) return SubmapLeaves(leaves);
+  std::vector<SubmapLeaf> read(LeafCount());
+  if (!store->Read(stored, reinterpret_cast<char*>(read.data()))) read.clear();
+  return SubmapLeaves(std::move(read));
+}
+
+std::size_t Submap::LeafCount() const {
+  return store == nullptr ? leaves.size() : stored.size / sizeof(SubmapLeaf);
+}
+
+void Submap::StoreIn(ByteStore* bytes) {
+  const auto place = bytes->Append(
+      {reinterpret_cast<const char*>(leaves.data()), leaves.size() * sizeof(SubmapLeaf)});
+  if (!place) return;
+  store = bytes;
+  stored = *place;
+}
+
+void Submap::Release() {
+  if (store != nullptr) leaves = {};
+}
+
 void Submap::Archive(StateArchive& a) {
-  a(&id, &leaf_size_m, &T_world_submap, &keyframes, &leaves, &way_m);
+  if (store == nullptr || a.reading()) {
+    a(&id, &leaf_size_m, &T_world_submap, &keyframes, &leaves, &way_m);
+    return;
+  }
+  const SubmapLeaves read = Leaves();
+  std::vector<SubmapLeaf> all(read.begin(), read.end());
+  a(&id, &leaf_size_m, &T_world_submap, &keyframes, &all, &way_m);
+}
+
+void Submap::ArchiveBeside(const ByteStore* bytes, StateArchive& a) {
+  bool apart = store != nullptr;
+  a(&apart);
+  if (!apart) {
+    Archive(a);
+    return;
+  }
+  if (bytes == nullptr) throw InputError("a submap has its leaves in a file that is not there");
+  a(&id, &leaf_size_m, &T_world_submap, &keyframes, &way_m, &stored.at, &stored.size,
+    &stored.checksum);
+  store = bytes;
 }
 
 SubmapBuilder::SubmapBuilder(const SubmapOptions& options, double leaf_size_m)

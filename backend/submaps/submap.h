@@ -14,9 +14,11 @@
 
 #include <cstdint>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "backend/submaps/final_keyframe.h"
+#include "core/base/byte_store.h"
 #include "core/geometry/packed_cluster.h"
 #include "core/geometry/point_cluster.h"
 #include "core/geometry/scan.h"
@@ -53,18 +55,52 @@ struct SubmapKeyframe {
   void Archive(StateArchive& a) { a(&id, &stamp_ns, &T_submap_lidar); }
 };
 
+// The leaves of a submap while they are looked at.
+class SubmapLeaves {
+ public:
+  // Of what lives longer.
+  explicit SubmapLeaves(const std::vector<SubmapLeaf>& leaves) : there_(&leaves) {}
+  explicit SubmapLeaves(std::vector<SubmapLeaf>&& leaves) : own_(std::move(leaves)) {}
+
+  std::size_t size() const { return all().size(); }
+  const SubmapLeaf& operator[](std::size_t i) const { return all()[i]; }
+  auto begin() const { return all().begin(); }
+  auto end() const { return all().end(); }
+
+ private:
+  const std::vector<SubmapLeaf>& all() const { return there_ != nullptr ? *there_ : own_; }
+
+  std::vector<SubmapLeaf> own_;
+  const std::vector<SubmapLeaf>* there_ = nullptr;
+};
+
 struct Submap {
   std::int64_t id = 0;  // in its piece, from 0
   double leaf_size_m = 0.0;
   SE3 T_world_submap;  // the anchor
   std::vector<SubmapKeyframe> keyframes;
-  std::vector<SubmapLeaf> leaves;  // in ascending order of x, y, z
+  std::vector<SubmapLeaf> leaves;  // in ascending order of x, y, z; empty once they are stored
   double way_m = 0.0;              // of the sensor in it, to the next submap's first keyframe
 
+  // Where the leaves are when they have left memory; the store outlives the submap.
+  const ByteStore* store = nullptr;
+  StoredBytes stored;
+
+  // The leaves, wherever they are. Those that come back damaged are none: what the submap held is
+  // lost, the rest of the map is not.
+  SubmapLeaves Leaves() const;
+  std::size_t LeafCount() const;
+  // Copies the leaves into a store; they stay in memory until Release(), which does nothing if
+  // they are in none.
+  void StoreIn(ByteStore* bytes);
+  void Release();
   // The cluster of a leaf, in the submap's frame.
   PointCluster Cluster(const SubmapLeaf& leaf) const;
 
+  // With all leaves.
   void Archive(StateArchive& a);
+  // Without those that are in a store: this one, when reading.
+  void ArchiveBeside(const ByteStore* bytes, StateArchive& a);
 };
 
 // Gathers keyframes of one piece into submaps. Deterministic; not thread-safe.

@@ -1,6 +1,5 @@
 #include "backend/submaps/submap_bundle.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -10,8 +9,10 @@
 
 #include "backend/bundle/adjuster.h"
 #include "backend/bundle/uncertainty/observability.h"
+#include "backend/submaps/anchor_prior.h"
 #include "core/base/parallel.h"
 #include "core/geometry/robust_kernel.h"
+#include "core/geometry/state_archive.h"
 
 namespace lamina {
 namespace {
@@ -27,18 +28,6 @@ struct Part {
   std::vector<std::size_t> submaps;
   std::vector<RelativePrior> priors;
 };
-
-RelativePrior PriorOf(const AnchorEdge& edge) {
-  RelativePrior prior;
-  prior.T_a_b = edge.T_from_to;
-  // The translation of an edge is perturbed in the frame of `to`, that of a prior in `from`.
-  Matrix6d J = Matrix6d::Identity();
-  J.bottomRightCorner<3, 3>() = edge.T_from_to.R().transpose();
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(edge.information);
-  prior.sqrt_information = eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal() *
-                           eigen.eigenvectors().transpose() * J;
-  return prior;
-}
 
 std::vector<Part> PartsOf(const AnchorGraph& graph) {
   std::vector<std::size_t> first(graph.poses.size());
@@ -97,7 +86,7 @@ class CastSubmaps {
       : submaps_(submaps), anchors_(anchors), map_(map), leaves_(submaps.size()) {
     for (std::size_t k = 0; k < submaps_.size(); ++k) {
       const Eigen::Matrix3d R = anchors_[k].R();
-      for (const SubmapLeaf& leaf : submaps_[k]->leaves) {
+      for (const SubmapLeaf& leaf : submaps_[k]->Leaves()) {
         const PointCluster cluster = submaps_[k]->Cluster(leaf).Moved(R, anchors_[k].t);
         VoxelMap::NodeId node = VoxelMap::kNoNode;
         if (map_.CanHold(cluster.mean)) {
@@ -163,13 +152,14 @@ class CastSubmaps {
   std::vector<Seen> SeenBy(std::size_t k, double kernel_sigma, double noise_floor_m) const {
     const Submap& submap = *submaps_[k];
     std::vector<Seen> seen;
-    for (std::size_t i = 0; i < leaves_[k].size(); ++i) {
+    const SubmapLeaves leaves = submap.Leaves();
+    for (std::size_t i = 0; i < std::min(leaves.size(), leaves_[k].size()); ++i) {
       if (leaves_[k][i] == VoxelMap::kNoNode) continue;
       const VoxelMap::NodeId node = map_.PlaneAbove(leaves_[k][i]);
       if (node == VoxelMap::kNoNode) continue;
       const Surface& surface = map_.plane(node);
       const Eigen::Vector3d normal = surface.normal.cast<double>();
-      const PointCluster cluster = submap.Cluster(submap.leaves[i]);
+      const PointCluster cluster = submap.Cluster(leaves[i]);
       const Eigen::Vector3d mean = anchors_[k] * cluster.mean;
       const Eigen::Vector3d sensor = anchors_[k] * SeenFrom(submap, cluster.mean);
       const double weight = KernelWeight(surface, mean, noise_floor_m, kernel_sigma);
@@ -206,41 +196,90 @@ void KeepFirst(const SE3& T_first, std::vector<SE3>* anchors) {
   for (SE3& T : *anchors) T = back * T;
 }
 
-// The anchors of a part; *result gets its figures.
-std::vector<SE3> AdjustPart(const std::vector<const Submap*>& submaps, std::vector<SE3> anchors,
-                            const std::vector<RelativePrior>& priors,
-                            const SubmapBundleOptions& options, const VoxelMapOptions& map,
-                            double noise_floor_m, SubmapBundleResult* result) {
-  const SE3 T_first = anchors.front();
-  SubmapBundleResult last;  // figures of this part
-  for (int round = 0; round < options.rounds; ++round) {
-    VoxelMapOptions sized = map;
-    if (round == 0) sized.max_thickness_m *= kFirstThickness;
-    const CastSubmaps cast(submaps, anchors, sized);
-    if (!cast.fits()) {
-      result->refusal = "all submaps at once are more than map.budget_mb";
-      break;
-    }
-    BundleProblem problem = cast.Problem(options, noise_floor_m);
-    const Observability observability =
-        FindObservability(problem, {}, round == 0 ? Slides::kFree : Slides::kHeld);
-    problem.holds = observability.holds;
-    problem.hold_first_pose = false;
-    problem.priors = priors;
-    const BundleResult solved = AdjustBundle(problem, kSolver);
-    const Move move = LargestMove(anchors, solved.poses);
-    if (!solved.usable() || move.m > map.root_size_m) {
-      result->refusal = solved.usable() ? "an anchor was carried farther than a voxel"
-                                        : "too few planes are shared, or the solver failed";
-      break;
-    }
-    last.planes = problem.planes.size();
-    last.observations = problem.observations.size();
-    ++last.rounds;
-    anchors = solved.poses;
-    if (round > 0 && move.m < kSettledM && move.rad < kSettledRad) break;
+// What a round comes to.
+struct Round {
+  std::vector<SE3> anchors;
+  std::size_t planes = 0, observations = 0;
+  std::string refusal;
+
+  void Archive(StateArchive& a) { a(&anchors, &planes, &observations, &refusal); }
+};
+
+// The submaps of a part, and what holds them.
+struct PartProblem {
+  std::vector<const Submap*> submaps;
+  const std::vector<RelativePrior>& priors;
+  const SubmapBundleOptions& options;
+  const VoxelMapOptions& map;
+  double noise_floor_m;
+};
+
+Round SolveRound(const PartProblem& part, const std::vector<SE3>& anchors, bool first) {
+  Round round;
+  VoxelMapOptions sized = part.map;
+  if (first) sized.max_thickness_m *= kFirstThickness;
+  const CastSubmaps cast(part.submaps, anchors, sized);
+  if (!cast.fits()) {
+    round.refusal = "all submaps at once are more than map.budget_mb";
+    return round;
   }
-  result->rounds += last.rounds;
+  BundleProblem problem = cast.Problem(part.options, part.noise_floor_m);
+  const Observability observability =
+      FindObservability(problem, {}, first ? Slides::kFree : Slides::kHeld);
+  problem.holds = observability.holds;
+  problem.hold_first_pose = false;
+  problem.priors = part.priors;
+  const BundleResult solved = AdjustBundle(problem, kSolver);
+  if (!solved.usable() || LargestMove(anchors, solved.poses).m > part.map.root_size_m) {
+    round.refusal = solved.usable() ? "an anchor was carried farther than a voxel"
+                                    : "too few planes are shared, or the solver failed";
+    return round;
+  }
+  round.planes = problem.planes.size();
+  round.observations = problem.observations.size();
+  round.anchors = solved.poses;
+  return round;
+}
+
+// The same, out of the journal where it is there.
+Round SolveOrFind(const PartProblem& part, std::vector<SE3> anchors, bool first,
+                  ResultJournal* journal) {
+  if (journal == nullptr) return SolveRound(part, anchors, first);
+  StateArchive key;
+  std::string kind = "round";
+  key(&kind, &first, &anchors);
+  if (const auto known = journal->Find(key.written())) {
+    Round round;
+    StateArchive archive{std::string_view(*known)};
+    archive(&round);
+    return round;
+  }
+  Round round = SolveRound(part, anchors, first);
+  StateArchive archive;
+  archive(&round);
+  journal->Add(key.written(), archive.written());
+  journal->Sync();
+  return round;
+}
+
+// The anchors of a part; *result gets its figures.
+std::vector<SE3> AdjustPart(const PartProblem& part, std::vector<SE3> anchors,
+                            const SubmapBundleWork& work, SubmapBundleResult* result) {
+  const SE3 T_first = anchors.front();
+  Round last;
+  for (int i = 0; i < part.options.rounds; ++i) {
+    Round round = SolveOrFind(part, anchors, i == 0, work.journal);
+    if (!round.refusal.empty()) {
+      result->refusal = round.refusal;
+      break;
+    }
+    const Move move = LargestMove(anchors, round.anchors);
+    anchors = round.anchors;
+    last = std::move(round);
+    ++result->rounds;
+    if (work.on_round) work.on_round(result->rounds, move.m);
+    if (i > 0 && move.m < kSettledM && move.rad < kSettledRad) break;
+  }
   result->planes += last.planes;
   result->observations += last.observations;
   KeepFirst(T_first, &anchors);
@@ -257,19 +296,20 @@ void SubmapBundleOptions::Visit(OptionVisitor& v) {
 
 SubmapBundleResult AdjustSubmaps(const std::vector<const Submap*>& submaps,
                                  const AnchorGraph& graph, const SubmapBundleOptions& options,
-                                 const VoxelMapOptions& map, double noise_floor_m) {
+                                 const VoxelMapOptions& map, double noise_floor_m,
+                                 const SubmapBundleWork& work) {
   CheckOptions(options, "loops.bundle");
   SubmapBundleResult result;
   result.anchors = graph.poses;
   for (const Part& part : PartsOf(graph)) {
     if (part.submaps.size() < 2) continue;
-    std::vector<const Submap*> members;
+    PartProblem problem = {{}, part.priors, options, map, noise_floor_m};
     std::vector<SE3> anchors;
     for (const std::size_t i : part.submaps) {
-      members.push_back(submaps[i]);
+      problem.submaps.push_back(submaps[i]);
       anchors.push_back(graph.poses[i]);
     }
-    anchors = AdjustPart(members, anchors, part.priors, options, map, noise_floor_m, &result);
+    anchors = AdjustPart(problem, anchors, work, &result);
     for (std::size_t i = 0; i < anchors.size(); ++i) result.anchors[part.submaps[i]] = anchors[i];
   }
   result.largest_move_m = LargestMove(graph.poses, result.anchors).m;

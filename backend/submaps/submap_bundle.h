@@ -15,10 +15,12 @@
 #pragma once
 
 #include <cstddef>
+#include <functional>
 #include <string>
 #include <vector>
 
 #include "backend/submaps/anchor_graph.h"
+#include "backend/submaps/result_journal.h"
 #include "backend/submaps/submap.h"
 #include "core/map/voxel_map.h"
 #include "core/options/options.h"
@@ -44,10 +46,18 @@ struct SubmapBundleResult {
   std::string refusal;  // of the last part that was left as it was, if any
 };
 
+// What is told of the work, and what it goes on from. Both may be left out.
+struct SubmapBundleWork {
+  // After each round: how many there were, and how far it moved an anchor.
+  std::function<void(int, double)> on_round;
+  ResultJournal* journal = nullptr;  // keeps what rounds came to
+};
+
 // graph.poses: the anchors to start from. `noise_floor_m`: of a plane, beside its own thickness.
-// Pure function; the same bits at any number of threads. Throws OptionError.
+// Pure function but for `work`; the same bits at any number of threads. Throws OptionError.
 SubmapBundleResult AdjustSubmaps(const std::vector<const Submap*>& submaps,
                                  const AnchorGraph& graph, const SubmapBundleOptions& options,
-                                 const VoxelMapOptions& map, double noise_floor_m);
+                                 const VoxelMapOptions& map, double noise_floor_m,
+                                 const SubmapBundleWork& work = {});
 
 }  // namespace lamina

@@ -26,10 +26,11 @@ ScanMatcherOptions Coarse(ScanMatcherOptions options) {
 
 std::unique_ptr<VoxelMap> MapOf(const Submap& submap, VoxelMapOptions options) {
   auto map = std::make_unique<VoxelMap>(options);
-  for (const SubmapLeaf& leaf : submap.leaves) {
+  for (const SubmapLeaf& leaf : submap.Leaves()) {
     const PointCluster cluster = submap.Cluster(leaf);
     if (!map->CanHold(cluster.mean)) continue;
-    map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes, submap.keyframes.back().id);
+    map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes, submap.keyframes.front().id,
+                  submap.keyframes.back().id);
   }
   map->Refresh();
   return map;
@@ -94,8 +95,8 @@ SubmapTarget::SubmapTarget(const Submap& submap, const VoxelMapOptions& map) {
 SubmapQuery MakeQuery(const Submap& submap, std::vector<LeafPlane> planes,
                       const Eigen::Vector3d& up) {
   SubmapQuery query;
-  query.clusters.reserve(submap.leaves.size());
-  for (const SubmapLeaf& leaf : submap.leaves) query.clusters.push_back(submap.Cluster(leaf));
+  query.clusters.reserve(submap.LeafCount());
+  for (const SubmapLeaf& leaf : submap.Leaves()) query.clusters.push_back(submap.Cluster(leaf));
   query.upright = UprightLeaves(submap, planes, up);
   query.planes = std::move(planes);
   query.up = up;

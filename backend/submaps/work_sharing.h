@@ -21,6 +21,8 @@ struct WorkSharing {
   // Gives the bytes of this process, returns those of all, in the order of `part`. All processes
   // call it as often. Not used by one process alone.
   std::function<std::vector<std::string>(const std::string&)> exchange;
+  // The same, but the first process alone gets them: the others, nothing.
+  std::function<std::vector<std::string>(const std::string&)> gather;
 };
 
 // owner[i]: which process does item i. compute(items) returns the results of these items, in their

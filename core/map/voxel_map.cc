@@ -152,6 +152,7 @@ void VoxelMap::AddWindow(NodeId leaf, const PointCluster& cluster, std::int64_t 
   trees_.Window(&n) += ClusterMoments::Of(cluster, trees_.CentreOf(root));
   if (n.last_added != frame) n.window_frames = SaturatingAdd(n.window_frames, 1);
   n.last_added = static_cast<std::int32_t>(frame);
+  n.first_added = std::min(n.first_added, n.last_added);
 }
 
 std::vector<VoxelMap::NodeId> VoxelMap::AddFrame(const std::vector<PointCluster>& clusters,
@@ -196,9 +197,10 @@ void VoxelMap::FixWindow(NodeId leaf, const PointCluster& cluster, double weight
 }
 
 void VoxelMap::AddFixed(NodeId leaf, const PointCluster& cluster, int frames,
-                        std::int64_t last_frame) {
+                        std::int64_t first_frame, std::int64_t last_frame) {
   Mark(trees_.RootOf(leaf));
   MapLeaf& n = trees_.leaf(leaf);
+  n.first_added = std::min(n.first_added, static_cast<std::int32_t>(first_frame));
   n.last_added = std::max(n.last_added, static_cast<std::int32_t>(last_frame));
   n.fixed_frames = SaturatingAdd(n.fixed_frames, frames);
   JoinFixed(leaf, cluster);
@@ -251,6 +253,12 @@ std::int32_t VoxelMap::LastAdded(NodeId id) const {
   std::int32_t last = -1;
   trees_.ForEachLeaf(id, [&](const MapLeaf& leaf) { last = std::max(last, leaf.last_added); });
   return last;
+}
+
+std::int32_t VoxelMap::FirstAdded(NodeId id) const {
+  std::int32_t first = kNoFrame;
+  trees_.ForEachLeaf(id, [&](const MapLeaf& leaf) { first = std::min(first, leaf.first_added); });
+  return first;
 }
 
 void VoxelMap::VisitRoot(NodeId root, int min_frames, const VisitSurfel& visit) const {

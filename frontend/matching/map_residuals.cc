@@ -45,6 +45,21 @@ NormalEquations MapResiduals::At(const SE3& T, double kernel_sigma, const Matrix
   return total;
 }
 
+DirectionEvidence MapResiduals::EvidenceOfOlder(const SE3& T, double kernel_sigma,
+                                                const Matrix6d& directions,
+                                                std::int64_t before_frame) {
+  const Eigen::Matrix3d R = T.R();
+  Associate(T, R);
+  watching_ = true;
+  NormalEquations sum;
+  sum.all.directions = sum.old.directions = directions;
+  for (std::size_t i = 0; i < clusters_.size(); ++i) {
+    if (planes_[i] == nullptr || map_.FirstAdded(surfaces_[i]) >= before_frame) continue;
+    AddCluster(i, R, T.t, kernel_sigma, &sum);
+  }
+  return sum.all;
+}
+
 VoxelKey MapResiduals::BlockAround(const Eigen::Vector3d& p) {
   constexpr double kTogetherM = 4.0;
   return VoxelKeyOf(p, 1.0 / kTogetherM);

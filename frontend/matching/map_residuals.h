@@ -2,6 +2,7 @@
 // The cost is described in scan_matcher.h.
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
 #include "core/geometry/point_cluster.h"
@@ -57,6 +58,10 @@ class MapResiduals {
 
   // Evidence along the columns of *watched (scaled tangent) is gathered if it is not null.
   NormalEquations At(const SE3& T, double kernel_sigma, const Matrix6d* watched);
+
+  // What planes that have points of frames before this one say along the columns of `directions`.
+  DirectionEvidence EvidenceOfOlder(const SE3& T, double kernel_sigma, const Matrix6d& directions,
+                                    std::int64_t before_frame);
 
   // How the gradient scatters, at the pose and kernel of the last At: the sum of scan_matcher.h
   // over blocks of space, without H^-1 on both sides.

@@ -187,6 +187,8 @@ class Descent {
       result->degenerate_information(k) =
           held_.facing(k) + held_.prior(k) + kAgainstSeeming * seeming;
     }
+    result->prior_information =
+        held_.directions * held_.prior.asDiagonal() * held_.directions.transpose();
   }
 
   Matrix6d Covariance() const {
@@ -268,6 +270,15 @@ MatchResult ScanMatcher::MatchKnown(const std::vector<PointCluster>& clusters,
                                     const SE3& T_world_lidar, const KnownDirection& known,
                                     const PosePrediction& prediction, const VoxelMap& map) const {
   return Run(clusters, prediction, T_world_lidar, &known, map, true);
+}
+
+DirectionEvidence ScanMatcher::EvidenceOfOlder(const std::vector<PointCluster>& clusters,
+                                               const SE3& T_world_lidar, const VoxelMap& map,
+                                               const Matrix6d& directions,
+                                               std::int64_t before_frame) const {
+  MapResiduals residuals(options_, map, clusters);
+  return residuals.EvidenceOfOlder(T_world_lidar, options_.kernel_end_sigma, directions,
+                                   before_frame);
 }
 
 double ScanMatcher::Score(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,

@@ -136,6 +136,9 @@ struct MatchResult {
   int degenerate = 0;
   Matrix6d degenerate_directions = Matrix6d::Zero();
   Vector6d degenerate_information = Vector6d::Zero();
+  // What the covariance has from the prediction: its information along the directions that are
+  // held (scaled tangent, 1/m^2).
+  Matrix6d prior_information = Matrix6d::Zero();
 };
 
 // How much better one of two poses fits the map, in standard deviations of the sum over the
@@ -180,6 +183,12 @@ class ScanMatcher {
   MatchResult MatchKnown(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
                          const KnownDirection& known, const PosePrediction& prediction,
                          const VoxelMap& map) const;
+
+  // What planes that have points of frames before this one say of the pose along each column of
+  // `directions` (orthonormal, scaled tangent), at that pose.
+  DirectionEvidence EvidenceOfOlder(const std::vector<PointCluster>& clusters,
+                                    const SE3& T_world_lidar, const VoxelMap& map,
+                                    const Matrix6d& directions, std::int64_t before_frame) const;
 
   // How well the clusters lie on the map's planes at a pose: the mean over the clusters of
   // GemanMcClureWeight((distance / scale_m)^2) - chance, a cluster without a plane around it

@@ -179,6 +179,10 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
     DeskewClusters(clusters, frame->sweep, deskewed);
   }
   frame->match = matcher_.MatchKnown(*deskewed, T, {v, posterior.sigma_m}, prediction, map);
+  // The rest of what is known there is the planes'.
+  const double known = 1.0 / (posterior.sigma_m * posterior.sigma_m);
+  const double predicted = std::min(known, 1.0 / (sigma_m * sigma_m));
+  frame->match.prior_information += (predicted - known) * v * v.transpose();
 }
 
 bool Odometry::Unbridged(const PosePrediction& prediction, const MatchResult& match) const {
@@ -383,8 +387,10 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
 void Odometry::Accept(const OdometryFrame& frame) {
   constexpr std::size_t kRecent = 15;
   const bool tracked = frame.status == OdometryFrame::Status::kTracked;
-  motion_.Accept(frame.stamp_ns, frame.T_world_lidar, tracked, frame.match.covariance);
-  if (!tracked) accelerations_ = RecentAccelerations(options_.motion);
+  // The first scan of a map follows another one where the motion is known from elsewhere.
+  const bool follows = tracked || (frame.status == OdometryFrame::Status::kFirst && started());
+  motion_.Accept(frame.stamp_ns, frame.T_world_lidar, follows, frame.match.covariance);
+  if (!follows) accelerations_ = RecentAccelerations(options_.motion);
   if (!frame.acceleration.covariance.isZero()) accelerations_.Add(frame.acceleration);
   lost_ = false;
   if (tracked) {
@@ -408,6 +414,13 @@ void Odometry::StartOver() {
 
 void Odometry::Accept(StampNs stamp_ns, const SE3& T_world_lidar) {
   motion_.Accept(stamp_ns, T_world_lidar, motion_.started(), Matrix6d::Zero());
+}
+
+void Odometry::GoOnFrom(const Odometry& before) {
+  motion_ = before.motion_;
+  accelerations_ = before.accelerations_;
+  recent_inliers_ = before.recent_inliers_;
+  recent_fits_ = before.recent_fits_;
 }
 
 void Odometry::StartAt(const SE3& T_world_lidar) {

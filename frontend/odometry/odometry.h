@@ -112,6 +112,8 @@ class Odometry {
   // Begins anew with poses that are known otherwise: forgets all, then takes one after the other.
   void StartOver();
   void Accept(StampNs stamp_ns, const SE3& T_world_lidar);
+  // Takes over what another one knows of the motion and of how scans fit.
+  void GoOnFrom(const Odometry& before);
   // Makes this pose the last one: the next scan is expected there.
   void StartAt(const SE3& T_world_lidar);
 

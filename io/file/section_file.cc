@@ -67,7 +67,7 @@ struct SectionReader::Impl {
 
   std::string path;
   InputFile input;
-  std::uint64_t left, sections = 0;
+  std::uint64_t left, sections = 0, at = 0;
 };
 
 SectionReader::SectionReader(const std::string& path, const SectionFileKind& kind)
@@ -86,12 +86,15 @@ SectionReader::SectionReader(const std::string& path, const SectionFileKind& kin
 
 SectionReader::~SectionReader() = default;
 
+std::uint64_t SectionReader::at() const { return impl_->at; }
+
 bool SectionReader::Next(std::string* tag, std::string* bytes) {
   SectionHead head;
   impl_->Read(&head, sizeof(head));
   if (head.size > impl_->left) throw InputError(fmt::format("{}: ends too early", impl_->path));
   tag->assign(head.tag, kTagSize);
   bytes->resize(static_cast<std::size_t>(head.size));
+  impl_->at = impl_->input.size() - impl_->left;
   impl_->Read(bytes->data(), bytes->size());
   if (SectionCrc(*tag, *bytes) != head.crc) {
     throw InputError(fmt::format("{}: is damaged: the checksum of section {} differs", impl_->path,

@@ -45,6 +45,8 @@ class SectionReader {
   ~SectionReader();
   // The next section; false after the last one, which makes sure that the file is whole.
   bool Next(std::string* tag, std::string* bytes);
+  // Where in the file the bytes of the last section begin.
+  std::uint64_t at() const;
 
  private:
   struct Impl;

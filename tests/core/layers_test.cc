@@ -47,7 +47,8 @@ const std::map<std::string, std::vector<std::vector<std::string>>> kRooms = {
       {"backend/loops"},
       {"backend/localisation"},
       {"backend/bundle/formulations", "backend/mapping"},
-      {"backend/registration", "backend/calibration", "backend/session"}}},
+      {"backend/registration", "backend/calibration", "backend/session"},
+      {"backend/tiles"}}},
 };
 
 std::string RoomOf(const std::string& file) { return file.substr(0, file.rfind('/')); }

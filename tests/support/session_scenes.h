@@ -20,6 +20,7 @@ namespace lamina {
 // Options that make much happen within few scans.
 inline MappingOptions SmallMapping() {
   MappingOptions options;
+  options.loops.enabled = false;
   options.preparation.min_range_m = 0.5;
   options.preparation.max_range_m = 6.0;
   options.mapper.map.root_size_m = 0.8;

@@ -83,9 +83,10 @@ int Calibrate(const CalibrateArguments& arguments) {
     progress = new_progress();
     if (arguments.progress != "off") fmt::print(stderr, "{}", DescribePass(pass));
   };
-  const RecordingCalibration calibration =
-      CalibrateRecording(*source, range.begin, range.end, config.Mapping(), config.calibration,
-                         on_scan, on_pass, &stop);
+  MappingOptions mapping = config.Mapping();
+  mapping.loops.enabled = false;
+  const RecordingCalibration calibration = CalibrateRecording(
+      *source, range.begin, range.end, mapping, config.calibration, on_scan, on_pass, &stop);
   if (calibration.result.status == CalibrationResult::Status::kInterrupted) {
     throw InterruptedError("nothing was found");
   }

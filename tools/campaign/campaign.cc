@@ -11,6 +11,7 @@
 #include <system_error>
 
 #include "config/config.h"
+#include "config/yaml_options.h"
 #include "core/base/error.h"
 #include "core/base/stopwatch.h"
 #include "core/geometry/state_archive.h"
@@ -18,6 +19,7 @@
 #include "tools/campaign/together.h"
 #include "tools/cli/common.h"
 #include "tools/merge/drive.h"
+#include "tools/merge/keyframe_level.h"
 #include "tools/merge/merge_results.h"
 #include "tools/merge/merged_map.h"
 #include "tools/results/output_folder.h"
@@ -145,7 +147,11 @@ class Campaign {
   Outcome MapOne(const ListedRecording& recording) const {
     if (stop_) throw InterruptedError("what is mapped until now is kept; start it again to go on");
     const std::string made_of = MadeOf(recording);
-    if (HoldsText(Drive(recording.name) / kMadeOf, made_of)) return {Status::kThere, ""};
+    const fs::path drive = Drive(recording.name);
+    if (HoldsText(drive / kMadeOf, made_of) &&
+        (!ByKeyframes() || fs::exists(drive / kKeyframeFileName))) {
+      return {Status::kThere, ""};
+    }
     Stopwatch watch;
     FolderWriter folder = NewFolder(Drive(recording.name));
     RunArguments run;
@@ -156,6 +162,7 @@ class Campaign {
     if (!recording.topic.empty()) run.config.set.push_back("scans.topic=" + recording.topic);
     run.loops = "on";
     run.progress = "off";
+    run.keyframes = ByKeyframes();
     run.quiet = true;
     Outcome outcome{Status::kMapped, ""};
     try {
@@ -188,6 +195,7 @@ class Campaign {
       }
       if (folders.empty()) throw InputError("not one of the recordings could be mapped");
     });
+    if (ByKeyframes()) made_of += KeyframesToText();
     const fs::path target = fs::path(arguments_.out) / "map";
     // What was mapped just now is the same only if a kept map was made of it.
     const bool there = Count(Status::kMapped) == 0 && HoldsText(target / kMadeOf, made_of);
@@ -197,11 +205,19 @@ class Campaign {
       for (const std::string& folder : folders) drives.push_back(ReadDrive(folder));
       SortByAge(&drives);
     });
-    const MergedMap merged(drives, config_, MergedMap::Effort::kJoin, {}, Sharing());
+    MergedMap merged(drives, config_, MergedMap::Effort::kJoin, {}, Sharing());
+    std::vector<KeyframeBundleResult> keyframes;
+    if (ByKeyframes()) {
+      const KeyframeLevelOptions options{
+          arguments_.keyframes, arguments_.scratch.empty() ? arguments_.out : arguments_.scratch};
+      keyframes = AdjustKeyframesOf(drives, config_, options, Sharing(), &merged);
+      TellOf(keyframes);
+    }
     Together(ranks_, [&] {
       if (ranks_.rank() > 0) return;
       FolderWriter folder = NewFolder(target);
-      const nlohmann::json summary = WriteMerge(folder.path(), drives, merged, config_);
+      nlohmann::json summary = WriteMerge(folder.path(), drives, merged, config_);
+      if (ByKeyframes()) summary["keyframes"] = ToJson(keyframes);
       WriteTextFile((fs::path(folder.path()) / "summary.json").string(), SummaryText(summary));
       Finish(made_of, &folder);
     });
@@ -209,9 +225,35 @@ class Campaign {
                                 : fmt::format("{} maps that nothing connects", merged.frames());
   }
 
+  bool ByKeyframes() const { return arguments_.level == "keyframes"; }
+  // Of what a map by keyframes is made, beside its drives.
+  std::string KeyframesToText() const {
+    KeyframeBundleOptions options = arguments_.keyframes;
+    return "# level: keyframes\n" +
+           OptionsToYaml([&](OptionVisitor& v) { v.Group("keyframes", &options); });
+  }
+  void TellOf(const std::vector<KeyframeBundleResult>& frames) const {
+    if (ranks_.rank() > 0) return;
+    for (const KeyframeBundleResult& frame : frames) {
+      for (std::size_t i = 0; i < frame.rounds.size(); ++i) {
+        const KeyframeRound& round = frame.rounds[i];
+        spdlog::info(
+            "round {} of {} keyframes: {} planes, {} observations in {} tiles, {} blocks; cost "
+            "{:.6g} -> {:.6g} in {} steps, moved {:.4f} m; {:.2f} s to build, {:.2f} s to solve, "
+            "{} bytes of other ranks",
+            i, frame.poses.size(), round.planes, round.observations, frame.tiles, round.blocks,
+            round.initial_cost, round.final_cost, round.iterations, round.moved_m, round.build_s,
+            round.solve_s, round.bytes_received);
+      }
+      if (!frame.refusal.empty())
+        spdlog::warn("keyframes stay as submaps have them: {}", frame.refusal);
+    }
+  }
+
   WorkSharing Sharing() const {
     return {ranks_.rank(), ranks_.size(),
-            [this](const std::string& bytes) { return ranks_.Exchange(bytes); }};
+            [this](const std::string& bytes) { return ranks_.Exchange(bytes); },
+            [this](const std::string& bytes) { return ranks_.Gather(bytes); }};
   }
 
   std::size_t Count(Status status) const {

@@ -3,6 +3,9 @@
 //     map      each recording as `lamina run --loops on` does   DIR/drives/NAME
 //     join     all of them as `lamina merge` does               DIR/map
 //
+// With --level keyframes each drive keeps its keyframes (keyframes.bin), and the joined map is
+// adjusted once more by all of them (tools/merge/keyframe_level.h).
+//
 // A folder is made under a name of its own (NAME.part) and renamed when all of it is on disk. What
 // is there already, of the same scans and options (campaign.yaml in the folder), is kept: a
 // campaign that was ended, by whatever, is started again by the same command and goes on. Results
@@ -17,6 +20,7 @@
 #include <string>
 #include <vector>
 
+#include "backend/tiles/keyframe_bundle.h"
 #include "config/recording_list.h"
 #include "tools/campaign/ranks.h"
 #include "tools/cli/options.h"
@@ -25,6 +29,9 @@ namespace lamina {
 
 struct CampaignArguments {
   std::string recordings, out;
+  std::string level = "submaps";  // or keyframes
+  KeyframeBundleOptions keyframes;
+  std::string scratch;  // folder of this process for what outgrows memory; `out` if empty
   ConfigArguments config;
   int threads = 0;
 };

@@ -44,6 +44,29 @@ void AddCampaignCommand(CLI::App* app, std::function<int()>* run) {
       ->add_option("--out", arguments->out,
                    "Folder for the results, seen by all processes; what is in it already is kept")
       ->required();
+  command
+      ->add_option("--level", arguments->level,
+                   "What the last bundle adjustment moves: `submaps`, each as a whole, or all "
+                   "`keyframes`; more exact, and takes longer")
+      ->check(CLI::IsMember({"submaps", "keyframes"}))
+      ->capture_default_str();
+  KeyframeBundleOptions& keyframes = arguments->keyframes;
+  command->add_option("--keyframe-rounds", keyframes.rounds, "Its rounds of association at most")
+      ->check(CLI::Range(1, 100))
+      ->capture_default_str();
+  command
+      ->add_option("--tile-size", keyframes.tile_size_m,
+                   "Edge of the tiles of space that it holds in memory, some at once, metres")
+      ->check(CLI::Range(1.0, 10000.0))
+      ->capture_default_str();
+  command
+      ->add_option("--plane-observations", keyframes.most_observations,
+                   "Keyframes that see one plane and take part one by one; more are summed with "
+                   "their neighbours in time; 0: any number")
+      ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
+  command->add_option("--scratch", arguments->scratch,
+                      "Folder on a disk of the machine for files that outgrow memory; else --out");
   AddConfigOptions(command, "; one for all recordings", &arguments->config);
   AddThreadsOption(command, " in each process", &arguments->threads);
   command->footer(

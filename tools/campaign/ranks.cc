@@ -28,6 +28,11 @@ bool WasLaunched() {
 
 #ifdef LAMINA_HAS_MPI
 
+namespace {
+// At a time: counts of MPI are 32 bits.
+constexpr std::size_t kMostBytes = std::size_t{1} << 30;
+}  // namespace
+
 Ranks::Ranks() {
   if (!WasLaunched()) return;
   int provided = 0, rank = 0, size = 1;
@@ -51,13 +56,37 @@ std::vector<std::string> Ranks::Exchange(const std::string& mine) const {
   MPI_Allgather(&length, 1, MPI_UNSIGNED_LONG_LONG, lengths.data(), 1, MPI_UNSIGNED_LONG_LONG,
                 MPI_COMM_WORLD);
   std::vector<std::string> all(size_);
-  // In parts: counts of MPI are 32 bits.
-  constexpr std::size_t kMost = std::size_t{1} << 30;
   for (std::size_t r = 0; r < size_; ++r) {
     all[r] = r == rank_ ? mine : std::string(static_cast<std::size_t>(lengths[r]), '\0');
-    for (std::size_t at = 0; at < all[r].size(); at += kMost) {
-      MPI_Bcast(all[r].data() + at, static_cast<int>(std::min(kMost, all[r].size() - at)), MPI_BYTE,
-                static_cast<int>(r), MPI_COMM_WORLD);
+    for (std::size_t at = 0; at < all[r].size(); at += kMostBytes) {
+      MPI_Bcast(all[r].data() + at, static_cast<int>(std::min(kMostBytes, all[r].size() - at)),
+                MPI_BYTE, static_cast<int>(r), MPI_COMM_WORLD);
+    }
+  }
+  return all;
+}
+
+std::vector<std::string> Ranks::Gather(const std::string& mine) const {
+  if (!started_) return {mine};
+  constexpr int kTag = 0;
+  unsigned long long length = mine.size();
+  if (rank_ > 0) {
+    MPI_Send(&length, 1, MPI_UNSIGNED_LONG_LONG, 0, kTag, MPI_COMM_WORLD);
+    for (std::size_t at = 0; at < mine.size(); at += kMostBytes) {
+      MPI_Send(mine.data() + at, static_cast<int>(std::min(kMostBytes, mine.size() - at)), MPI_BYTE,
+               0, kTag, MPI_COMM_WORLD);
+    }
+    return {};
+  }
+  std::vector<std::string> all(size_);
+  all[0] = mine;
+  for (std::size_t r = 1; r < size_; ++r) {
+    const int from = static_cast<int>(r);
+    MPI_Recv(&length, 1, MPI_UNSIGNED_LONG_LONG, from, kTag, MPI_COMM_WORLD, MPI_STATUS_IGNORE);
+    all[r].resize(static_cast<std::size_t>(length));
+    for (std::size_t at = 0; at < all[r].size(); at += kMostBytes) {
+      MPI_Recv(all[r].data() + at, static_cast<int>(std::min(kMostBytes, all[r].size() - at)),
+               MPI_BYTE, from, kTag, MPI_COMM_WORLD, MPI_STATUS_IGNORE);
     }
   }
   return all;
@@ -80,6 +109,7 @@ Ranks::Ranks() {
 }
 Ranks::~Ranks() = default;
 std::vector<std::string> Ranks::Exchange(const std::string& mine) const { return {mine}; }
+std::vector<std::string> Ranks::Gather(const std::string& mine) const { return {mine}; }
 void Ranks::Abort(int code) const { std::exit(code); }
 
 #endif

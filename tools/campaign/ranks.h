@@ -26,6 +26,9 @@ class Ranks {
   // Gives these bytes, and returns those of all ranks, in their order.
   std::vector<std::string> Exchange(const std::string& mine) const;
 
+  // The same, but rank 0 alone gets them: the others, nothing.
+  std::vector<std::string> Gather(const std::string& mine) const;
+
   // Ends all ranks at once: for an error that the others do not know of.
   [[noreturn]] void Abort(int code) const;
 

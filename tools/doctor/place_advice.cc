@@ -149,12 +149,31 @@ class Adviser {
         "Record again with less traffic around, or start where the surroundings stand still.");
   }
 
+  // Of the scan before it in its recording.
+  std::string StatusBefore() const {
+    const std::string& sequence = table_.scans[place_.first].record.sequence;
+    for (std::size_t i = place_.first; i-- > 0;) {
+      if (table_.scans[i].record.sequence == sequence) return table_.scans[i].record.status;
+    }
+    return "";
+  }
+
   void OfNewPiece() {
     if (AfterGap()) {
       return Say(fmt::format("{:.1f} s without scans come before it, and where they go on nothing "
                              "could be matched to the map.",
                              figures_.interval_s),
                  {}, "Record without a pause, or come back to a place that is in the map already.");
+    }
+    if (StatusBefore() == "degenerate") {
+      return Say(
+          fmt::format("scans before it left a direction open, for so long that the sensor is "
+                      "known worse than {:g} m (backend.restart_after_sigma_m) against what was "
+                      "mapped before.",
+                      config_.backend.restart_after_sigma_m),
+          {"backend.restart_after_sigma_m=0"},
+          "Keep something in view that the map has and that faces the way. 0 keeps one piece, "
+          "wrong by what was left open.");
     }
     Say(fmt::format("the sensor stayed lost for {} scans (backend.restart_after_lost_frames), and "
                     "mapping began anew: the place before it is the one to mend.",

@@ -119,6 +119,8 @@ void AddLocaliseCommand(CLI::App* app, std::function<int()>* run) {
       ->capture_default_str();
   command->add_option("--set", a.trial.set,
                       "key=value of the configuration, for all; may be given repeatedly");
+  command->add_flag("--lost", a.trial.lost,
+                    "lose the sensor while it maps, for half a minute before each window");
   command->add_option("--jobs", a.jobs, "maps at once; 0: as many as there are processors")
       ->capture_default_str();
   AddProgressOption(command, &a.progress);

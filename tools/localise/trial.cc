@@ -26,6 +26,7 @@ constexpr double kOnMapM = 4.0, kOffMapM = 45.0;
 constexpr int kMostDraws = 2000;
 // Another place of the same kind.
 constexpr int kOtherSeed = 7000;
+constexpr StampNs kScanNs = 100'000'000, kDarkNs = 30'000'000'000;
 
 SynthOptions DriveOptions(const std::string& options, int seed, const std::string& more = "") {
   std::vector<std::string> texts = {options, fmt::format("--seed {}", seed)};
@@ -54,7 +55,11 @@ class CaseTrial {
   }
 
   LocalisationTrial Run() {
-    MakeMap();
+    if (options_.lost) {
+      BeginDrive();
+    } else {
+      MakeMap();
+    }
     const int windows = static_cast<int>(options_.window_s / 0.1);
     const SynthSequence visit(DriveOptions(place_.map, seed_, place_.visit));
     RunWindows(WindowKind::kOnMap, options_.on_map, visit, windows);
@@ -80,35 +85,57 @@ class CaseTrial {
                                     : DriveOptions(place_.elsewhere, seed);
   }
 
-  void MakeMap() {
-    const SynthSequence drive(DriveOptions(place_.map, seed_));
-    Mapping mapped(mapping_options_);
-    for (std::size_t i = 0; i < drive.size(); ++i) mapped.Add(drive.Generate(i));
-    mapped.Finish();
+  void MakeMapping() {
     MappingCallbacks callbacks;
     callbacks.on_look = [this](const PlaceReport& report) { OnLook(report); };
     callbacks.on_scan = [this](const MappedScan& report) { last_ = report; };
     localiser_ = std::make_unique<Mapping>(mapping_options_, callbacks);
+  }
+
+  void MakeMap() {
+    drive_.emplace(DriveOptions(place_.map, seed_));
+    Mapping mapped(mapping_options_);
+    for (std::size_t i = 0; i < drive_->size(); ++i) mapped.Add(drive_->Generate(i));
+    mapped.Finish();
+    MakeMapping();
     mapped.loops()->AddCorrectedTo(&localiser_->map());
-    std::vector<MapPlace> places;
+    CollectMap(*mapped.loops());
+    localiser_->StartLocalising(places_);
+  }
+
+  void BeginDrive() {
+    drive_.emplace(DriveOptions(place_.map, seed_));
+    MakeMapping();
+    for (std::size_t i = 0; i < drive_->size(); ++i) localiser_->Add(drive_->Generate(i));
+    drive_end_ns_ = stamp_ns_ = last_.stamp_ns;
+    CollectMap(*localiser_->loops());
+  }
+
+  // Keyframes of the drive as the map has them now.
+  void CollectMap(const PieceLoops& loops) {
+    map_.clear();
+    places_.clear();
+    trial_.pieces = 0;
     Trajectory estimate, truth;
     const double spacing_m = PlaceIndex::SpacingM(mapping_options_.loops);
-    for (const auto& [piece, closure] : mapped.loops()->pieces()) {
+    for (const auto& [piece, closure] : loops.pieces()) {
       std::vector<Eigen::Vector3d> way;
       for (std::size_t i = 0; i < closure->submaps().size(); ++i) {
         for (const SubmapKeyframe& keyframe : closure->submaps()[i].keyframes) {
+          if (keyframe.stamp_ns > drive_end_ns_) continue;
           const SE3 T_piece_lidar = closure->anchors()[i] * keyframe.T_submap_lidar;
-          const SE3 T_true = drive.TruePoseAt(SecondsBetween(0, keyframe.stamp_ns));
+          const SE3 T_true = drive_->TruePoseAt(SecondsBetween(0, keyframe.stamp_ns));
           way.push_back(T_piece_lidar.t);
           estimate.push_back({keyframe.stamp_ns, T_piece_lidar});
           truth.push_back({keyframe.stamp_ns, T_true});
-          map_.push_back({piece, T_piece_lidar, drive.T_scene_world() * T_true});
+          map_.push_back({piece, T_piece_lidar, drive_->T_scene_world() * T_true});
         }
       }
-      AddPlaces(piece, way, spacing_m, &places);
+      if (way.empty()) continue;
+      AddPlaces(piece, way, spacing_m, &places_);
       ++trial_.pieces;
     }
-    trial_.places = places.size();
+    trial_.places = places_.size();
     const SE3 align = AlignTrajectories(estimate, truth, Alignment::kSe3);
     double squares = 0.0;
     for (std::size_t i = 0; i < truth.size(); ++i) {
@@ -116,7 +143,6 @@ class CaseTrial {
     }
     trial_.map_error_m =
         std::sqrt(squares / static_cast<double>(std::max<std::size_t>(1, truth.size())));
-    localiser_->StartLocalising(places);
   }
 
   double NearestM(const Eigen::Vector3d& scene) const {
@@ -187,13 +213,39 @@ class CaseTrial {
         const Eigen::Vector3f p = R * Eigen::Vector3f(point.x, point.y, point.z);
         point.x = p.x(), point.y = p.y(), point.z = p.z();
       }
-      scan.stamp_ns = static_cast<StampNs>(i) * 100'000'000;
+      stamp_ns_ += i == 0 && options_.lost ? kDarkNs : kScanNs;
+      scan.stamp_ns = options_.lost ? stamp_ns_ : i * kScanNs;
       T_scene_lidar_ = visit.T_scene_world() * visit.TruePose(k) * carrier_;
       if (T_scene_before_) window_->way_m += (T_scene_lidar_.t - T_scene_before_->t).norm();
       T_scene_before_ = T_scene_lidar_;
       now_s_ = 0.1 * i;
-      localiser_->Add(scan, name);
+      localiser_->Add(scan, options_.lost ? "" : name);
+      if (options_.lost && !claim_) CheckMatched();
     }
+    own_pieces_.insert(begun_.begin(), begun_.end());
+    begun_.clear();
+  }
+
+  // A scan that is matched to what was mapped before has claimed a place.
+  void CheckMatched() {
+    if (last_.skipped || last_.odometry.status == OdometryFrame::Status::kLost) return;
+    const bool of_map = std::any_of(map_.begin(), map_.end(),
+                                    [&](const MapPose& pose) { return pose.piece == last_.piece; });
+    if (of_map || own_pieces_.count(last_.piece) > 0) {
+      Claim({last_.piece, last_.T_map_world});
+    } else {
+      begun_[last_.piece] = {window_->kind == WindowKind::kElsewhere,
+                             T_scene_lidar_ * last_.odometry.T_world_lidar.Inverse()};
+    }
+  }
+
+  void Claim(const FoundPlace& place) {
+    if (options_.lost) CollectMap(*localiser_->loops());
+    claim_ = place;
+    window_->claimed = true;
+    window_->after_s = now_s_;
+    Judge(place, last_.odometry.T_world_lidar, &window_->error_m, &window_->error_deg);
+    window_->right = window_->error_m <= kRightM && window_->error_deg <= kRightDeg;
   }
 
   // How far off a claim is, by the keyframe of the map that is near and agrees with it best: where
@@ -204,7 +256,14 @@ class CaseTrial {
     const SE3 T_piece_lidar = place.T_piece_own * T_own_lidar;
     *error_m = 1e3;
     *error_deg = 180.0;
-    if (window_->kind == WindowKind::kElsewhere) return;
+    const bool elsewhere = window_->kind == WindowKind::kElsewhere;
+    const auto own = own_pieces_.find(place.piece);
+    if (own != own_pieces_.end() && own->second.elsewhere == elsewhere) {
+      const SE3 expected = own->second.T_scene_piece.Inverse() * T_scene_lidar_;
+      *error_m = (expected.t - T_piece_lidar.t).norm();
+      *error_deg = RotationDeg(expected, T_piece_lidar);
+    }
+    if (elsewhere) return;
     const auto expected = [&](const MapPose& pose) {
       return pose.T_piece_lidar * pose.T_scene_lidar.Inverse() * T_scene_lidar_;
     };
@@ -222,15 +281,11 @@ class CaseTrial {
   }
 
   void OnLook(const PlaceReport& report) {
+    if (window_ == nullptr) return;  // of the drive itself
     window_->reasons.push_back(report.reason.empty() ? (report.found ? "found" : "believed once")
                                                      : report.reason);
     Reach(report);
-    if (!report.found) return;
-    claim_ = report.found;
-    window_->claimed = true;
-    window_->after_s = now_s_;
-    Judge(*report.found, last_.odometry.T_world_lidar, &window_->error_m, &window_->error_deg);
-    window_->right = window_->error_m <= kRightM && window_->error_deg <= kRightDeg;
+    if (report.found) Claim(*report.found);
   }
 
   // How far the right pose came at this look.
@@ -260,8 +315,17 @@ class CaseTrial {
   MappingOptions mapping_options_;
   synth::HashStream random_;
   LocalisationTrial trial_;
+  std::optional<SynthSequence> drive_;
   std::unique_ptr<Mapping> localiser_;
   std::vector<MapPose> map_;
+  std::vector<MapPlace> places_;
+  // Of a sensor that is lost while it maps.
+  struct OwnPiece {
+    bool elsewhere = false;
+    SE3 T_scene_piece;
+  };
+  std::map<std::int64_t, OwnPiece> own_pieces_, begun_;  // of the windows before, of this one
+  StampNs drive_end_ns_ = std::numeric_limits<StampNs>::max(), stamp_ns_ = 0;
 
   // Of the window under way.
   WindowResult* window_ = nullptr;

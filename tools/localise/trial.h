@@ -9,6 +9,10 @@
 //     off the map    of the same scene, every scan is far from all of them
 //     elsewhere      from a scene of another seed
 //
+// Or the sensor is lost while it maps: each window follows on the drive, or on the window before,
+// after half a minute of darkness, in which it was carried there. To be matched to what was mapped
+// before, without a look, is a claim as well.
+//
 // A claim is right if the last scan's pose in the map is within kRightM and kRightDeg of the truth,
 // as the map has it there: moved by what a keyframe of the map nearby is off by itself.
 #pragma once
@@ -62,6 +66,8 @@ struct LocalisationTrialOptions {
   int on_map = 20, off_map = 4, elsewhere = 4;
   double window_s = 6.0;
   std::vector<std::string> set;  // key=value of the configuration, on top of the case's
+  // The map is not finished: the windows are of the recording that makes it, each after darkness.
+  bool lost = false;
 };
 
 // Deterministic. Throws OptionError.

@@ -32,7 +32,7 @@ void CheckLeaves(const std::vector<Drive>& drives) {
 }  // namespace
 
 MergedMap::MergedMap(const std::vector<Drive>& drives, const LaminaConfig& config, Effort effort,
-                     const Progress& progress, const WorkSharing& sharing)
+                     const Work& work, const WorkSharing& sharing)
     : drives_(drives) {
   CheckLeaves(drives);
   std::vector<MapPiece> pieces;
@@ -49,19 +49,19 @@ MergedMap::MergedMap(const std::vector<Drive>& drives, const LaminaConfig& confi
   for (const Origin& origin : origins_) submaps.push_back(origin.submap);
   SubmapBundleOptions bundle = config.loops.bundle;
   if (effort == Effort::kAllPairs) {
-    Refine(submaps, config, progress);
+    Refine(submaps, config, work);
     bundle.rounds *= kMoreRounds;
   }
   bundle_ = AdjustSubmaps(submaps, joined_.graph, bundle, config.map,
-                          config.frontend.matcher.noise_floor_m);
+                          config.frontend.matcher.noise_floor_m, work.bundle);
   joined_.graph.poses = bundle_.anchors;
   CorrectDrives();
 }
 
 void MergedMap::Refine(const std::vector<const Submap*>& submaps, const LaminaConfig& config,
-                       const Progress& progress) {
+                       const Work& work) {
   RefinedGraph refined = RefineGraph(submaps, joined_.graph, config.loops, config.map,
-                                     config.frontend.matcher, progress);
+                                     config.frontend.matcher, work.on_pairs, work.bundle.journal);
   joined_.graph = std::move(refined.graph);
   joined_.loops.insert(joined_.loops.end(), refined.loops.begin(), refined.loops.end());
 }
@@ -118,10 +118,77 @@ std::vector<MergedMap::Posed> MergedMap::PosesOf(std::size_t drive) const {
   for (const DrivePose& pose : drives_[drive].poses) {
     const auto correction = corrections_.find({drive, pose.piece});
     if (correction == corrections_.end()) continue;
-    posed.push_back({frame_of_piece_.at({drive, pose.piece}), PieceNumber(drive, pose.piece), &pose,
-                     correction->second.Corrected(pose.pose.stamp_ns, pose.pose.T_world_lidar)});
+    SE3 T = correction->second.Corrected(pose.pose.stamp_ns, pose.pose.T_world_lidar);
+    const auto further = keyframe_corrections_.find({drive, pose.piece});
+    if (further != keyframe_corrections_.end())
+      T = further->second.Corrected(pose.pose.stamp_ns, T);
+    posed.push_back(
+        {frame_of_piece_.at({drive, pose.piece}), PieceNumber(drive, pose.piece), &pose, T});
   }
   return posed;
+}
+
+std::vector<std::vector<SE3>> MergedMap::KeyframePoses() const {
+  std::vector<std::vector<SE3>> poses(origins_.size());
+  for (std::size_t p = 0; p < parts_.size(); ++p) {
+    const auto& [d, f] = parts_[p];
+    const SubmapFrame& frame = drives_[d].frames[f];
+    for (std::size_t begin = 0, end = 0; begin < frame.submaps.size(); begin = end) {
+      std::vector<const Submap*> submaps;
+      std::vector<SE3> odometry, anchors;
+      for (; end < frame.submaps.size() && frame.pieces[end] == frame.pieces[begin]; ++end) {
+        submaps.push_back(&frame.submaps[end]);
+        odometry.push_back(frame.submaps[end].T_world_submap);
+        anchors.push_back(frame.graph.poses[end]);
+      }
+      const AnchorCorrection of_drive(submaps, odometry, anchors);
+      const AnchorCorrection& of_map = corrections_.at({d, frame.pieces[begin]});
+      for (std::size_t i = begin; i < end; ++i) {
+        for (const SubmapKeyframe& keyframe : frame.submaps[i].keyframes) {
+          const SE3 T = odometry[i - begin] * keyframe.T_submap_lidar;
+          poses[joined_.first_submap[p] + i].push_back(
+              of_map.Corrected(keyframe.stamp_ns, of_drive.Corrected(keyframe.stamp_ns, T)));
+        }
+      }
+    }
+  }
+  return poses;
+}
+
+void MergedMap::MoveKeyframes(const std::vector<std::vector<SE3>>& from,
+                              const std::vector<std::vector<SE3>>& to, const ReadClusters& read) {
+  struct Moves {
+    std::vector<StampNs> stamps;
+    std::vector<SE3> from, to;
+  };
+  std::map<std::pair<std::size_t, std::int64_t>, Moves> moves;
+  moved_.resize(origins_.size());
+  for (std::size_t i = 0; i < origins_.size(); ++i) {
+    const Submap& old = *origins_[i].submap;
+    SubmapOptions whole;
+    whole.length_m = 1e4;
+    whole.max_keyframes = static_cast<int>(old.keyframes.size()) + 1;
+    SubmapBuilder builder(whole, old.leaf_size_m);
+    Moves& of_piece = moves[{origins_[i].drive, origins_[i].piece}];
+    for (std::size_t k = 0; k < old.keyframes.size(); ++k) {
+      const SubmapKeyframe& keyframe = old.keyframes[k];
+      FinalKeyframe final{keyframe.id, keyframe.stamp_ns, to[i][k], {}};
+      for (const PackedCluster& cluster : read(i, k))
+        final.clusters.push_back(cluster.Unpacked(Eigen::Vector3d::Zero()).Moved(to[i][k]));
+      builder.Add(final);
+      of_piece.stamps.push_back(keyframe.stamp_ns);
+      of_piece.from.push_back(from[i][k]);
+      of_piece.to.push_back(to[i][k]);
+    }
+    Submap& made = moved_[i] = *builder.Finish();
+    joined_.graph.poses[i] = made.T_world_submap;
+    made.id = old.id;
+    made.way_m = old.way_m;
+    made.T_world_submap = old.T_world_submap;
+  }
+  for (std::size_t i = 0; i < origins_.size(); ++i) origins_[i].submap = &moved_[i];
+  for (auto& [piece, move] : moves)
+    keyframe_corrections_.try_emplace(piece, std::move(move.stamps), move.from, move.to);
 }
 
 void MergedMap::AddTo(VoxelMap* map) const {

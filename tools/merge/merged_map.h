@@ -26,11 +26,14 @@ class MergedMap {
   // Drives sorted by age, one at least; they must outlive it. Throws InputError if their submaps
   // have leaves of different sizes.
   enum class Effort { kJoin, kAllPairs };
-  // Pairs that were compared, and that are known to be due.
-  using Progress = std::function<void(std::size_t, std::size_t)>;
+  // What is told of the work with more effort, and what it goes on from; all may be left out.
+  struct Work {
+    // Pairs that were compared, and that are known to be due.
+    std::function<void(std::size_t, std::size_t)> on_pairs;
+    SubmapBundleWork bundle;  // its journal keeps the pairs, too
+  };
   MergedMap(const std::vector<Drive>& drives, const LaminaConfig& config,
-            Effort effort = Effort::kJoin, const Progress& progress = {},
-            const WorkSharing& sharing = {});
+            Effort effort = Effort::kJoin, const Work& work = {}, const WorkSharing& sharing = {});
 
   std::size_t frames() const { return members_.size(); }
   // Positions in graph() of a frame's submaps.
@@ -62,13 +65,21 @@ class MergedMap {
   // The poses of a drive; those of pieces without a submap are left out.
   std::vector<Posed> PosesOf(std::size_t drive) const;
 
+  // The poses of the keyframes of each submap, as PosesOf has those of scans.
+  std::vector<std::vector<SE3>> KeyframePoses() const;
+  // Moves keyframes, from those poses to these: submaps are made anew of their clusters, which
+  // read(submap, keyframe of it) returns, and anchors and poses follow.
+  using ReadClusters = std::function<std::vector<PackedCluster>(std::size_t, std::size_t)>;
+  void MoveKeyframes(const std::vector<std::vector<SE3>>& from,
+                     const std::vector<std::vector<SE3>>& to, const ReadClusters& read);
+
   // All submaps of all frames, each a piece of the map.
   void AddTo(VoxelMap* map) const;
 
  private:
   void AddOrigins();
   void Refine(const std::vector<const Submap*>& submaps, const LaminaConfig& config,
-              const Progress& progress);
+              const Work& work);
   void NumberFrames();
   void CorrectDrives();
 
@@ -81,6 +92,9 @@ class MergedMap {
   std::vector<std::vector<std::size_t>> members_;  // of each frame
   // Of each piece of each drive.
   std::map<std::pair<std::size_t, std::int64_t>, AnchorCorrection> corrections_;
+  // After those, where keyframes have been moved.
+  std::map<std::pair<std::size_t, std::int64_t>, AnchorCorrection> keyframe_corrections_;
+  std::vector<Submap> moved_;  // what origins_ point to then
   std::map<std::pair<std::size_t, std::int64_t>, std::size_t> frame_of_piece_;
   std::map<std::pair<std::size_t, std::int64_t>, std::int64_t> numbers_;
 };

@@ -52,7 +52,9 @@ std::shared_ptr<const SynthSequence> MakeSequence(const Promise& promise, int se
 }
 
 MappingOptions OptionsOf(const Promise& promise, const std::vector<std::string>& set) {
-  std::vector<std::string> key_values = promise.set;
+  // Poses are judged scan by scan as odometry has them.
+  std::vector<std::string> key_values = {"loops.enabled=false"};
+  key_values.insert(key_values.end(), promise.set.begin(), promise.set.end());
   key_values.insert(key_values.end(), set.begin(), set.end());
   return LoadConfig(promise.config, key_values).Mapping();
 }

@@ -43,7 +43,11 @@ class MappedScan:
         """Of a skip."""
     @property
     def pose(self) -> npt.NDArray[np.float64]:
-        """(4, 4), as known when the scan was added; bundle adjustment may move it later."""
+        """(4, 4), as known when the scan was added, in the frame of odometry, which never jumps;
+        bundle adjustment may move it later."""
+    @property
+    def pose_in_map(self) -> npt.NDArray[np.float64]:
+        """(4, 4), the same in the map as loops have corrected it by then. It may jump."""
     @property
     def covariance(self) -> npt.NDArray[np.float64]:
         """(6, 6) of the pose relative to the map: rotation (rad), then translation (m)."""
@@ -129,8 +133,9 @@ class Mapping:
         """Scans [first, last) of a recording, read ahead on all cores."""
     def finish(self) -> None:
         """No more scans come: one last bundle adjustment."""
-    def trajectory(self) -> Trajectory:
-        """Poses of all scans, as known now."""
+    def trajectory(self, frame: str = "map") -> Trajectory:
+        """Poses of all scans, as known now: in the "map", as loops have corrected it, or in "odom",
+        the frame of MappedScan.pose."""
     def surfels(self, min_frames: Optional[int] = None) -> Surfels:
         """Planes that so many scans have seen; as configured (2) if None."""
     @property

@@ -85,9 +85,18 @@ class PyMapping {
     finished_ = true;
   }
 
-  PoseList Poses() const {
-    PoseList poses = final_;
-    if (!finished_) mapping_.ShowOpenPoses([&](const FinalPose& pose) { Append(pose, &poses); });
+  // In the frame of the map, as loops have corrected it by now, or in that of odometry.
+  PoseList Poses(const std::string& frame) const {
+    if (frame != "map" && frame != "odom") throw OptionError("frame must be map or odom");
+    std::vector<FinalPose> all = final_;
+    if (!finished_) mapping_.ShowOpenPoses([&](const FinalPose& pose) { all.push_back(pose); });
+    PoseList poses;
+    const PieceLoops* const loops = frame == "map" ? mapping_.loops() : nullptr;
+    for (FinalPose& pose : all) {
+      SE3& T = pose.pose.T_world_lidar;
+      if (loops != nullptr) T = loops->Corrected(pose.piece, pose.pose.stamp_ns, T);
+      poses.Add(pose.pose, pose.skipped, pose.piece);
+    }
     return poses;
   }
 
@@ -133,17 +142,14 @@ class PyMapping {
   }
 
  private:
-  static void Append(const FinalPose& pose, PoseList* poses) {
-    poses->Add(pose.pose, pose.skipped, pose.piece);
-  }
   MappingCallbacks Callbacks() {
     MappingCallbacks callbacks;
-    callbacks.on_final_pose = [this](const FinalPose& pose) { Append(pose, &final_); };
+    callbacks.on_final_pose = [this](const FinalPose& pose) { final_.push_back(pose); };
     return callbacks;
   }
 
   MappingOptions options_;
-  PoseList final_;
+  std::vector<FinalPose> final_;
   bool finished_ = false;
   Mapping mapping_;
 };
@@ -192,6 +198,9 @@ void BindMapping(py::module_* m) {
       .def_property_readonly(
           "pose", [](const MappedScan& s) { return PoseArray(s.odometry.T_world_lidar); })
       .def_property_readonly(
+          "pose_in_map",
+          [](const MappedScan& s) { return PoseArray(s.T_map_world * s.odometry.T_world_lidar); })
+      .def_property_readonly(
           "covariance",
           [](const MappedScan& s) { return Eigen::MatrixXd(s.odometry.match.covariance); })
       .def_property_readonly("inlier_share",
@@ -217,7 +226,7 @@ void BindMapping(py::module_* m) {
       .def("add_recording", &PyMapping::AddRecording, py::arg("recording"), py::arg("first") = 0,
            py::arg("last") = py::none())
       .def("finish", &PyMapping::Finish)
-      .def("trajectory", &PyMapping::Poses)
+      .def("trajectory", &PyMapping::Poses, py::arg("frame") = "map")
       .def("surfels", &PyMapping::Surfels, py::arg("min_frames") = py::none())
       .def_property_readonly("counts", &PyMapping::Counts);
 }

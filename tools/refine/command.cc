@@ -10,14 +10,18 @@
 #include <vector>
 
 #include "core/base/error.h"
+#include "io/file/checksum.h"
 #include "io/file/folder_writer.h"
+#include "io/file/text_input.h"
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"
 #include "tools/merge/drive.h"
 #include "tools/merge/merge_results.h"
 #include "tools/merge/merged_map.h"
+#include "tools/refine/journal.h"
 #include "tools/results/output_folder.h"
 #include "tools/results/process_report.h"
+#include "tools/results/submap_file.h"
 
 namespace lamina {
 namespace {
@@ -41,6 +45,12 @@ void CheckOut(const RefineArguments& arguments) {
                   arguments.out));
 }
 
+// Of what results follow from.
+std::uint32_t MadeOf(const std::string& session, const LaminaConfig& config) {
+  const std::string submaps = ReadFile((fs::path(session) / kSubmapFileName).string());
+  return Crc32(ResultOptionsToYaml(config), Crc32(submaps));
+}
+
 int Refine(const RefineArguments& arguments) {
   const auto limit = LimitThreads(arguments.threads);
   CheckOut(arguments);
@@ -53,13 +63,22 @@ int Refine(const RefineArguments& arguments) {
   fs::path out = fs::absolute(arguments.out).lexically_normal();
   if (!out.has_filename()) out = out.parent_path();
   FolderWriter folder(out, out.string() + ".partial");
-  const MergedMap refined(drives, config, MergedMap::Effort::kAllPairs,
-                          [](std::size_t done, std::size_t due) {
-                            spdlog::info("compared {} of {} pairs of submaps", done, due);
-                          });
+  JournalFile journal(out.string() + ".progress", MadeOf(arguments.session, config));
+  if (journal.found() > 0)
+    spdlog::info("going on with {} results of an earlier call", journal.found());
+  MergedMap::Work work;
+  work.on_pairs = [](std::size_t done, std::size_t due) {
+    spdlog::info("compared {} of {} pairs of submaps", done, due);
+  };
+  work.bundle.on_round = [](int round, double move_m) {
+    spdlog::info("adjusted anchors, round {}: {:.3f} m at most", round, move_m);
+  };
+  work.bundle.journal = &journal;
+  const MergedMap refined(drives, config, MergedMap::Effort::kAllPairs, work);
   const nlohmann::json summary = WriteMerge(folder.path(), drives, refined, config);
   WriteTextFile((fs::path(folder.path()) / "summary.json").string(), SummaryText(summary));
   folder.Commit();
+  journal.Remove();
   fmt::print(
       "{} submaps, {} loops accepted that were not known; anchors adjusted in {} rounds by {} "
       "planes, {:.3f} m at most\n",
@@ -84,7 +103,9 @@ void AddRefineCommand(CLI::App* app, std::function<int()>* run) {
       ->required();
   command
       ->add_option("--out", arguments->out,
-                   "Folder for the results, which must not be there; it appears when all is done")
+                   "Folder for the results, which must not be there; it appears when all is done. "
+                   "What is done until then is in OUT.progress: after an interruption the same "
+                   "command goes on with it")
       ->required();
   AddConfigOptions(command, "; that of the session if left out", &arguments->config);
   AddThreadsOption(command, "", &arguments->threads);

@@ -22,9 +22,11 @@
 #include "core/base/error.h"
 #include "core/base/printable_text.h"
 #include "io/map/trajectory_io.h"
+#include "io/store/byte_file.h"
 #include "io/store/tile_store.h"
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"
+#include "tools/results/keyframe_file.h"
 #include "tools/results/output_folder.h"
 #include "tools/results/piece_trajectories.h"
 #include "tools/results/process_report.h"
@@ -257,6 +259,7 @@ int RunRecording(const RunArguments& arguments) {
   const double cpu_start = ProcessCpuSeconds();
   RunFigures figures;
   TileStore tiles(output.Path("map_tiles.scratch"), TileStore::Lifetime::kScratch);
+  ByteFile submaps(output.Path("submaps.scratch"), ByteFile::Lifetime::kScratch);
   const Mapping* running = nullptr;
   MappingCallbacks callbacks;
   callbacks.on_scan = [&](const MappedScan& report) {
@@ -267,11 +270,19 @@ int RunRecording(const RunArguments& arguments) {
     progress.Step();
   };
   callbacks.on_final_pose = [&](const FinalPose& pose) { output.Add(pose); };
-  Mapping mapping(config.Mapping(), callbacks, &tiles);
+  std::optional<KeyframeWriter> keyframes;
+  if (arguments.keyframes) {
+    keyframes.emplace(output.Path(kKeyframeFileName));
+    callbacks.on_final_keyframe = [&](std::int64_t piece, const FinalKeyframe& keyframe) {
+      keyframes->Add(piece, keyframe);
+    };
+  }
+  Mapping mapping(config.Mapping(), callbacks, &tiles, &submaps);
   running = &mapping;
   const std::size_t processed =
       MapScans(*source, {range.begin, range.begin, range.end}, &mapping, &stop);
   mapping.Finish();
+  if (keyframes) keyframes->Commit();
   std::optional<CorrectedMap> corrected;
   std::optional<JoinedRun> joined;
   if (const PieceLoops* const loops = mapping.loops(); loops != nullptr) {
@@ -335,8 +346,8 @@ void AddRunCommand(CLI::App* app, std::function<int()>* run) {
   command
       ->add_option(
           "--loops", a.loops,
-          "on: find places that are visited again, and correct map and trajectory by them; "
-          "else as loops.enabled of the configuration")
+          "Whether to find places that are visited again, and to correct map and trajectory by "
+          "them; else as loops.enabled of the configuration, which is on")
       ->check(CLI::IsMember({"on", "off"}));
   AddProgressOption(command, &a.progress);
   command->callback([arguments, run] { *run = [arguments] { return RunRecording(*arguments); }; });

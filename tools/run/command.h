@@ -21,7 +21,8 @@ struct RunArguments {
   ConfigArguments config;
   std::string loops;  // on, off, or as the configuration has it
   int threads = 0;
-  bool quiet = false;  // neither the opening lines nor the summary: one of many recordings
+  bool keyframes = false;  // the clusters of each keyframe are kept (keyframe_file.h)
+  bool quiet = false;      // neither the opening lines nor the summary: one of many recordings
 };
 
 // Maps a recording and returns the exit code. Throws InputError, OptionError, OutputError or

@@ -79,7 +79,7 @@ nlohmann::json LoopSummary(const JoinedRun& run) {
   nlohmann::json pieces = nlohmann::json::array();
   for (const auto& [piece, closure] : run.pieces()) {
     submaps += closure->submaps().size();
-    for (const Submap& submap : closure->submaps()) leaves += submap.leaves.size();
+    for (const Submap& submap : closure->submaps()) leaves += submap.LeafCount();
     counts.Add(closure->loops());
     double most = 0.0;
     for (std::size_t i = 0; i < closure->submaps().size(); ++i) {

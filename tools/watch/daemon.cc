@@ -257,6 +257,7 @@ void WatchDaemon::OnScan(const MappedScan& report, const ScanRecord& row) {
                                      row.scan, 100.0 * row.inlier_share));
   }
   verdict_.Add(row);
+  if (!report.skipped) T_map_world_ = report.T_map_world;
   degenerate_directions_ = report.skipped ? 0 : report.odometry.match.degenerate;
   map_peak_bytes_ = std::max(map_peak_bytes_, session_->mapping().map().bytes());
   queries_.AnswerSlice(session_->mapping().map(), setup_.config.backend.min_surfel_frames);
@@ -348,6 +349,7 @@ void WatchDaemon::ShowStatus(LiveState state) {
   status.map_budget_bytes = static_cast<std::size_t>(map.options().BudgetBytes());
   status.tiles_on_disk = session_->stored_roots();
   status.degenerate_directions = degenerate_directions_;
+  status.T_map_world = T_map_world_;
   status.verdict = verdict_.Judge();
   status.failure = room_.wanted();
   {

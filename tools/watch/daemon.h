@@ -97,6 +97,7 @@ class WatchDaemon {
   std::size_t rejected_ = 0, late_ = 0;
   RepeatedLines repeated_;
   int degenerate_directions_ = 0;
+  SE3 T_map_world_;  // of the newest scan
   std::size_t map_peak_bytes_ = 0;
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   std::chrono::system_clock::time_point start_on_clock_ = std::chrono::system_clock::now();

@@ -19,8 +19,10 @@ nlohmann::json CheckpointJson(const LiveReport& report) {
           {"write_ms", c.write_ms}};
 }
 
-nlohmann::json PoseJson(const std::optional<LivePose>& pose) {
+// By odometry, which never jumps; or, by T_map_world, in the map that loops have corrected.
+nlohmann::json PoseJson(std::optional<LivePose> pose, const SE3& T_map_world = SE3()) {
   if (!pose) return nullptr;
+  pose->T_world_lidar = T_map_world * pose->T_world_lidar;
   const Eigen::Vector3d& t = pose->T_world_lidar.t;
   const Eigen::Quaterniond& q = pose->T_world_lidar.q;
   return {{"index", pose->index},
@@ -113,6 +115,7 @@ std::string StatusJson(const LiveReport& r) {
                          {"failed_solves", s.failed_solves},
                          {"checkpoint", CheckpointJson(r)},
                          {"last_pose", PoseJson(r.last)},
+                         {"last_pose_in_map", PoseJson(r.last, s.T_map_world)},
                          {"verdict", ToJson(s.verdict)},
                          {"degenerate_now", s.degenerate_directions > 0},
                          {"degenerate_directions", s.degenerate_directions},

@@ -85,7 +85,9 @@ struct LiveStatus {
   std::size_t queue = 0;  // complete files that wait in the inbox
   std::size_t map_bytes = 0, map_budget_bytes = 0, map_surfels = 0, tiles_on_disk = 0;
   int degenerate_directions = 0;  // of the newest frame; 0: every direction is held by the scene
-  RunVerdict verdict;             // on all scans so far
+  // Of the newest frame: from the frame of its pose to that of the map as loops have corrected it.
+  SE3 T_map_world;
+  RunVerdict verdict;  // on all scans so far
   std::optional<Checkpoint> checkpoint;
   std::string last_error;  // the newest that the stream survived; empty: none so far
   std::string failure;     // why the stream stands still; empty: it does not

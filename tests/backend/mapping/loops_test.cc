@@ -8,6 +8,7 @@
 #include "backend/mapping/mapping.h"
 #include "core/base/parallel.h"
 #include "tests/support/drifting_drive.h"
+#include "tests/support/memory_byte_store.h"
 #include "tests/support/memory_voxel_store.h"
 
 namespace lamina {
@@ -33,17 +34,18 @@ struct Outcome {
   std::vector<SE3> odometry, corrected;  // final poses
   std::size_t planes = 0;                // of the map that scans were matched to
   std::size_t accepted = 0;
+  std::size_t leaves = 0;  // of submaps, in memory
   std::string bits;
 };
 
-Outcome MapLaps(bool loops, std::size_t scans = Scans().size()) {
+Outcome MapLaps(bool loops, ByteStore* submaps = nullptr) {
   Outcome outcome;
   std::vector<FinalPose> poses;
   MappingCallbacks callbacks;
   callbacks.on_final_pose = [&](const FinalPose& pose) { poses.push_back(pose); };
   MemoryVoxelStore store;
-  Mapping mapping(LapOptions(loops), callbacks, &store);
-  for (std::size_t i = 0; i < scans; ++i) outcome.scans.push_back(mapping.Add(Scans()[i]));
+  Mapping mapping(LapOptions(loops), callbacks, &store, submaps);
+  for (const Scan& scan : Scans()) outcome.scans.push_back(mapping.Add(scan));
   StateArchive bits;
   mapping.map().ForEachSurface(2, [&](Surfel s) {
     ++outcome.planes;
@@ -61,6 +63,7 @@ Outcome MapLaps(bool loops, std::size_t scans = Scans().size()) {
   }
   if (mapping.loops() != nullptr) {
     for (const auto& [piece, closure] : mapping.loops()->pieces()) {
+      for (const Submap& submap : closure->submaps()) outcome.leaves += submap.leaves.size();
       for (const Loop& loop : closure->loops())
         outcome.accepted += loop.status == Loop::Status::kAccepted ? 1 : 0;
     }
@@ -121,6 +124,15 @@ TEST(LoopsInTheStream, TheSameBitsAtAnyNumberOfThreads) {
   const Outcome& some = WithLoops();
   const ThreadLimit limit(1);
   EXPECT_EQ(MapLaps(true).bits, some.bits);
+}
+
+TEST(LoopsInTheStream, SubmapsThatAreStoredLeaveMemoryAndNothingElseChanges) {
+  MemoryByteStore store;
+  const Outcome outcome = MapLaps(true, &store);
+  EXPECT_EQ(outcome.bits, WithLoops().bits);
+  EXPECT_EQ(outcome.leaves, 0U);
+  EXPECT_EQ(store.size(), WithLoops().leaves * sizeof(SubmapLeaf));
+  EXPECT_GT(store.reads, 0);
 }
 
 TEST(LoopsInTheStream, NothingOfTheMappingChangesBeforeALoop) {

@@ -65,8 +65,14 @@ LostOutcome MapWithDark(const Town& after, double share = 0.0) {
   return outcome;
 }
 
+// After the dark in the town that it was in before.
+const LostOutcome& InTheSameTown() {
+  static const LostOutcome outcome = MapWithDark(Town(1, 90.0));
+  return outcome;
+}
+
 TEST(LostWhileMapping, FoundWhereItHasBeenWithinThreeSeconds) {
-  const LostOutcome outcome = MapWithDark(Town(1, 90.0));
+  const LostOutcome& outcome = InTheSameTown();
   ASSERT_EQ(outcome.counts.found, 1U);
   const std::optional<std::size_t> after = outcome.FoundAfter();
   ASSERT_TRUE(after.has_value());
@@ -91,7 +97,7 @@ TEST(LostWhileMapping, WhereItHasNotBeenItStaysAPieceOfItsOwn) {
 }
 
 TEST(LostWhileMapping, TheSameBitsAtAnyNumberOfThreads) {
-  const std::string bits = MapWithDark(Town(1, 90.0)).bits;
+  const std::string& bits = InTheSameTown().bits;
   const ThreadLimit limit(1);
   EXPECT_EQ(MapWithDark(Town(1, 90.0)).bits, bits);
 }

@@ -42,6 +42,7 @@ std::vector<Scan> WalkScans(unsigned seed) {
 
 MappingOptions Options() {
   MappingOptions options;
+  options.loops.enabled = false;
   options.preparation.min_range_m = 0.5;
   options.mapper.backend.window.frames = 6;
   options.mapper.backend.solve_every_keyframes = 3;

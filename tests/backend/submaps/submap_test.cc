@@ -4,6 +4,7 @@
 
 #include <vector>
 
+#include "tests/support/memory_byte_store.h"
 #include "tests/support/random_scenes.h"
 
 namespace lamina {
@@ -49,6 +50,31 @@ TEST(SubmapBuilder, EachKeyframeIsInExactlyOneSubmap) {
   EXPECT_EQ(next, 13);
   EXPECT_DOUBLE_EQ(points, 13.0 * 500.0);
   EXPECT_NEAR(submaps[0].way_m, 20.0, 1e-9);
+}
+
+TEST(Submap, LeavesThatAreStoredAreReadWhereTheyAreLookedAt) {
+  Submap submap = Build({}, 3, {0, 0, 0}).at(0);
+  const std::size_t count = submap.leaves.size();
+  StateArchive before, after, beside;
+  submap.Archive(before);
+  MemoryByteStore store;
+  submap.StoreIn(&store);
+  submap.Release();
+  EXPECT_TRUE(submap.leaves.empty());
+  EXPECT_EQ(submap.LeafCount(), count);
+  EXPECT_EQ(submap.Leaves().size(), count);
+  submap.Archive(after);
+  EXPECT_EQ(after.written(), before.written());
+  submap.ArchiveBeside(&store, beside);
+  EXPECT_LT(beside.written().size() + count * sizeof(SubmapLeaf), before.written().size() + 100);
+  StateArchive reading(beside.written());
+  Submap again;
+  again.ArchiveBeside(&store, reading);
+  EXPECT_EQ(again.Leaves().size(), count);
+  StateArchive without(beside.written());
+  EXPECT_THROW(Submap().ArchiveBeside(nullptr, without), InputError);
+  store.damaged = true;
+  EXPECT_EQ(submap.Leaves().size(), 0U);
 }
 
 TEST(SubmapBuilder, ManyKeyframesOnTheSpotEndASubmap) {

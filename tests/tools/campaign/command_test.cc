@@ -43,6 +43,20 @@ class CampaignTest : public RunTest {
     return {"campaign", "--recordings",           list, "--out", Path(out),
             "--set",    "loops.submap.length_m=8"};
   }
+  std::vector<std::string> ByKeyframes(const std::string& list, const std::string& out) const {
+    std::vector<std::string> arguments = Arguments(list, out);
+    arguments.insert(arguments.end(), {"--level", "keyframes", "--tile-size", "15"});
+    return arguments;
+  }
+  // Under mpirun. Returns what it said.
+  std::string InRanks(int ranks, const std::vector<std::string>& arguments) const {
+    std::string command = "mpirun --allow-run-as-root --oversubscribe -n " + std::to_string(ranks);
+    command += std::string(" ") + LAMINA_PROGRAM;
+    for (const std::string& argument : arguments) command += " '" + argument + "'";
+    command += " > '" + Path("stdout") + "' 2> '" + Path("stderr") + "'";
+    EXPECT_NE(std::system(command.c_str()), 0);  // one is left out
+    return Bytes(Path("stderr"));
+  }
   nlohmann::json Figures(const std::string& out) const {
     return nlohmann::json::parse(Bytes(Path(out + "/campaign.json")));
   }
@@ -94,16 +108,43 @@ TEST_F(CampaignTest, HasTheSameBytesUnderMpi) {
   Lamina(Arguments(list, "alone"));
   for (const int ranks : {2, 3}) {
     const std::string out = "ranks" + std::to_string(ranks);
-    std::string command = "mpirun --allow-run-as-root --oversubscribe -n " + std::to_string(ranks);
-    command += std::string(" ") + LAMINA_PROGRAM;
-    for (const std::string& argument : Arguments(list, out)) command += " '" + argument + "'";
-    command += " > '" + Path("stdout") + "' 2> '" + Path("stderr") + "'";
-    EXPECT_NE(std::system(command.c_str()), 0);  // one is left out
-    const std::string said = Bytes(Path("stderr"));
+    const std::string said = InRanks(ranks, Arguments(list, out));
     if (said.find("built without MPI") != std::string::npos)
       GTEST_SKIP() << "the program was built without MPI (Debian: libopenmpi-dev)";
     ASSERT_TRUE(fs::exists(Path(out + "/campaign.json"))) << said;
     EXPECT_EQ(Figures(out)["ranks"], ranks);
+    ExpectSame("alone", out);
+  }
+}
+
+TEST_F(CampaignTest, KeyframesAreAdjustedTogetherWithTheSameBytes) {
+  const std::string list = WriteList();
+  const Outcome alone = Lamina(ByKeyframes(list, "alone"));
+  ASSERT_TRUE(fs::exists(Path("alone/map/summary.json"))) << alone.err;
+  EXPECT_TRUE(fs::exists(Path("alone/drives/first/keyframes.bin")));
+  const nlohmann::json frames =
+      nlohmann::json::parse(Bytes(Path("alone/map/summary.json")))["keyframes"];
+  ASSERT_EQ(frames.size(), 1U);
+  EXPECT_GT(frames[0]["keyframes"], 40);
+  EXPECT_GT(frames[0]["tiles"], 2);
+  EXPECT_LT(frames[0]["rounds"][0]["cost"], frames[0]["rounds"][0]["cost_before"]);
+  // Of the same drives, which have no keyframes then, by submaps alone.
+  Lamina(Arguments(list, "submaps"));
+  EXPECT_EQ(Bytes(Path("alone/drives/first/submaps.bin")),
+            Bytes(Path("submaps/drives/first/submaps.bin")));
+  EXPECT_NE(Bytes(Path("alone/map/submaps.bin")), Bytes(Path("submaps/map/submaps.bin")));
+  // What is there is kept; the drives that lack their keyframes are mapped again.
+  EXPECT_THAT(Lamina(ByKeyframes(list, "alone")).out, HasSubstr("their map is there already"));
+  Lamina(ByKeyframes(list, "submaps"));
+  ExpectSame("alone", "submaps");
+  if (std::system("command -v mpirun > /dev/null 2>&1") != 0)
+    GTEST_SKIP() << "mpirun is not installed (Debian: openmpi-bin)";
+  for (const int ranks : {2, 3}) {
+    const std::string out = "ranks" + std::to_string(ranks);
+    const std::string said = InRanks(ranks, ByKeyframes(list, out));
+    if (said.find("built without MPI") != std::string::npos)
+      GTEST_SKIP() << "the program was built without MPI (Debian: libopenmpi-dev)";
+    ASSERT_TRUE(fs::exists(Path(out + "/campaign.json"))) << said;
     ExpectSame("alone", out);
   }
 }
@@ -115,6 +156,12 @@ TEST_F(CampaignTest, WrongUseIsSaid) {
   EXPECT_THAT(none.err, HasSubstr("not one of the recordings could be mapped"));
   EXPECT_EQ(Lamina(Arguments(Write("wrong.yaml", "recording:\n"), "out")).code, 2);
   const std::string scans = WriteRecording("scans", Street(2));
+  std::vector<std::string> level = Arguments(list, "out");
+  level.insert(level.end(), {"--level", "points"});
+  EXPECT_EQ(Lamina(level).code, 2);
+  level.back() = "keyframes";
+  level.insert(level.end(), {"--tile-size", "0"});
+  EXPECT_EQ(Lamina(level).code, 2);
   const Outcome within =
       Lamina(Arguments(Write("within.yaml", "recordings:\n  - scans\n"), "scans/out"));
   EXPECT_EQ(within.code, 2);

@@ -37,6 +37,22 @@ TEST(LocalisationReport, CountsWhatIsInTimeLaterWrongAndWhyNot) {
   EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 6);
 }
 
+TEST(LocalisationTrial, ASensorThatIsLostWhileItMapsIsFoundWhereItHasBeenAndNowhereElse) {
+  const LocalisationCase hall = {
+      "hall",        "handheld", "--scene hall --sensor vlp16 --points 14400 --frames 250",
+      "--speed 1.5", 5.0,        "--scene room --sensor vlp16 --points 14400 --frames 100"};
+  LocalisationTrialOptions options;
+  options.lost = true;
+  options.on_map = 2;
+  options.off_map = 0;
+  options.elsewhere = 1;
+  const LocalisationTrial trial = RunLocalisationTrial(hall, 1, options);
+  ASSERT_EQ(trial.windows.size(), 3u);
+  EXPECT_EQ(WrongClaims({trial}), 0u);
+  EXPECT_TRUE(trial.windows[0].right) << trial.windows[0].stage;
+  EXPECT_FALSE(trial.windows[2].claimed);
+}
+
 TEST(LocalisationTrial, WindowsOfAnotherVisitAreFoundAndThoseOfAnotherPlaceAreNot) {
   const LocalisationCase hall = {
       "hall",        "handheld", "--scene hall --sensor vlp16 --points 14400 --frames 250",

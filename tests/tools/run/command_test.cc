@@ -33,9 +33,12 @@ TEST_F(RunCommandTest, LeavesAllItsFiles) {
   for (const auto& file : std::filesystem::directory_iterator(Path("out"))) {
     names.push_back(file.path().filename().string());
   }
-  EXPECT_THAT(names, testing::UnorderedElementsAre("config.yaml", "frames.csv", "map_surfels.ply",
-                                                   "summary.json", "trajectory_kitti.txt",
-                                                   "trajectory_tum.txt"));
+  EXPECT_THAT(names,
+              testing::UnorderedElementsAre(
+                  "config.yaml", "frames.csv", "graph.g2o", "loops.csv", "map_surfels.ply",
+                  "submaps.bin", "summary.json", "trajectory_kitti.txt", "trajectory_tum.txt",
+                  "trajectory_live_kitti.txt", "trajectory_live_tum.txt",
+                  "trajectory_odometry_kitti.txt", "trajectory_odometry_tum.txt"));
   EXPECT_THAT(Lines(Bytes(Path("out/trajectory_kitti.txt"))), SizeIs(12));
   EXPECT_THAT(Bytes(Path("out/map_surfels.ply")), StartsWith("ply\n"));
   const Trajectory tum = ReadTrajectory(Path("out/trajectory_tum.txt"), {});

@@ -168,6 +168,7 @@ TEST_F(HttpServerTest, StatusTellsWhatTheBoardKnows) {
   LiveStatus status;
   status.state = LiveState::kMapping;
   status.frames = 3;
+  status.T_map_world.t.x() = 0.5;
   status.verdict = {RunVerdict::Grade::kWrong, {"20 % of the scans are lost"}, "Look."};
   status.last_error = "bad \xff name";
   status.checkpoint = LiveStatus::Checkpoint{2, 1000, 4.5, {}};
@@ -185,6 +186,7 @@ TEST_F(HttpServerTest, StatusTellsWhatTheBoardKnows) {
   EXPECT_EQ(s["checkpoint"]["frame"], 2);
   EXPECT_EQ(s["last_pose"]["position_m"][0], 3.0);
   EXPECT_EQ(s["last_pose"]["stamp_ns"], "300000000");
+  EXPECT_EQ(s["last_pose_in_map"]["position_m"][0], 3.5);
   EXPECT_EQ(s["run_id"], view_.run_id());
   EXPECT_GT(s["rss_bytes"], 1000000);
   EXPECT_GT(s["rate_hz"], 0.0);

@@ -1,0 +1,118 @@
+#include "backend/mapping/degenerate_stretch.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+#include "core/base/angle.h"
+#include "frontend/matching/degeneracy.h"
+
+namespace lamina {
+namespace {
+
+// Information in a match's covariance (scaled) but for the prediction's share.
+Matrix6d MeasuredInformation(const MatchResult& match) {
+  constexpr double kLeast = 1e-6;  // m^2
+  const Matrix6d covariance = TimesArm(match.covariance) + kLeast * Matrix6d::Identity();
+  const Matrix6d left = Matrix6d(covariance.inverse()) - match.prior_information;
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(left);
+  return solver.eigenvectors() * solver.eigenvalues().cwiseMax(0.0).asDiagonal() *
+         solver.eigenvectors().transpose();
+}
+
+}  // namespace
+
+void DegenerateStretch::Begin(std::int64_t next_keyframe) {
+  open_ = true;
+  settled_ = 0;
+  first_keyframe_ = next_keyframe;
+  covariance_.setZero();
+}
+
+void DegenerateStretch::Follow(const OdometryFrame& frame,
+                               const std::vector<TimedCluster>& clusters, const VoxelMap& map,
+                               std::int64_t next_keyframe) {
+  const bool matched = frame.status == OdometryFrame::Status::kTracked;
+  if (!open_ && any_ && matched && frame.match.degenerate > 0) Begin(next_keyframe);
+  if (open_) {
+    Move(frame, SecondsBetween(stamp_ns_, frame.stamp_ns));
+    if (matched) {
+      const Matrix6d measured = MeasuredInformation(frame.match);
+      Compare(frame, clusters, map, measured);
+    }
+    const bool determined = matched && frame.match.degenerate == 0;
+    settled_ = determined ? settled_ + 1 : 0;
+    if (settled_ == 1) settled_keyframe_ = next_keyframe;
+    if (determined && SigmaM() <= matcher_.options().max_direction_sigma_m) Forget();
+  }
+  any_ = true;
+  stamp_ns_ = frame.stamp_ns;
+  T_world_lidar_ = frame.T_world_lidar;
+}
+
+void DegenerateStretch::Move(const OdometryFrame& frame, double dt) {
+  constexpr double kLeastS = 1e-3;
+  dt = std::max(dt, kLeastS);
+  const double turn = kRotationArmM * kDegree * motion_.turn_acceleration_sigma_deg_s2 * dt;
+  const double way = motion_.acceleration_sigma_m_s2 * dt;
+  covariance_.diagonal().segment<3>(6).array() += turn * turn;
+  covariance_.diagonal().tail<3>().array() += way * way;
+  if (frame.status == OdometryFrame::Status::kTracked)
+    Learn(6, dt * dt * MeasuredInformation(frame.match));
+  const SE3 T_last_this = T_world_lidar_.Inverse() * frame.T_world_lidar;
+  Matrix12d F = Matrix12d::Identity();
+  F.topLeftCorner<3, 3>() = T_last_this.R().transpose();
+  F.block<3, 3>(3, 0) = -T_world_lidar_.R() * Hat(T_last_this.t) / kRotationArmM;
+  F.topRightCorner<6, 6>() = dt * Matrix6d::Identity();
+  covariance_ = F * covariance_ * F.transpose();
+}
+
+void DegenerateStretch::Learn(int block, const Matrix6d& information) {
+  // P - P_b (P_bb + M^-1)^-1 P_b' without the inverse of M, which may be singular.
+  const Eigen::Matrix<double, 12, 6> across = covariance_.middleCols<6>(block);
+  const Matrix6d inside = covariance_.block<6, 6>(block, block);
+  const Matrix6d gain = information * (Matrix6d::Identity() + inside * information).inverse();
+  covariance_ -= across * gain * across.transpose();
+  covariance_ = 0.5 * (covariance_ + covariance_.transpose()).eval();
+}
+
+void DegenerateStretch::Compare(const OdometryFrame& frame,
+                                const std::vector<TimedCluster>& clusters, const VoxelMap& map,
+                                const Matrix6d& measured) {
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(covariance_.topLeftCorner<6, 6>());
+  const Matrix6d& directions = solver.eigenvectors();
+  const DirectionEvidence evidence = matcher_.EvidenceOfOlder(
+      DeskewClusters(clusters, frame.sweep), frame.T_world_lidar, map, directions, first_keyframe_);
+  const ScanMatcherOptions& o = matcher_.options();
+  Matrix6d information = Matrix6d::Zero();
+  for (int k = 0; k < 6; ++k) {
+    // The fewer clusters, the likelier it is that all of them are wrong.
+    const double trust = std::min(1.0, evidence.Facing(k) / o.min_facing_clusters);
+    const Vector6d v = directions.col(k);
+    const double along = std::min(evidence.information(k), v.dot(measured * v));
+    information += trust * trust * along * v * v.transpose();
+  }
+  Learn(0, information);
+}
+
+double DegenerateStretch::SigmaM() const {
+  if (!open_) return 0.0;
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(covariance_.topLeftCorner<6, 6>(),
+                                                       Eigen::EigenvaluesOnly);
+  return std::sqrt(std::max(0.0, solver.eigenvalues()(5)));
+}
+
+void DegenerateStretch::Widen(MatchResult* match) const {
+  if (!open_) return;
+  match->covariance += DividedByArm(Matrix6d(covariance_.topLeftCorner<6, 6>()));
+  if (SigmaM() > matcher_.options().max_direction_sigma_m)
+    match->degenerate = std::max(1, match->degenerate);
+}
+
+void DegenerateStretch::Archive(StateArchive& a) {
+  a(&open_, &settled_, &settled_keyframe_, &first_keyframe_, &any_, &stamp_ns_, &T_world_lidar_);
+  a.Bytes(covariance_.data(), sizeof(double) * 144);
+}
+
+}  // namespace lamina

@@ -1,0 +1,82 @@
+// What a stretch of scans that were degenerate leaves unknown of the poses after it.
+//
+// A pose that is held along a direction is where the prediction has it, and the next one begins
+// there: errors add up until the sensor sees again what tells the direction. What it sees then may
+// have entered the map in the stretch itself. Such planes hold the pose to what the stretch made of
+// it, and a scan that matches them well is as wrong against the map from before as they are.
+//
+// Followed is the error x of the pose against the map from before the stretch, and that of the
+// velocity, v (scaled tangent of frontend/matching/degeneracy.h, per second), by a Kalman filter of
+// their covariance alone. From scan to scan, dt apart,
+//
+//     v' = v + a dt,    x' = F x + v' dt,
+//
+// a being the sensor's acceleration (MotionOptions) and F what a turned pose makes of the way to
+// the next one. A match tells of v' dt what its covariance says without the prediction's share,
+// M = C^-1 - (prior information); along directions that planes older than the stretch determine it
+// tells of x' as well.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "core/geometry/scan.h"
+#include "core/geometry/se3.h"
+#include "core/geometry/state_archive.h"
+#include "core/map/voxel_map.h"
+#include "frontend/odometry/odometry.h"
+
+namespace lamina {
+
+// Not thread-safe; deterministic.
+class DegenerateStretch {
+ public:
+  explicit DegenerateStretch(const OdometryOptions& options)
+      : matcher_(options.matcher), motion_(options.motion) {}
+
+  // A frame, before its scan enters the map; `next_keyframe` is the number of the next keyframe.
+  void Follow(const OdometryFrame& frame, const std::vector<TimedCluster>& clusters,
+              const VoxelMap& map, std::int64_t next_keyframe);
+
+  // By how much the newest pose may be wrong against what was mapped before, along the direction
+  // that is known least: a standard deviation. 0 if there is no stretch.
+  double SigmaM() const;
+  // Scans determine all directions again, but none sees enough of what was mapped before: what is
+  // unknown stays so.
+  bool over() const { return open_ && settled_ >= kSettled; }
+  // The first keyframe of these scans, if one of them became one.
+  std::int64_t settled_keyframe() const { return settled_keyframe_; }
+  void Forget() { open_ = false; }
+  // The match of the newest frame, as one with the map from before the stretch: with what that
+  // leaves unknown in its covariance, and degenerate where it is more than a direction may be.
+  void Widen(MatchResult* match) const;
+
+  void Archive(StateArchive& a);
+
+ private:
+  using Matrix12d = Eigen::Matrix<double, 12, 12>;
+
+  void Begin(std::int64_t next_keyframe);
+  void Move(const OdometryFrame& frame, double dt);
+  // Takes in information about a block of the state: x (0) or v (6).
+  void Learn(int block, const Matrix6d& information);
+  void Compare(const OdometryFrame& frame, const std::vector<TimedCluster>& clusters,
+               const VoxelMap& map, const Matrix6d& measured);
+
+  // Scans that must determine all directions in a row: the next one may see the map from before.
+  static constexpr int kSettled = 5;
+
+  ScanMatcher matcher_;
+  MotionOptions motion_;
+  bool open_ = false;
+  int settled_ = 0;
+  std::int64_t settled_keyframe_ = 0;
+  std::int64_t first_keyframe_ = 0;  // that may have entered the map in it
+  // Of the last frame.
+  bool any_ = false;
+  StampNs stamp_ns_ = 0;
+  SE3 T_world_lidar_;
+  Matrix12d covariance_ = Matrix12d::Zero();
+};
+
+}  // namespace lamina

@@ -1,0 +1,77 @@
+// Poses that bundle adjustment may still move: those of the keyframes in the window, and of the
+// frames that hang on them.
+//
+// A frame is registered in the middle of its sweep and wanted at its scan's stamp. It keeps its way
+// from its keyframe, and moves with that.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+
+#include "backend/mapping/scan_tracker.h"
+#include "core/geometry/scan.h"
+#include "core/geometry/state_archive.h"
+#include "core/geometry/sweep_motion.h"
+
+namespace lamina {
+
+class OpenPoses {
+ public:
+  // Keyframes have numbers, the next one this.
+  std::int64_t NextKeyframe() const {
+    return first_id_ + static_cast<std::int64_t>(keyframes_.size());
+  }
+  bool any_keyframe() const { return !keyframes_.empty(); }
+  const SE3& newest_keyframe() const { return keyframes_.back(); }
+  void AddKeyframe(const SE3& T_world_lidar) { keyframes_.push_back(T_world_lidar); }
+  SE3& Keyframe(std::int64_t id) { return keyframes_[static_cast<std::size_t>(id - first_id_)]; }
+  const SE3& Keyframe(std::int64_t id) const {
+    return keyframes_[static_cast<std::size_t>(id - first_id_)];
+  }
+  // Before any: the first one has this number.
+  void CountFrom(std::int64_t keyframe) { first_id_ = keyframe; }
+  void ForgetKeyframes() { keyframes_.clear(); }
+
+  // The frame of a scan, on the newest keyframe. What moved the sensor within the one before is
+  // better known now.
+  void Add(const MapperScan& scan, const OdometryFrame& frame);
+  // Frame i is here after all, on the newest keyframe.
+  void Set(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep);
+  std::size_t size() const { return frames_.size(); }
+  // From the stamp of the oldest frame to the middle of its sweep.
+  StampNs FirstMiddleNs() const { return frames_.front().middle_ns; }
+  // Of the oldest frame, in the middle of its sweep.
+  StampedPose FirstMiddle() const { return MiddleOf(frames_.front()); }
+
+  // At their stamps, those of the frames on keyframes before `first_open`, and of all scans with a
+  // number below `before_scan`, which nothing will move any more.
+  Trajectory TakeFinal(std::int64_t first_open, std::int64_t before_scan);
+  // Those of all others, as known now.
+  Trajectory AtStamps() const;
+
+  void Archive(StateArchive& a);
+
+ private:
+  struct Frame {
+    std::int64_t scan = 0;
+    StampNs stamp_ns = 0, middle_ns = 0;  // MapperScan
+    // The keyframe that it hangs on (itself, if it is one). kNoKeyframe: none, T_keyframe_lidar is
+    // T_world_lidar.
+    static constexpr std::int64_t kNoKeyframe = -1;
+    std::int64_t keyframe_id = kNoKeyframe;
+    SE3 T_keyframe_lidar;  // in the middle of the sweep
+    SE3 T_middle_stamp;    // what the sensor moved between
+  };
+
+  // In the middle of its sweep, and at its stamp.
+  StampedPose MiddleOf(const Frame& frame) const;
+  StampedPose PoseOf(const Frame& frame) const;
+
+  std::deque<Frame> frames_;
+  // Poses of the keyframes in the window, and of those before them on which frames hang.
+  std::deque<SE3> keyframes_;
+  std::int64_t first_id_ = 0;  // of the first of them
+};
+
+}  // namespace lamina

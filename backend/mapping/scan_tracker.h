@@ -1,0 +1,83 @@
+// The sensor of one recording in one piece of the map: odometry, and the track of its scans while
+// it is lost. A Mapper makes the map from what this finds; a Localiser leaves it as it is.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "backend/mapping/mapper_options.h"
+#include "core/geometry/scan.h"
+#include "core/geometry/state_archive.h"
+#include "core/map/voxel_map.h"
+#include "frontend/odometry/lost_track.h"
+#include "frontend/odometry/odometry.h"
+
+namespace lamina {
+
+// A scan as a mapper takes it.
+struct MapperScan {
+  std::int64_t number = 0;  // increases from scan to scan, and so does the stamp
+  StampNs stamp_ns = 0;
+  bool stamp_made_up = false;                     // Scan::stamp_made_up
+  std::vector<TimedCluster>* clusters = nullptr;  // taken if the scan becomes a keyframe
+  // The instant after the stamp from which the clusters' times count. Poses in the window are those
+  // at that instant, the middle of a sweep: motion within the scan that is not steady shifts a
+  // point by acceleration * time^2 / 2, which is four times as much from one end.
+  StampNs middle_ns = 0;
+};
+
+struct RegisteredScan {
+  OdometryFrame odometry;
+  bool keyframe = false;
+  // This scan is to begin a piece of its own, and was left out of this one: lost for so long, after
+  // scans that agree with one another, and that the map does not have (rain and spray begin no
+  // map), or tracked, but at an unknown place against what was mapped before.
+  bool to_restart = false;
+  // Then: the motion up to this scan is known, and the piece begins with the keyframes before it.
+  bool goes_on = false;
+};
+
+// Not thread-safe; deterministic.
+class ScanTracker {
+ public:
+  // Those of `options` that say how scans are matched, and when a lost one is to begin a piece.
+  explicit ScanTracker(const MapperOptions& options);
+
+  // Begins anew where these poses lead.
+  void StartAfter(const Trajectory& last);
+
+  // Takes over what another one knows of the motion and of how scans fit.
+  void GoOnFrom(const ScanTracker& before) { odometry_.GoOnFrom(before.odometry_); }
+
+  // Pose of a scan, its stamp that of the middle of its sweep. Brings back what the map had where
+  // the scan is expected, and leaves it as it is. `map_is_older` than the drive: see Odometry.
+  OdometryFrame Register(StampNs stamp_ns, bool stamp_made_up,
+                         const std::vector<TimedCluster>& clusters, VoxelMap* map,
+                         bool map_is_older);
+  // What became of it: one of these two.
+  void Accept(const OdometryFrame& frame);
+  void Lose(const OdometryFrame& frame, const std::vector<TimedCluster>& clusters);
+
+  bool lost() const { return odometry_.lost(); }
+  // Whether a lost scan is to begin a piece of its own.
+  bool MayRestart() const;
+
+  Odometry& odometry() { return odometry_; }
+  // Forgets all that it knows of the way.
+  void StartOver();
+
+  void Archive(StateArchive& a);
+
+ private:
+  // Of a scan that follows a lost one.
+  OdometryFrame FindAgain(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
+                          const VoxelMap& map);
+
+  Odometry odometry_;
+  LostTrack lost_track_;
+  int restart_after_lost_frames_;
+  bool pieces_are_found_;
+  int lost_in_a_row_ = 0;
+};
+
+}  // namespace lamina

@@ -1,0 +1,145 @@
+#include "backend/tiles/keyframe_bundle.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iomanip>
+#include <sstream>
+
+#include "backend/tiles/tiled_model.h"
+#include "core/base/stopwatch.h"
+
+namespace lamina {
+namespace {
+
+// Planes may be so much thicker in the first round.
+constexpr double kFirstThickness = 2.0;
+// What is done when keyframes move by less, root mean square.
+constexpr double kSettledM = 0.0005, kSettledRad = 5e-5;
+constexpr BundleAdjusterOptions kSolver = {20, 1e-6, 20};
+
+class KeyframeBundle {
+ public:
+  KeyframeBundle(const KeyframeSource& keyframes, const BundleProblem& ties,
+                 const KeyframeBundleOptions& options, const VoxelMapOptions& map,
+                 const SlidingWindowOptions& weights, const WorkSharing& sharing,
+                 const MakeSpool& make_spool)
+      : keyframes_(keyframes),
+        ties_(ties),
+        options_(options),
+        map_(map),
+        weights_(weights),
+        sharing_(sharing),
+        make_spool_(make_spool) {}
+
+  KeyframeBundleResult Run() {
+    result_.poses = ties_.poses;
+    const std::vector<SE3> start = ties_.poses;
+    for (int round = 0; round < options_.rounds; ++round) {
+      if (!Round(round)) break;
+      const KeyframeRound& last = result_.rounds.back();
+      if (round > 0 && last.moved_m < kSettledM && last.moved_rad < kSettledRad) break;
+    }
+    if (result_.rounds.empty()) return result_;
+    result_.initial_misfit_m = MisfitAt(start);
+    result_.final_misfit_m = MisfitAt(result_.poses);
+    if (result_.final_misfit_m >= result_.initial_misfit_m) {
+      result_.poses = start;
+      std::ostringstream text;
+      text << std::setprecision(4) << "its map is no better: " << 1e3 * result_.final_misfit_m
+           << " against " << 1e3 * result_.initial_misfit_m << " mm from its planes";
+      result_.refusal = text.str();
+    }
+    return result_;
+  }
+
+ private:
+  // False if its poses do not count.
+  bool Round(int number) {
+    KeyframeRound round;
+    Stopwatch watch;
+    TiledProblem::Options options{map_, weights_,
+                                  static_cast<std::size_t>(options_.most_observations)};
+    if (number == 0) options.map.max_thickness_m *= kFirstThickness;
+    const TiledClusters clusters(keyframes_, result_.poses, options.map, options_.tile_size_m,
+                                 sharing_, make_spool_);
+    const TiledProblem problem(clusters, result_.poses, options, sharing_, make_spool_);
+    result_.tiles = clusters.size();
+    round.planes = problem.planes();
+    round.observations = problem.observations();
+    if (round.planes < static_cast<std::uint64_t>(kSolver.min_planes)) {
+      result_.refusal = "too few planes are seen by two keyframes or more";
+      return false;
+    }
+    ties_.poses = result_.poses;
+    TiledModel model(problem, ties_, sharing_);
+    round.build_s = 1e-3 * watch.LapMilliseconds();
+    const BundleResult solved =
+        MinimiseInTrustRegion(ties_.poses, kSolver, nullptr, /*may_keep=*/false, &model);
+    round.solve_s = 1e-3 * watch.LapMilliseconds();
+    if (!solved.usable()) {
+      result_.refusal = "the solver failed";
+      return false;
+    }
+    round.blocks = model.blocks();
+    round.bytes_received = model.bytes_received();
+    round.iterations = solved.iterations;
+    round.initial_cost = solved.initial_cost;
+    round.final_cost = solved.final_cost;
+    double m2 = 0.0, rad2 = 0.0, most_m = 0.0;
+    for (std::size_t k = 0; k < solved.poses.size(); ++k) {
+      const double m = (solved.poses[k].t - ties_.poses[k].t).norm();
+      most_m = std::max(most_m, m);
+      m2 += m * m;
+      rad2 += std::pow(RotationAngle(solved.poses[k], ties_.poses[k]), 2);
+    }
+    if (most_m > map_.root_size_m) {
+      result_.refusal = "a keyframe was carried farther than a voxel";
+      return false;
+    }
+    const auto n = static_cast<double>(solved.poses.size());
+    round.moved_m = std::sqrt(m2 / n);
+    round.moved_rad = std::sqrt(rad2 / n);
+    result_.rounds.push_back(round);
+    result_.poses = solved.poses;
+    return true;
+  }
+
+  double MisfitAt(const std::vector<SE3>& poses) const {
+    constexpr double kSize = 1.25, kShift = 0.37;  // in root voxels
+    VoxelMapOptions map = map_;
+    map.root_size_m *= kSize;
+    std::vector<SE3> shifted = poses;
+    for (SE3& T : shifted) T.t.array() += kShift * map_.root_size_m;
+    const TiledClusters clusters(keyframes_, shifted, map, options_.tile_size_m, sharing_,
+                                 make_spool_);
+    return TiledMisfit(clusters, shifted, map, weights_, sharing_);
+  }
+
+  const KeyframeSource& keyframes_;
+  BundleProblem ties_;
+  const KeyframeBundleOptions options_;
+  const VoxelMapOptions& map_;
+  const SlidingWindowOptions& weights_;
+  const WorkSharing& sharing_;
+  const MakeSpool& make_spool_;
+  KeyframeBundleResult result_;
+};
+
+}  // namespace
+
+void KeyframeBundleOptions::Visit(OptionVisitor& v) {
+  v.Integer("rounds", &rounds, 1, 100);
+  v.Number("tile_size_m", &tile_size_m, 1.0, 10000.0);
+  v.Integer("most_observations", &most_observations, 0, 1000000);
+}
+
+KeyframeBundleResult AdjustKeyframes(const KeyframeSource& keyframes, const BundleProblem& ties,
+                                     const KeyframeBundleOptions& options,
+                                     const VoxelMapOptions& map,
+                                     const SlidingWindowOptions& weights,
+                                     const WorkSharing& sharing, const MakeSpool& make_spool) {
+  CheckOptions(options, "keyframes");
+  return KeyframeBundle(keyframes, ties, options, map, weights, sharing, make_spool).Run();
+}
+
+}  // namespace lamina

@@ -1,0 +1,93 @@
+#include "io/store/byte_file.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <filesystem>
+#include <utility>
+
+#include "core/base/error.h"
+#include "io/file/checksum.h"
+#include "io/file/disk_room.h"
+#include "io/file/file_writer.h"
+
+namespace lamina {
+
+namespace fs = std::filesystem;
+
+ByteFile::ByteFile(std::string path, Lifetime lifetime)
+    : path_(std::move(path)), lifetime_(lifetime) {
+  if (lifetime_ == Lifetime::kScratch) {
+    unlink(path_.c_str());
+    return;
+  }
+  if (lifetime_ == Lifetime::kKept) {
+    Make();
+    SyncFolder(fs::absolute(path_).parent_path().string());
+  } else {
+    file_ = open(path_.c_str(), O_RDONLY | O_CLOEXEC);
+  }
+  struct stat status {};
+  if (file_ >= 0 && fstat(file_, &status) == 0) size_ = static_cast<std::uint64_t>(status.st_size);
+}
+
+ByteFile::~ByteFile() {
+  if (file_ < 0) return;
+  close(file_);
+  if (lifetime_ == Lifetime::kScratch) unlink(path_.c_str());
+}
+
+void ByteFile::Make() {
+  constexpr mode_t kAsOthers = 0644;
+  file_ = open(path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kAsOthers);
+  if (file_ < 0) ThrowNotWritten(path_, "cannot be created", errno);
+}
+
+std::optional<StoredBytes> ByteFile::Append(std::string_view bytes) {
+  if (lifetime_ == Lifetime::kReadOnly) return std::nullopt;
+  if (file_ < 0) Make();
+  const StoredBytes place = {size_, bytes.size(), Crc32(bytes)};
+  std::uint64_t at = size_;
+  while (!bytes.empty()) {
+    const ssize_t put = pwrite(file_, bytes.data(), bytes.size(), static_cast<off_t>(at));
+    if (put < 0 && errno == EINTR) continue;
+    if (put <= 0) ThrowNotWritten(path_, "cannot be written", put < 0 ? errno : ENOSPC);
+    bytes.remove_prefix(static_cast<std::size_t>(put));
+    at += static_cast<std::uint64_t>(put);
+  }
+  size_ = at;
+  return place;
+}
+
+bool ByteFile::Read(const StoredBytes& place, char* to) const {
+  std::uint64_t got = 0;
+  while (got < place.size) {
+    const ssize_t more =
+        pread(file_, to + got, place.size - got, static_cast<off_t>(place.at + got));
+    if (more < 0 && errno == EINTR) continue;
+    if (more <= 0) return false;
+    got += static_cast<std::uint64_t>(more);
+  }
+  return Crc32({to, place.size}) == place.checksum;
+}
+
+void ByteFile::RollBackTo(std::uint64_t size) {
+  if (size > size_) {
+    throw InputError(
+        fmt::format("{}: has lost its end: {} bytes of {} are there", path_, size_, size));
+  }
+  if (lifetime_ == Lifetime::kReadOnly || size == size_) return;
+  if (ftruncate(file_, static_cast<off_t>(size)) != 0)
+    ThrowNotWritten(path_, "cannot be shortened", errno);
+  size_ = size;
+}
+
+void ByteFile::SyncToDisk() const {
+  if (file_ < 0) return;
+  if (fdatasync(file_) != 0) ThrowNotWritten(path_, "cannot be written", errno);
+}
+
+}  // namespace lamina

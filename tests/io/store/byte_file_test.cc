@@ -1,0 +1,71 @@
+#include "io/store/byte_file.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include "core/base/error.h"
+#include "tests/support/io_test_files.h"
+
+namespace lamina {
+namespace {
+
+class ByteFileTest : public FilesTest {
+ protected:
+  static std::string Of(const ByteFile& file, const StoredBytes& place) {
+    std::string bytes(place.size, '\0');
+    return file.Read(place, bytes.data()) ? bytes : "damaged";
+  }
+};
+
+TEST_F(ByteFileTest, WhatWasAppendedIsReadAgainAlsoByTheNextProcess) {
+  StoredBytes first, second;
+  {
+    ByteFile file(Path("bytes"), ByteFile::Lifetime::kKept);
+    first = *file.Append("one");
+    second = *file.Append("and two");
+    file.SyncToDisk();
+    EXPECT_EQ(Of(file, first), "one");
+  }
+  ByteFile again(Path("bytes"), ByteFile::Lifetime::kKept);
+  EXPECT_EQ(again.size(), 10U);
+  EXPECT_EQ(Of(again, second), "and two");
+  again.RollBackTo(3);
+  EXPECT_EQ(Of(again, second), "damaged");
+  EXPECT_EQ(again.Append("and 2!!")->at, second.at);
+  EXPECT_EQ(Of(again, second), "damaged");
+  EXPECT_THROW(again.RollBackTo(100), InputError);
+}
+
+TEST_F(ByteFileTest, AReaderLeavesAllAsItIs) {
+  EXPECT_EQ(ByteFile(Path("none"), ByteFile::Lifetime::kReadOnly).size(), 0U);
+  StoredBytes place;
+  {
+    ByteFile file(Path("bytes"), ByteFile::Lifetime::kKept);
+    place = *file.Append("something");
+    file.Append("more");
+  }
+  ByteFile reader(Path("bytes"), ByteFile::Lifetime::kReadOnly);
+  EXPECT_FALSE(reader.Append("else"));
+  reader.RollBackTo(9);
+  EXPECT_EQ(Of(reader, place), "something");
+  EXPECT_EQ(std::filesystem::file_size(Path("bytes")), 13U);
+  EXPECT_FALSE(std::filesystem::exists(Path("none")));
+}
+
+TEST_F(ByteFileTest, DamageIsFoundAndAScratchFileGoes) {
+  {
+    ByteFile scratch(Path("scratch"), ByteFile::Lifetime::kScratch);
+    EXPECT_FALSE(std::filesystem::exists(Path("scratch")));
+    const StoredBytes place = *scratch.Append("bytes");
+    std::fstream(Path("scratch"), std::ios::in | std::ios::out).write("B", 1);
+    EXPECT_EQ(Of(scratch, place), "damaged");
+  }
+  EXPECT_FALSE(std::filesystem::exists(Path("scratch")));
+}
+
+}  // namespace
+}  // namespace lamina
