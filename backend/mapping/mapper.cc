@@ -29,11 +29,18 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   result.odometry = Register(scan);
   OdometryFrame& frame = result.odometry;
   const bool started_over = start_.open() && FollowStart(scan, &frame);
+  if (start_.given_up() && may_restart) {
+    matched_ = false;  // not as it should be: nothing of it is to stay
+    result.to_restart = true;
+    MoveToStamp(scan.middle_ns, &frame);
+    return result;
+  }
   stretch_.Follow(frame, *scan.clusters, *map_, open_.NextKeyframe());
   if (stretch_.over()) {
     const double most = options_.backend.restart_after_sigma_m;
     result.to_restart = may_restart && most > 0.0 && stretch_.SigmaM() > most;
     if (result.to_restart) {
+      result.goes_on = true;
       MoveToStamp(scan.middle_ns, &frame);
       return result;
     }
@@ -73,6 +80,12 @@ bool Mapper::FollowStart(const MapperScan& scan, OdometryFrame* frame) {
     start_.Clear();
   }
   frame->match.covariance += start_.Spread(frame->T_world_lidar);
+  MatchResult& match = frame->match;
+  if (start_.unsettled() && frame->status == OdometryFrame::Status::kTracked &&
+      match.degenerate == 0) {
+    match.degenerate = 1;
+    match.degenerate_directions.col(0) = match.weakest_direction;
+  }
   return overruled;
 }
 

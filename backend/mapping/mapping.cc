@@ -263,9 +263,9 @@ RegisteredScan Mapping::Register(Recording* recording, MappedScan* report,
   RegisteredScan frame = recording->Process(scan, map_.RoomForPiece());
   if (frame.to_restart) {
     // Where the sensor is, or would be had it not been lost: what is drawn stays readable.
-    const bool lost = frame.odometry.status == OdometryFrame::Status::kLost;
-    const SE3 start = lost ? frame.odometry.T_world_predicted : frame.odometry.T_world_lidar;
-    const bool follows = !lost && map_.CanHold(start.t);
+    const SE3 start =
+        frame.goes_on ? frame.odometry.T_world_lidar : frame.odometry.T_world_predicted;
+    const bool follows = frame.goes_on && map_.CanHold(start.t);
     std::vector<WindowFrame> settled;
     if (follows) settled = recording->mapper->mapper().SettledFrames();
     recording->before.push_back(recording->piece);

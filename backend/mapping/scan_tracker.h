@@ -33,6 +33,8 @@ struct RegisteredScan {
   // scans that agree with one another, and that the map does not have (rain and spray begin no
   // map), or tracked, but at an unknown place against what was mapped before.
   bool to_restart = false;
+  // Then: the motion up to this scan is known, and the piece begins with the keyframes before it.
+  bool goes_on = false;
 };
 
 // Not thread-safe; deterministic.

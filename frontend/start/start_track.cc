@@ -3,15 +3,11 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <utility>
 
 #include "core/geometry/robust_kernel.h"
-#include "core/map/voxel_key.h"
-#include "frontend/matching/direction_profile.h"
 #include "frontend/matching/plane_score.h"
 #include "frontend/odometry/odometry.h"
-#include "frontend/start/block_votes.h"
 
 namespace lamina {
 namespace {
@@ -21,7 +17,8 @@ constexpr double kScaleM = 0.06;
 constexpr double kSameM = 0.1;
 // Scans farther apart leave more open than matching from a prediction can bridge.
 constexpr double kMostGapS = 0.25;
-constexpr std::size_t kMostHypotheses = 6, kMostScans = 8;
+// So many are enough where they tell a steady motion, and at the latest it is decided.
+constexpr std::size_t kManyScans = 8, kMostScans = 13;
 
 // How much a cluster at p that meets this plane counts along u, as far as it fits.
 double FitAlong(const Surface& plane, const Eigen::Vector3d& p, const Eigen::Vector3d& u) {
@@ -59,7 +56,7 @@ StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& ma
 }
 
 void StartTrack::Clear() {
-  open_ = overruled_ = unsure_ = false;
+  open_ = overruled_ = unsure_ = given_up_ = false;
   scans_.clear();
   hypotheses_.clear();
 }
@@ -77,20 +74,18 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
     open_m_ = frame.open_m;
     open_along_ = frame.match.weakest_direction.tail<3>();
   }
+  if (frame.match.worst_sigma_m > open_sigma_m_) ++without_planes_;
   // A turn that is open is none of a steady way.
   constexpr double kMostlyWay = 0.7;
-  unsure_ = all_tracked_ && open_along_.norm() > kMostlyWay;
+  unsure_ = open_along_.norm() > kMostlyWay;
   if (scans_.size() == 2) {
     Begin(frame);
   } else {
-    const bool followed = followed_ && Follow(&hypotheses_.front());
-    std::vector<Hypothesis> left;
-    for (std::size_t i = 0; i < hypotheses_.size(); ++i) {
-      const bool first = i == 0 && followed_;
-      if (first ? followed : Follow(&hypotheses_[i])) left.push_back(std::move(hypotheses_[i]));
+    std::vector<Hypothesis> followed;
+    for (const Hypothesis& hypothesis : hypotheses_) {
+      for (Hypothesis& next : Follow(hypothesis)) followed.push_back(std::move(next));
     }
-    hypotheses_ = std::move(left);
-    followed_ = followed;
+    hypotheses_ = std::move(followed);
   }
   Decide();
 }
@@ -127,15 +122,12 @@ Vector6d StartTrack::Twist(const std::vector<SE3>& poses, std::size_t scan) cons
 }
 
 std::vector<SE3> StartTrack::Minima(const std::vector<PointCluster>& clusters,
-                                    const SE3& T_world_lidar, const VoxelMap& map) const {
+                                    const SE3& T_world_lidar, const VoxelMap& map, double middle_m,
+                                    double reach_m) const {
   constexpr double kStepM = 0.5 * kScaleM, kLeastFacing = 0.3, kLeastShare = 0.3;
-  const double gap_s = SecondsBetween(scans_[0].stamp_ns, scans_[1].stamp_ns);
-  const double reach_m = reach_m_s_ * gap_s + kStepM;
   // The clusters that may meet a plane facing u at all.
   std::vector<Eigen::Vector3d> points;
   const double voxel_m = map.options().LeafSize();
-  // Along u the sensor may have moved so far to either side of where it was.
-  const double middle_m = u_.dot(scans_[0].T_world_lidar.t - T_world_lidar.t);
   for (const PointCluster& cluster : clusters) {
     const Eigen::Vector3d p = T_world_lidar * cluster.mean;
     bool faces = false;
@@ -173,24 +165,6 @@ std::vector<SE3> StartTrack::Minima(const std::vector<PointCluster>& clusters,
   return poses;
 }
 
-double StartTrack::Better(const Hypothesis& a, const Hypothesis& b) const {
-  constexpr double kTogetherM = 4.0;
-  std::map<VoxelKey, double> differences;
-  std::size_t i = 0;
-  for (std::size_t k = 1; k < scans_.size(); ++k) {
-    for (const TimedCluster& cluster : scans_[k].clusters) {
-      if (a.fits[i] >= 0.0F && b.fits[i] >= 0.0F) {
-        differences[VoxelKeyOf(cluster.points.mean, 1.0 / kTogetherM)] +=
-            static_cast<double>(a.fits[i] - b.fits[i]);
-      }
-      ++i;
-    }
-  }
-  BlockVotes votes;
-  for (const auto& [block, difference] : differences) votes.Add(difference);
-  return votes.Sigmas();
-}
-
 void StartTrack::Begin(const OdometryFrame& frame) {
   if (frame.match.status == MatchResult::Status::kTooFewMatches) return;
   const SE3& T_first = scans_[0].T_world_lidar;
@@ -200,14 +174,17 @@ void StartTrack::Begin(const OdometryFrame& frame) {
       DeskewClusters(scans_[1].clusters, Twist({T_first, T}, 1));
   u_ = LeastFaced(clusters, T, map);
   std::vector<SE3> starts = {T};
-  for (const SE3& minimum : Minima(clusters, T, map)) {
+  // Along u the sensor may have moved so far to either side of where it was.
+  const double gap_s = SecondsBetween(scans_[0].stamp_ns, scans_[1].stamp_ns);
+  for (const SE3& minimum :
+       Minima(clusters, T, map, u_.dot(T_first.t - T.t), reach_m_s_ * gap_s + 0.5 * kScaleM)) {
     if ((minimum.t - T.t).norm() > kSameM) starts.push_back(minimum);
   }
-  if (starts.size() == 1) return;
+  if (starts.size() == 1 && !unsure_) return;
   for (const SE3& start : starts) {
     Hypothesis hypothesis;
     hypothesis.poses = {T_first, start};
-    if (!Match(&hypothesis)) continue;
+    if (!MatchSecond(&hypothesis)) continue;
     const SE3& end = hypothesis.poses.back();
     const bool known = std::any_of(
         hypotheses_.begin(), hypotheses_.end(),
@@ -215,124 +192,60 @@ void StartTrack::Begin(const OdometryFrame& frame) {
     if (!known) hypotheses_.push_back(std::move(hypothesis));
   }
   // Where odometry has found no minimum, there is nothing to compare with.
-  followed_ = !hypotheses_.empty() && (hypotheses_.front().poses.back().t - T.t).norm() < kSameM;
-  if (!followed_) hypotheses_.clear();
+  const bool found =
+      !hypotheses_.empty() && (hypotheses_.front().poses.back().t - T.t).norm() < kSameM;
+  if (!found) hypotheses_.clear();
 }
 
-bool StartTrack::Follow(Hypothesis* hypothesis) const {
-  std::vector<SE3>& poses = hypothesis->poses;
+std::vector<StartTrack::Hypothesis> StartTrack::Follow(const Hypothesis& hypothesis) const {
+  // What is not steady takes a scan so far from where it is expected.
+  constexpr double kReachM = 0.25;
+  std::vector<SE3> poses = hypothesis.poses;
   const std::size_t last = poses.size() - 1;
   const double gap_s = SecondsBetween(scans_[last].stamp_ns, scans_[last + 1].stamp_ns);
   poses.push_back(poses[last] * TwistExp(gap_s * Twist(poses, last)));
-  return Match(hypothesis);
-}
-
-bool StartTrack::Match(Hypothesis* hypothesis) const {
-  constexpr double kOpenM = 1.0;
-  std::vector<SE3>& poses = hypothesis->poses;
-  const std::size_t newest = poses.size() - 1;
-  const std::vector<TimedCluster>& timed = scans_[newest].clusters;
-  // The first two scans are deskewed by the motion that their match finds.
-  const int rounds = newest == 1 && AnyTimed(timed) ? 3 : 1;
-  PosePrediction prediction;
-  prediction.covariance.diagonal().setConstant(kOpenM * kOpenM);
-  for (int round = 0; round < rounds; ++round) {
-    const VoxelMap map = MapOf(poses, newest);
-    const std::vector<PointCluster> clusters = DeskewClusters(timed, Twist(poses, newest));
-    prediction.T_world_lidar = poses.back();
-    hypothesis->match = matcher_.Match(clusters, prediction, map);
-    if (hypothesis->match.status == MatchResult::Status::kTooFewMatches) return false;
-    poses.back() = hypothesis->match.T_world_lidar;
-    if (round + 1 < rounds) continue;
-    const PlaneScore score(poses.back(), map, kScaleM);
-    for (const PointCluster& cluster : clusters)
-      hypothesis->fits.push_back(static_cast<float>(score.Of(cluster)));
-  }
-  return true;
-}
-
-std::vector<SteadyScan> StartTrack::WithoutWay(const Eigen::Vector3d& u, WayAlong* own) const {
-  std::vector<SE3> poses;
-  for (const Scan& scan : scans_) poses.push_back(scan.T_world_lidar);
-  std::vector<SteadyScan> scans;
-  for (std::size_t k = 0; k < scans_.size(); ++k) {
-    const SE3& T = poses[k];
-    Vector6d twist = Twist(poses, std::max<std::size_t>(k, 1));
-    const Eigen::Vector3d u_lidar = T.q.conjugate() * u;
-    own->speeds_m_s.push_back(u_lidar.dot(twist.tail<3>()));
-    own->positions_m.push_back(u.dot(T.t - poses[0].t));
-    twist.tail<3>() -= own->speeds_m_s.back() * u_lidar;
-    SteadyScan scan;
-    scan.time_s = SecondsBetween(scans_[0].stamp_ns, scans_[k].stamp_ns);
-    scan.centre = T.t - own->positions_m.back() * u;
-    for (const PointCluster& cluster : DeskewClusters(scans_[k].clusters, twist))
-      scan.clusters.push_back(cluster.Moved(SE3(T.q, scan.centre)));
-    if (AnyTimed(scans_[k].clusters)) {
-      for (const TimedCluster& cluster : scans_[k].clusters)
-        scan.cluster_times_s.push_back(cluster.mean_time_s);
-    }
-    scans.push_back(std::move(scan));
-  }
-  return scans;
-}
-
-bool StartTrack::TakeSteady() {
-  // A speed that is known worse, or at the end of what is looked for, may be any.
-  constexpr double kMostOpenMS = 4.0, kMostOfReach = 0.8;
-  constexpr double kRefutedSigmas = 3.0, kStandingSigmas = 5.0;
-  // Where odometry agrees with a speed that is known so well, nothing is open any more.
-  constexpr double kKnownMS = 1.0, kAgreesM = 0.15;
-  const Eigen::Vector3d u = open_along_.normalized();
-  WayAlong own;
-  const SteadyMotionSearch search(steady_, u, WithoutWay(u, &own));
-  const FoundMotion found = search.Find();
-  if (found.open_speed_m_s > kMostOpenMS ||
-      std::abs(found.motion.speed_m_s) > kMostOfReach * steady_.most_speed_m_s)
-    return false;
-  const WayAlong way = search.WayUnder(found.motion);
-  std::vector<SE3> matched, steady;
-  double apart_m = 0.0;
-  for (std::size_t k = 0; k < scans_.size(); ++k) {
-    const double off_m = way.positions_m[k] - own.positions_m[k];
-    matched.push_back(scans_[k].T_world_lidar);
-    steady.emplace_back(matched.back().q, matched.back().t + off_m * u);
-    apart_m = std::max(apart_m, std::abs(off_m));
-  }
-  // Scans from nearly one place have their points in the same few spots of each wall, and look
-  // sharp for that alone.
-  const bool standing = std::abs(way.positions_m.back()) < steady_.voxel_size_m;
-  const bool refuted = search.Sharper(way, own) > (standing ? kStandingSigmas : kRefutedSigmas);
-  if (!refuted && (found.open_speed_m_s > kKnownMS || apart_m > kAgreesM)) return false;
-  std::vector<SE3> poses = refuted ? steady : matched;
-  // The first one stays: the map begins there.
-  MatchResult match;
-  for (std::size_t k = 1; k < poses.size(); ++k) {
-    if (!SettleBeside(k, u, &poses, &match)) return false;
-  }
-  // Twists of a steady motion are steadier than those from pose to pose.
-  Overrule(poses, steady, match);
-  return true;
-}
-
-bool StartTrack::SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,
-                              MatchResult* match) const {
-  // What a steady motion leaves open of a pose.
-  constexpr double kOpenM = 0.05;
-  const VoxelMap map = MapOf(*poses, poses->size(), scan);
+  const VoxelMap map = MapOf(poses, last + 1);
   const std::vector<PointCluster> clusters =
-      DeskewClusters(scans_[scan].clusters, Twist(*poses, std::max<std::size_t>(scan, 1)));
-  SE3& T = (*poses)[scan];
-  Vector6d along = Vector6d::Zero();
-  along.tail<3>() = u;
-  const DirectionProfile profile(clusters, map, T, along, steady_.noise_m);
-  const DirectionProfile::Posterior posterior = profile.With(0.0, kOpenM);
+      DeskewClusters(scans_[last + 1].clusters, Twist(poses, last + 1));
+  std::vector<SE3> starts = {poses.back()};
+  for (const SE3& minimum : Minima(clusters, poses.back(), map, 0.0, kReachM)) {
+    if ((minimum.t - starts.front().t).norm() > kSameWayM) starts.push_back(minimum);
+  }
+  std::vector<Hypothesis> followed;
+  for (const SE3& start : starts) {
+    Hypothesis next = hypothesis;
+    next.poses.push_back(start);
+    if (Match(map, clusters, &next)) followed.push_back(std::move(next));
+  }
+  return followed;
+}
+
+bool StartTrack::Match(const VoxelMap& map, const std::vector<PointCluster>& clusters,
+                       Hypothesis* hypothesis) const {
+  constexpr double kOpenM = 1.0;
+  SE3& T = hypothesis->poses.back();
   PosePrediction prediction;
   prediction.T_world_lidar = T;
   prediction.covariance.diagonal().setConstant(kOpenM * kOpenM);
-  *match = matcher_.MatchKnown(clusters, profile.At(posterior.mean_m), {along, posterior.sigma_m},
-                               prediction, map);
-  if (match->status == MatchResult::Status::kTooFewMatches) return false;
-  T = match->T_world_lidar;
+  hypothesis->match = matcher_.Match(clusters, prediction, map);
+  if (hypothesis->match.status == MatchResult::Status::kTooFewMatches) return false;
+  T = hypothesis->match.T_world_lidar;
+  const PlaneScore score(T, map, kScaleM);
+  for (const PointCluster& cluster : clusters)
+    hypothesis->fits.push_back(static_cast<float>(score.Of(cluster)));
+  return true;
+}
+
+bool StartTrack::MatchSecond(Hypothesis* hypothesis) const {
+  // The first two scans are deskewed by the motion that their match finds.
+  const int rounds = AnyTimed(scans_[1].clusters) ? 3 : 1;
+  for (int round = 0; round < rounds; ++round) {
+    const VoxelMap map = MapOf(hypothesis->poses, 1);
+    const std::vector<PointCluster> clusters =
+        DeskewClusters(scans_[1].clusters, Twist(hypothesis->poses, 1));
+    hypothesis->fits.clear();
+    if (!Match(map, clusters, hypothesis)) return false;
+  }
   return true;
 }
 
@@ -349,24 +262,61 @@ void StartTrack::Overrule(const std::vector<SE3>& poses, const std::vector<SE3>&
 }
 
 void StartTrack::Decide() {
-  if (unsure_ && scans_.size() >= kMostScans && TakeSteady()) return;
+  const bool last = scans_.size() >= kMostScans;
+  const bool many = last || scans_.size() == kManyScans;
+  if (unsure_ && all_tracked_ && many && TakeSteady()) return;
+  // Where planes leave the way open by themselves, as in a tunnel, poses are called degenerate, and
+  // another start would be no better.
+  if (unsure_ && many && 2 * without_planes_ >= scans_.size()) return Clear();
   if (hypotheses_.empty()) {
-    if (!unsure_ || scans_.size() >= kMostScans) Clear();
+    if (unsure_ && last) return GiveUp();
+    if (!unsure_) Clear();
     return;
   }
-  constexpr double kClearSigmas = 3.0, kLikelySigmas = 1.0;
-  Hypothesis best = hypotheses_.front();
-  for (const Hypothesis& h : hypotheses_) {
-    if (Better(h, best) > 0.0) best = h;
-  }
-  const auto refuted = [&](const Hypothesis& h) { return Better(best, h) > kClearSigmas; };
-  followed_ = followed_ && !refuted(hypotheses_.front());
-  hypotheses_.erase(std::remove_if(hypotheses_.begin(), hypotheses_.end(), refuted),
-                    hypotheses_.end());
-  if ((unsure_ || hypotheses_.size() > 1) && scans_.size() < kMostScans) return;
+  Rank();
+  const Hypothesis& best = hypotheses_.front();
+  const bool told = !unsure_ || (all_tracked_ && Steady(best.poses));
+  const bool alone = hypotheses_.size() == 1 && (!unsure_ || scans_.size() >= kManyScans);
+  if (!last && !(told && alone)) return;
+  if (!told) return GiveUp();
   // Of several that are left at the end one that is likely better is followed.
-  if (followed_ && Better(best, hypotheses_.front()) < kLikelySigmas) return Clear();
-  Overrule(best.poses, best.poses, best.match);
+  constexpr double kLikelySigmas = 1.0;
+  const std::vector<SE3> own = OwnPoses();
+  for (const Hypothesis& h : hypotheses_) {
+    if (SameWay(h.poses, own) && Better(best, h) < kLikelySigmas) return Clear();
+  }
+  TakeBest();
+}
+
+void StartTrack::TakeBest() {
+  const Hypothesis best = hypotheses_.front();
+  // By what its first scans were drawn aside before it parted from others, the later ones show.
+  std::vector<SE3> poses = best.poses;
+  MatchResult match = best.match;
+  bool settled = true;
+  for (std::size_t k = 0; settled && k < poses.size(); ++k)
+    settled = SettleBeside(k, u_, &poses, &match);
+  if (settled) {
+    Overrule(poses, poses, match);
+  } else {
+    Overrule(best.poses, best.poses, best.match);
+  }
+}
+
+std::vector<SE3> StartTrack::OwnPoses() const {
+  std::vector<SE3> own;
+  for (const Scan& scan : scans_) own.push_back(scan.T_world_lidar);
+  return own;
+}
+
+void StartTrack::GiveUp() {
+  Clear();
+  given_up_ = true;
+}
+
+bool StartTrack::unsettled() const {
+  constexpr double kOpenM = 0.1;
+  return open_ && unsure_ && open_m_ > kOpenM && !(all_tracked_ && Steady(OwnPoses()));
 }
 
 Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
@@ -381,7 +331,7 @@ Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
 
 void StartTrack::Archive(StateArchive& a) {
   a(&open_, &overruled_, &unsure_, &all_tracked_, &open_m_, &open_along_, &scans_, &hypotheses_,
-    &followed_, &u_);
+    &without_planes_, &u_);
 }
 
 }  // namespace lamina

@@ -8,19 +8,30 @@
 // come and in a map of its own, until one is clearly better than all others, or for so many scans
 // that the best of them is taken.
 //
-// Hypotheses are the minima along the unit vector u, the direction that the fewest planes face:
-// there few clusters decide. Each cluster i of each scan meets a plane under a hypothesis at the
-// distance d_i, and fits by rho_i = rho(d_i / s), with rho of core/geometry/robust_kernel.h and s
-// as narrow as minima are. Two hypotheses are compared by blocks of 4 m about the sensor, in
-// which clusters are of one thing and move together: block b has one vote, however near and large
-// that thing is,
+// Hypotheses are ways along the unit vector u, the direction that the fewest planes face: there few
+// clusters decide. Each minimum of the second scan begins one; each scan after it is where the
+// motion so far leads, or in a minimum beside that, so that a way may part from another later: a
+// lorry that starts alongside is half a metre behind only when eight scans have been taken. Cluster
+// i of each scan meets a plane under a hypothesis at the distance d_i, and fits by
+// rho_i = rho(d_i / s), with rho of core/geometry/robust_kernel.h and s as narrow as minima are.
+// Two hypotheses are compared by blocks of 4 m about the sensor, in which clusters are of one thing
+// and move together: block b has one vote, however near and large that thing is,
 //
-//     v_b = D_b / sqrt(1 + D_b^2),    D_b = sum (rho'_i - rho_i),
+//     v_b = D_b / sqrt(1 + D_b^2),    D_b = sum (rho'_i - rho_i),    z = sum v_b / sqrt(sum v_b^2),
 //
-// and a hypothesis is refuted by another, rho', when sum v_b > c sqrt(sum v_b^2), that is, by
-// c standard deviations of a sum of independent differences. Clusters that meet no plane under one
-// of the two say nothing: how much of a scan meets planes tells how widely the scans before are
-// spread, not whether they are where they belong.
+// and by whether a sensor moves like that: each change of speed along u, in standard deviations c_k
+// of the motion options' acceleration, costs
+//
+//     U = sum_k 2 log(1 + c_k^2).
+//
+// A hypothesis is refuted by another, z' and U', when z |z| + U - U' > c^2, that is, by c standard
+// deviations. Clusters that meet no plane under one of the two say nothing: how much of a scan
+// meets planes tells how widely the scans before are spread, not whether they are where they
+// belong.
+//
+// Where scans are of few points and a match leaves the way open, chance has a minimum everywhere.
+// There a way counts only if it is steady; otherwise, after all scans, the start is given up: no
+// map is to begin with them.
 #pragma once
 
 #include <cstdint>
@@ -44,7 +55,7 @@ class StartTrack {
 
   // Whether the next scan is wanted: from the first one on, until one hypothesis is left or taken.
   bool open() const { return open_; }
-  // Whether there is more than one hypothesis.
+  // Whether there is more than one hypothesis, or the way is open.
   bool contested() const { return open_ && (unsure_ || !hypotheses_.empty()); }
 
   // The next scan, and what odometry made of it. The first has no match. The second gives the
@@ -65,6 +76,11 @@ class StartTrack {
   // scans so far under that hypothesis, the first one where odometry has it, and match() is that of
   // the newest.
   bool overruled() const { return overruled_; }
+  // Once closed: whether no way explains the scans. What they made of a map is of no use.
+  bool given_up() const { return given_up_; }
+  // Whether nothing so far tells the way along the direction that a match left open: odometry's
+  // poses may be chance.
+  bool unsettled() const;
   const std::vector<Scan>& scans() const { return scans_; }
   const MatchResult& match() const { return match_; }
   // Frees what it holds.
@@ -88,8 +104,16 @@ class StartTrack {
 
     void Archive(StateArchive& a) { a(&poses, &fits); }
   };
+  static constexpr std::size_t kMostHypotheses = 6;
+  // Ways that nowhere differ by more are one.
+  static constexpr double kSameWayM = 0.05;
+  static bool SameWay(const std::vector<SE3>& a, const std::vector<SE3>& b);
   // In standard deviations by how much one is better.
   double Better(const Hypothesis& a, const Hypothesis& b) const;
+  // U of a way.
+  double Unsteadiness(const std::vector<SE3>& poses) const;
+  // Whether U is what the motion options lead to expect.
+  bool Steady(const std::vector<SE3>& poses) const;
   // Body twist at a scan, per second, from the motion since the one before.
   Vector6d Twist(const std::vector<SE3>& poses, std::size_t scan) const;
   // Of the first so many scans, or all of them but one.
@@ -98,13 +122,23 @@ class StartTrack {
                  std::size_t without = kNone) const;
   // Poses that differ by moves along u, and fit better than those beside them.
   std::vector<SE3> Minima(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
-                          const VoxelMap& map) const;
+                          const VoxelMap& map, double middle_m, double reach_m) const;
   void Begin(const OdometryFrame& frame);
-  // The newest scan under a hypothesis; false if nothing fits.
-  bool Follow(Hypothesis* hypothesis) const;
-  // Brings its newest pose to the minimum near by.
-  bool Match(Hypothesis* hypothesis) const;
+  // The newest scan under a hypothesis: where its motion leads, and in the minima beside that.
+  std::vector<Hypothesis> Follow(const Hypothesis& hypothesis) const;
+  // Brings its newest pose, of clusters deskewed, to the minimum near by; false if nothing fits.
+  bool Match(const VoxelMap& map, const std::vector<PointCluster>& clusters,
+             Hypothesis* hypothesis) const;
+  // The same for the second scan, deskewed by the motion that the match finds.
+  bool MatchSecond(Hypothesis* hypothesis) const;
+  // Poses as odometry has them.
+  std::vector<SE3> OwnPoses() const;
+  // Sorts the hypotheses, the best first, and drops what is refuted and what is another's double.
+  void Rank();
   void Decide();
+  // Closes with the best hypothesis.
+  void TakeBest();
+  void GiveUp();
   // Puts the scans where the steady motion along the open direction has them under which they make
   // the sharpest map. False if it is no sharper than as odometry has them, or says too little.
   bool TakeSteady();
@@ -123,14 +157,15 @@ class StartTrack {
   double reach_m_s_, open_sigma_m_;
   SteadyMotionOptions steady_;
   bool open_ = true, overruled_ = false;
+  bool given_up_ = false;    // not archived: who asks does so at once
   std::vector<Scan> scans_;  // poses and twists: once closed
   std::vector<Hypothesis> hypotheses_;
-  bool followed_ = false;  // whether the first of them is that of odometry
   // Whether a match left the way open, and whether all scans so far were tracked.
   bool unsure_ = false, all_tracked_ = true;
   // By how much at most, and along which direction.
   double open_m_ = 0.0;
   Eigen::Vector3d open_along_ = Eigen::Vector3d::Zero();
+  std::size_t without_planes_ = 0;  // scans of whose way planes say nothing
   MatchResult match_;
   Eigen::Vector3d u_ = Eigen::Vector3d::UnitX();
 };

@@ -42,8 +42,8 @@ class StartTrackTest : public testing::Test {
   static SE3 FromStart(int scan) { return Truth(0).Inverse() * Truth(scan); }
   static StampNs Stamp(int scan) { return scan * StampNs{100'000'000}; }
 
-  std::vector<TimedCluster> Scan(int scan) {
-    const SE3 T = Truth(scan);
+  std::vector<TimedCluster> Scan(int scan) { return ScanFrom(Truth(scan), scan); }
+  std::vector<TimedCluster> ScanFrom(const SE3& T, int scan) {
     std::vector<TimedPoint> points;
     while (points.size() < 40000) {
       const double azimuth = draws_.Uniform(-M_PI, M_PI);
@@ -131,6 +131,77 @@ TEST_F(StartTrackTest, WhatIsContestedIsUncertain) {
   const Matrix6d spread = start.Spread(FromStart(1));
   EXPECT_GT(std::sqrt(spread(3, 3)), 0.1);
   EXPECT_LT(std::sqrt(spread(4, 4)), 0.1);
+}
+
+// The sensor starts from rest with 3 m/s^2, and so does what stands beside it.
+class StartFromRestTest : public StartTrackTest {
+ protected:
+  static double WayM(int scan) { return 1.5 * std::pow(kPeriodS * scan, 2); }
+  static SE3 FromRest(int scan) {
+    return BayStreet::PoseAt(0.0).Inverse() * BayStreet::PoseAt(WayM(scan));
+  }
+  std::vector<TimedCluster> ScanFromRest(int scan) {
+    return ScanFrom(BayStreet::PoseAt(WayM(scan)), scan);
+  }
+  // Odometry has the sensor there along the way.
+  static OdometryFrame MatchedAt(int scan, double along_m, double open_m) {
+    OdometryFrame frame = Matched(scan, 0.0);
+    frame.T_world_lidar = FromRest(scan);
+    frame.T_world_lidar.t.x() = along_m;
+    frame.match.T_world_lidar = frame.T_world_lidar;
+    frame.open_m = scan == 0 ? 0.0 : open_m;
+    frame.match.weakest_direction = Vector6d::Unit(3);
+    return frame;
+  }
+};
+
+TEST_F(StartFromRestTest, AWayPartsLaterFromThatOfALorryThatStartsAlongside) {
+  vans_ = {{-6.0, -4.0, 0.02, 0.0}, {0.0, -4.0, 0.02, 0.0}, {6.0, -4.0, 0.02, 0.0}};
+  StartTrack start(options_, map_);
+  int scan = 0;
+  for (; start.open() && scan < 15; ++scan)
+    start.Add(MatchedAt(scan, 0.0, 0.2), false, ScanFromRest(scan));
+  ASSERT_TRUE(start.overruled());
+  for (int k = 0; k < scan; ++k) {
+    const SE3& T = start.scans()[static_cast<std::size_t>(k)].T_world_lidar;
+    const SE3 from_first = start.scans().front().T_world_lidar.Inverse() * T;
+    EXPECT_LT((from_first.t - FromRest(k).t).norm(), 0.06) << k;
+  }
+}
+
+TEST_F(StartFromRestTest, AWayThatNoSensorTakesIsOverruled) {
+  // Odometry jumps between the street and what moves along.
+  constexpr double kJumpsM[] = {0.0, 0.31, 0.38, 0.07, -0.07, 0.26, -0.15, 0.5};
+  vans_.resize(4);
+  StartTrack start(options_, map_);
+  int scan = 0;
+  for (; start.open() && scan < 15; ++scan)
+    start.Add(MatchedAt(scan, kJumpsM[scan % 8], 0.5), false, ScanFromRest(scan));
+  ASSERT_TRUE(start.overruled());
+  for (int k = 0; k < scan; ++k) {
+    const SE3& T = start.scans()[static_cast<std::size_t>(k)].T_world_lidar;
+    const SE3 from_first = start.scans().front().T_world_lidar.Inverse() * T;
+    EXPECT_LT((from_first.t - FromRest(k).t).norm(), 0.06) << k;
+  }
+}
+
+// Scans that have nothing in common, as from few points in a row of bays.
+TEST_F(StartFromRestTest, AStartThatNoWayExplainsIsGivenUp) {
+  constexpr double kJumpsM[] = {0.0, 0.5, 0.1, -0.4, 0.3, 0.9, 0.2, -0.3};
+  StartTrack start(options_, map_);
+  int scan = 0;
+  for (; start.open() && scan < 20; ++scan) {
+    EXPECT_FALSE(start.given_up());
+    start.Add(MatchedAt(scan, kJumpsM[scan % 8], 0.5), false,
+              BuildScanClusters(BayStreet(100 + static_cast<unsigned>(scan))
+                                    .Scan(BayStreet::PoseAt(0.0), 1500, &draws_),
+                                map_.LeafSize()));
+    EXPECT_TRUE(scan < 3 || !start.open() || start.unsettled()) << scan;
+  }
+  EXPECT_FALSE(start.open());
+  EXPECT_TRUE(start.given_up());
+  EXPECT_FALSE(start.overruled());
+  EXPECT_TRUE(start.scans().empty());
 }
 
 // Scans of so few points that what two of them have in common says nothing of the way.

@@ -1,0 +1,90 @@
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "core/map/voxel_key.h"
+#include "frontend/start/block_votes.h"
+#include "frontend/start/start_track.h"
+
+namespace lamina {
+
+double StartTrack::Better(const Hypothesis& a, const Hypothesis& b) const {
+  constexpr double kTogetherM = 4.0;
+  VoxelIndex index(64);
+  std::vector<double> differences;
+  std::size_t i = 0;
+  for (std::size_t k = 1; k < scans_.size(); ++k) {
+    for (const TimedCluster& cluster : scans_[k].clusters) {
+      if (a.fits[i] >= 0.0F && b.fits[i] >= 0.0F) {
+        index.Gather(VoxelKeyOf(cluster.points.mean, 1.0 / kTogetherM), &differences) +=
+            static_cast<double>(a.fits[i] - b.fits[i]);
+      }
+      ++i;
+    }
+  }
+  BlockVotes votes;
+  for (const double difference : differences) votes.Add(difference);
+  const double z = votes.Sigmas();
+  const double squared = z * std::abs(z) + Unsteadiness(b.poses) - Unsteadiness(a.poses);
+  return std::copysign(std::sqrt(std::abs(squared)), squared);
+}
+
+double StartTrack::Unsteadiness(const std::vector<SE3>& poses) const {
+  // Of a match, along u.
+  constexpr double kMatchM = 0.01;
+  const auto speed = [&](std::size_t k) {
+    return u_.dot(poses[k].t - poses[k - 1].t) /
+           SecondsBetween(scans_[k - 1].stamp_ns, scans_[k].stamp_ns);
+  };
+  double sum = 0.0;
+  for (std::size_t k = 2; k < poses.size(); ++k) {
+    const double before_s = SecondsBetween(scans_[k - 2].stamp_ns, scans_[k - 1].stamp_ns);
+    const double after_s = SecondsBetween(scans_[k - 1].stamp_ns, scans_[k].stamp_ns);
+    const double change = speed(k) - speed(k - 1);
+    const double sigma = steady_.acceleration_sigma_m_s2 * 0.5 * (before_s + after_s);
+    const double noise2 = kMatchM * kMatchM *
+                          (std::pow(1.0 / before_s + 1.0 / after_s, 2) +
+                           1.0 / (before_s * before_s) + 1.0 / (after_s * after_s));
+    sum += 2.0 * std::log1p(change * change / (sigma * sigma + noise2));
+  }
+  return sum;
+}
+
+bool StartTrack::Steady(const std::vector<SE3>& poses) const {
+  // Of each change of speed: about 1 where it is that of the motion options, 4 to 7 where poses are
+  // chance.
+  constexpr double kMost = 2.0;
+  return poses.size() < 3 || Unsteadiness(poses) < kMost * static_cast<double>(poses.size() - 2);
+}
+
+bool StartTrack::SameWay(const std::vector<SE3>& a, const std::vector<SE3>& b) {
+  for (std::size_t k = 0; k < std::min(a.size(), b.size()); ++k) {
+    if ((a[k].t - b[k].t).norm() > kSameWayM) return false;
+  }
+  return true;
+}
+
+void StartTrack::Rank() {
+  constexpr double kClearSigmas = 3.0;
+  std::size_t best = 0;
+  for (std::size_t i = 1; i < hypotheses_.size(); ++i) {
+    if (Better(hypotheses_[i], hypotheses_[best]) > 0.0) best = i;
+  }
+  std::vector<std::pair<double, std::size_t>> behind;
+  for (std::size_t i = 0; i < hypotheses_.size(); ++i)
+    behind.emplace_back(i == best ? 0.0 : Better(hypotheses_[best], hypotheses_[i]), i);
+  std::swap(behind[0], behind[best]);
+  std::stable_sort(behind.begin() + 1, behind.end());
+  std::vector<Hypothesis> left;
+  for (const auto& [sigmas, i] : behind) {
+    const Hypothesis& h = hypotheses_[i];
+    const bool known = std::any_of(left.begin(), left.end(), [&](const Hypothesis& other) {
+      return SameWay(h.poses, other.poses);
+    });
+    if (!known && sigmas <= kClearSigmas && left.size() < kMostHypotheses) left.push_back(h);
+  }
+  hypotheses_ = std::move(left);
+}
+
+}  // namespace lamina
