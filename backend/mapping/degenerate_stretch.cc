@@ -36,11 +36,9 @@ void DegenerateStretch::Follow(const OdometryFrame& frame,
   const bool matched = frame.status == OdometryFrame::Status::kTracked;
   if (!open_ && any_ && matched && frame.match.degenerate > 0) Begin(next_keyframe);
   if (open_) {
-    Move(frame, SecondsBetween(stamp_ns_, frame.stamp_ns));
-    if (matched) {
-      const Matrix6d measured = MeasuredInformation(frame.match);
-      Compare(frame, clusters, map, measured);
-    }
+    const Matrix6d measured = matched ? MeasuredInformation(frame.match) : Matrix6d::Zero();
+    Move(frame, SecondsBetween(stamp_ns_, frame.stamp_ns), measured);
+    if (matched) Compare(frame, clusters, map, measured);
     const bool determined = matched && frame.match.degenerate == 0;
     settled_ = determined ? settled_ + 1 : 0;
     if (settled_ == 1) settled_keyframe_ = next_keyframe;
@@ -51,15 +49,14 @@ void DegenerateStretch::Follow(const OdometryFrame& frame,
   T_world_lidar_ = frame.T_world_lidar;
 }
 
-void DegenerateStretch::Move(const OdometryFrame& frame, double dt) {
+void DegenerateStretch::Move(const OdometryFrame& frame, double dt, const Matrix6d& measured) {
   constexpr double kLeastS = 1e-3;
   dt = std::max(dt, kLeastS);
   const double turn = kRotationArmM * kDegree * motion_.turn_acceleration_sigma_deg_s2 * dt;
   const double way = motion_.acceleration_sigma_m_s2 * dt;
   covariance_.diagonal().segment<3>(6).array() += turn * turn;
   covariance_.diagonal().tail<3>().array() += way * way;
-  if (frame.status == OdometryFrame::Status::kTracked)
-    Learn(6, dt * dt * MeasuredInformation(frame.match));
+  if (frame.status == OdometryFrame::Status::kTracked) Learn(6, dt * dt * measured);
   const SE3 T_last_this = T_world_lidar_.Inverse() * frame.T_world_lidar;
   Matrix12d F = Matrix12d::Identity();
   F.topLeftCorner<3, 3>() = T_last_this.R().transpose();

@@ -57,7 +57,7 @@ class DegenerateStretch {
   using Matrix12d = Eigen::Matrix<double, 12, 12>;
 
   void Begin(std::int64_t next_keyframe);
-  void Move(const OdometryFrame& frame, double dt);
+  void Move(const OdometryFrame& frame, double dt, const Matrix6d& measured);
   // Takes in information about a block of the state: x (0) or v (6).
   void Learn(int block, const Matrix6d& information);
   void Compare(const OdometryFrame& frame, const std::vector<TimedCluster>& clusters,
