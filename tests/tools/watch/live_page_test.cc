@@ -2,7 +2,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <filesystem>
+#include <memory>
 #include <set>
+#include <string>
 
 #include "tests/support/browser.h"
 #include "tests/support/io_test_files.h"
@@ -55,16 +58,43 @@ class FakeDaemon {
   std::unique_ptr<HttpServer> server_;
 };
 
+// Starting a browser takes longer than most of what is looked at in it: the tests share one, each
+// with a daemon, and so a page, of its own.
 class LivePage : public FilesTest {
  protected:
+  static void SetUpTestSuite() {
+    profiles_ = std::filesystem::path(testing::TempDir()) / "lamina_LivePage_profiles";
+    std::filesystem::remove_all(profiles_);
+    std::filesystem::create_directories(profiles_);
+  }
+  static void TearDownTestSuite() {
+    shared_.reset();
+    std::filesystem::remove_all(profiles_);
+  }
+
   void SetUp() override {
     if (!Browser::IsInstalled()) GTEST_SKIP() << "chromium and chromium-driver are not installed";
   }
 
-  void Open(int width = 1280, int height = 800, bool phone = false) {
-    daemon_ = std::make_unique<FakeDaemon>(0, Path(""), &world_, 20);
-    browser_ = std::make_unique<Browser>(Path("profile"), width, height, phone);
-    browser_->Go("http://127.0.0.1:" + std::to_string(daemon_->port()) + "/");
+  void TearDown() override {
+    if (browser_ == nullptr) return;
+    // The page is left before its daemon ends, and what it complained about with it.
+    browser_->Go("about:blank");
+    browser_->Errors();
+  }
+
+  void Open() {
+    if (shared_ == nullptr) {
+      shared_ = std::make_unique<Browser>((profiles_ / "desk").string(), 1280, 800);
+    }
+    browser_ = shared_.get();
+    OpenPage();
+  }
+
+  void OpenOnAPhone(int width, int height) {
+    phone_ = std::make_unique<Browser>(Path("phone"), width, height, true);
+    browser_ = phone_.get();
+    OpenPage();
   }
 
   double PathLength() const {
@@ -76,7 +106,17 @@ class LivePage : public FilesTest {
 
   LiveWorld world_{60.0, 0.5};
   std::unique_ptr<FakeDaemon> daemon_;
-  std::unique_ptr<Browser> browser_;
+  Browser* browser_ = nullptr;
+
+ private:
+  void OpenPage() {
+    daemon_ = std::make_unique<FakeDaemon>(0, Path(""), &world_, 20);
+    browser_->Go("http://127.0.0.1:" + std::to_string(daemon_->port()) + "/");
+  }
+
+  static inline std::filesystem::path profiles_;
+  static inline std::unique_ptr<Browser> shared_;
+  std::unique_ptr<Browser> phone_;
 };
 
 TEST_F(LivePage, ShowsMapAndMovingTrajectory) {
@@ -209,7 +249,7 @@ TEST_F(LivePage, KeyboardTurnsZoomsAndStopsFollowing) {
 }
 
 TEST_F(LivePage, FitsOnAPhone) {
-  Open(390, 844, true);
+  OpenOnAPhone(390, 844);
   ASSERT_TRUE(WaitForSurfels(world_.size()));
   EXPECT_EQ(browser_->Run("return innerWidth"), 390);
   EXPECT_EQ(browser_->Run("return document.documentElement.scrollWidth - innerWidth"), 0);
