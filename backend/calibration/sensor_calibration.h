@@ -25,7 +25,7 @@
 #include <vector>
 
 #include "backend/bundle/adjuster.h"
-#include "backend/mapping/sliding_window.h"
+#include "backend/window/sliding_window.h"
 #include "core/geometry/scan.h"
 #include "core/map/voxel_map.h"
 #include "core/options/options.h"

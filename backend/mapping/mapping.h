@@ -55,12 +55,12 @@
 
 #include "backend/loops/piece_loops.h"
 #include "backend/mapping/final_poses.h"
-#include "backend/mapping/localiser.h"
 #include "backend/mapping/mapped_scan.h"
 #include "backend/mapping/options.h"
 #include "backend/mapping/piece_mapper.h"
 #include "backend/mapping/report.h"
 #include "backend/mapping/scan_decoder.h"
+#include "backend/pieces/localiser.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"

@@ -8,8 +8,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "backend/mapping/mapper.h"
 #include "backend/mapping/report.h"
+#include "backend/pieces/mapper.h"
 #include "core/base/parallel.h"
 
 namespace lamina {

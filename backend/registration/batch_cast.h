@@ -18,8 +18,8 @@
 #include <vector>
 
 #include "backend/bundle/problem.h"
-#include "backend/mapping/sliding_window.h"
 #include "backend/registration/batch_frame.h"
+#include "backend/window/sliding_window.h"
 #include "core/geometry/sweep_motion.h"
 #include "core/map/voxel_map.h"
 

@@ -36,8 +36,8 @@
 #include "backend/bundle/adjuster.h"
 #include "backend/bundle/formulation.h"
 #include "backend/bundle/uncertainty/observability.h"
-#include "backend/mapping/sliding_window.h"
 #include "backend/registration/batch_frame.h"
+#include "backend/window/sliding_window.h"
 #include "core/map/voxel_map.h"
 #include "core/options/options.h"
 

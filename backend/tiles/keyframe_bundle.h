@@ -19,9 +19,9 @@
 #include <vector>
 
 #include "backend/bundle/problem.h"
-#include "backend/mapping/sliding_window.h"
 #include "backend/submaps/work_sharing.h"
 #include "backend/tiles/keyframe_source.h"
+#include "backend/window/sliding_window.h"
 #include "core/map/voxel_map.h"
 
 namespace lamina {

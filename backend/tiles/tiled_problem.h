@@ -15,8 +15,8 @@
 #include <vector>
 
 #include "backend/bundle/problem.h"
-#include "backend/mapping/sliding_window.h"
 #include "backend/tiles/tiled_clusters.h"
+#include "backend/window/sliding_window.h"
 
 namespace lamina {
 

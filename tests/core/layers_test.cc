@@ -46,6 +46,8 @@ const std::map<std::string, std::vector<std::vector<std::string>>> kRooms = {
       {"backend/submaps"},
       {"backend/loops"},
       {"backend/localisation"},
+      {"backend/window"},
+      {"backend/pieces"},
       {"backend/bundle/formulations", "backend/mapping"},
       {"backend/registration", "backend/calibration", "backend/session"},
       {"backend/tiles"}}},

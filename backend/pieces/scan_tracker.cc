@@ -1,4 +1,4 @@
-#include "backend/mapping/scan_tracker.h"
+#include "backend/pieces/scan_tracker.h"
 
 #include <algorithm>
 

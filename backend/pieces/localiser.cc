@@ -1,8 +1,8 @@
-#include "backend/mapping/localiser.h"
+#include "backend/pieces/localiser.h"
 
 #include <utility>
 
-#include "backend/mapping/sweep_stamp.h"
+#include "backend/pieces/sweep_stamp.h"
 
 namespace lamina {
 

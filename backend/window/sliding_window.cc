@@ -1,4 +1,4 @@
-#include "backend/mapping/sliding_window.h"
+#include "backend/window/sliding_window.h"
 
 #include <Eigen/Cholesky>
 #include <algorithm>
@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "backend/bundle/plane_choice.h"
-#include "backend/mapping/observation_weights.h"
+#include "backend/window/observation_weights.h"
 #include "core/base/angle.h"
 #include "core/base/parallel.h"
 #include "core/geometry/cluster_lanes.h"

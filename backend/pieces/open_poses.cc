@@ -1,9 +1,9 @@
-#include "backend/mapping/open_poses.h"
+#include "backend/pieces/open_poses.h"
 
 #include <algorithm>
 
-#include "backend/mapping/sliding_window.h"
-#include "backend/mapping/sweep_stamp.h"
+#include "backend/pieces/sweep_stamp.h"
+#include "backend/window/sliding_window.h"
 
 namespace lamina {
 

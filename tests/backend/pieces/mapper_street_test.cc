@@ -4,7 +4,7 @@
 #include <functional>
 
 #include "backend/bundle/adjuster.h"
-#include "backend/mapping/mapper.h"
+#include "backend/pieces/mapper.h"
 #include "tests/support/bay_street.h"
 
 namespace lamina {

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "backend/mapping/mapper_options.h"
+#include "backend/pieces/mapper_options.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"

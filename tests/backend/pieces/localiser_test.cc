@@ -1,8 +1,8 @@
-#include "backend/mapping/localiser.h"
+#include "backend/pieces/localiser.h"
 
 #include <gtest/gtest.h>
 
-#include "backend/mapping/mapper.h"
+#include "backend/pieces/mapper.h"
 #include "tests/support/random_rooms.h"
 
 namespace lamina {

@@ -1,4 +1,4 @@
-#include "backend/mapping/sweep_stamp.h"
+#include "backend/pieces/sweep_stamp.h"
 
 #include <cmath>
 

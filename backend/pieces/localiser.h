@@ -6,8 +6,8 @@
 
 #include <cstdint>
 
-#include "backend/mapping/mapper_options.h"
-#include "backend/mapping/scan_tracker.h"
+#include "backend/pieces/mapper_options.h"
+#include "backend/pieces/scan_tracker.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"

@@ -9,7 +9,7 @@
 // The weights are applied to the clusters before aggregation, held during a solve, and kept when
 // the frame is marginalised.
 //
-// Private to backend/mapping.
+// Private to backend/window.
 #pragma once
 
 #include <cstdint>

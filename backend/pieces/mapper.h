@@ -20,11 +20,11 @@
 #include <vector>
 
 #include "backend/bundle/adjuster.h"
-#include "backend/mapping/degenerate_stretch.h"
-#include "backend/mapping/mapper_options.h"
-#include "backend/mapping/open_poses.h"
-#include "backend/mapping/scan_tracker.h"
-#include "backend/mapping/sliding_window.h"
+#include "backend/pieces/mapper_options.h"
+#include "backend/pieces/open_poses.h"
+#include "backend/pieces/scan_tracker.h"
+#include "backend/window/degenerate_stretch.h"
+#include "backend/window/sliding_window.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"

@@ -1,9 +1,9 @@
-#include "backend/mapping/observation_weights.h"
+#include "backend/window/observation_weights.h"
 
 #include <algorithm>
 #include <cmath>
 
-#include "backend/mapping/sliding_window.h"
+#include "backend/window/sliding_window.h"
 #include "core/base/median.h"
 #include "core/geometry/robust_kernel.h"
 #include "core/map/voxel_key.h"

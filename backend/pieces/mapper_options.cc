@@ -1,4 +1,4 @@
-#include "backend/mapping/mapper_options.h"
+#include "backend/pieces/mapper_options.h"
 
 #include <string>
 

@@ -1,4 +1,4 @@
-#include "backend/mapping/sliding_window.h"
+#include "backend/window/sliding_window.h"
 
 #include <gtest/gtest.h>
 

@@ -1,10 +1,10 @@
-#include "backend/mapping/mapper.h"
+#include "backend/pieces/mapper.h"
 
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
-#include "backend/mapping/sweep_stamp.h"
+#include "backend/pieces/sweep_stamp.h"
 #include "core/base/angle.h"
 
 namespace lamina {

@@ -9,7 +9,7 @@
 #include <cstdint>
 #include <deque>
 
-#include "backend/mapping/scan_tracker.h"
+#include "backend/pieces/scan_tracker.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"
 #include "core/geometry/sweep_motion.h"

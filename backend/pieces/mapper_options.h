@@ -2,7 +2,7 @@
 #pragma once
 
 #include "backend/bundle/adjuster.h"
-#include "backend/mapping/sliding_window.h"
+#include "backend/window/sliding_window.h"
 #include "core/map/voxel_map.h"
 #include "core/options/options.h"
 #include "frontend/odometry/odometry.h"

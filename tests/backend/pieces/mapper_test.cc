@@ -1,4 +1,4 @@
-#include "backend/mapping/mapper.h"
+#include "backend/pieces/mapper.h"
 
 #include <gmock/gmock.h>
 

@@ -1,7 +1,7 @@
 // From the middle of a sweep, at which scans are mapped, to the scan's stamp, at which poses are
 // wanted.
 //
-// Private to backend/mapping.
+// Private to backend/pieces.
 #pragma once
 
 #include "core/geometry/scan.h"

@@ -1,5 +1,5 @@
 // A corridor between two rooms: along it nothing tells how far the sensor has come.
-#include "backend/mapping/degenerate_stretch.h"
+#include "backend/window/degenerate_stretch.h"
 
 #include <gtest/gtest.h>
 
