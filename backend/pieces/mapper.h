@@ -20,10 +20,10 @@
 #include <vector>
 
 #include "backend/bundle/adjuster.h"
+#include "backend/pieces/degenerate_stretch.h"
 #include "backend/pieces/mapper_options.h"
 #include "backend/pieces/open_poses.h"
 #include "backend/pieces/scan_tracker.h"
-#include "backend/window/degenerate_stretch.h"
 #include "backend/window/sliding_window.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"

@@ -1,5 +1,5 @@
 // A corridor between two rooms: along it nothing tells how far the sensor has come.
-#include "backend/window/degenerate_stretch.h"
+#include "backend/pieces/degenerate_stretch.h"
 
 #include <gtest/gtest.h>
 
@@ -40,21 +40,21 @@ Scan ScanAt(double x, StampNs stamp_ns, Draws* draws) {
   return scan;
 }
 
-struct Walked {
+struct Crossed {
   std::int64_t pieces = 0;
   int tracked_after = 0;  // scans that are neither lost nor degenerate, after the blind part
   double worst_m = 0.0;   // error of those, and of the ones before, in the frame of their piece
 };
 
 // `way_m` by time; scans from `after_s` on see a room again.
-Walked Walk(const std::function<double(double)>& way_m, double seconds, double after_s,
-            double restart_after_sigma_m) {
+Crossed Cross(const std::function<double(double)>& way_m, double seconds, double after_s,
+              double restart_after_sigma_m) {
   Draws draws(3);
   MappingOptions options;
   options.preparation.min_range_m = 0.5;
   options.mapper.backend.restart_after_sigma_m = restart_after_sigma_m;
   Mapping mapping(options, {});
-  Walked walked;
+  Crossed crossed;
   double estimated_first = 0.0, true_first = 0.0;
   for (int i = 0; i * kScanPeriodS < seconds; ++i) {
     const double x = way_m(i * kScanPeriodS);
@@ -63,43 +63,43 @@ Walked Walk(const std::function<double(double)>& way_m, double seconds, double a
     if (scan.began_piece) {
       estimated_first = t.x();
       true_first = x;
-      walked.pieces = scan.piece + 1;
+      crossed.pieces = scan.piece + 1;
       continue;
     }
     if (scan.odometry.status != OdometryFrame::Status::kTracked ||
         scan.odometry.match.degenerate > 0)
       continue;
-    walked.tracked_after += i * kScanPeriodS > after_s ? 1 : 0;
-    walked.worst_m =
-        std::max(walked.worst_m, std::abs((t.x() - estimated_first) - (x - true_first)));
+    crossed.tracked_after += i * kScanPeriodS > after_s ? 1 : 0;
+    crossed.worst_m =
+        std::max(crossed.worst_m, std::abs((t.x() - estimated_first) - (x - true_first)));
   }
   mapping.Finish();
-  return walked;
+  return crossed;
 }
 
 // On at 2 m/s, in the blind part at 1.5 m/s.
 double Through(double t) { return t < 5.0 ? 2.0 * t : 10.0 + 1.5 * (t - 5.0); }
 
 TEST(DegenerateStretch, WhatComesAfterItIsAPieceOfItsOwn) {
-  const Walked walked = Walk(Through, 24.0, 20.5, 0.1);
-  EXPECT_EQ(walked.pieces, 2);
-  EXPECT_GT(walked.tracked_after, 20);
-  EXPECT_LT(walked.worst_m, 0.1);
+  const Crossed crossed = Cross(Through, 24.0, 20.5, 0.1);
+  EXPECT_EQ(crossed.pieces, 2);
+  EXPECT_GT(crossed.tracked_after, 20);
+  EXPECT_LT(crossed.worst_m, 0.1);
 }
 
 TEST(DegenerateStretch, InOnePieceWhereThatIsWantedAtTheCostOfWhatItLeavesOpen) {
-  const Walked walked = Walk(Through, 24.0, 20.5, 0.0);
-  EXPECT_EQ(walked.pieces, 1);
-  EXPECT_GT(walked.worst_m, 0.5);
+  const Crossed crossed = Cross(Through, 24.0, 20.5, 0.0);
+  EXPECT_EQ(crossed.pieces, 1);
+  EXPECT_GT(crossed.worst_m, 0.5);
 }
 
 // In for a second, and back out to the room that it came from.
 TEST(DegenerateStretch, BackWhereItCameFromThePieceGoesOn) {
   const auto in_and_out = [](double t) { return 1.54 - 1.54 * std::cos(2.0 * M_PI * t / 10.0); };
-  const Walked walked = Walk(in_and_out, 10.0, 6.0, 0.1);
-  EXPECT_EQ(walked.pieces, 1);
-  EXPECT_GT(walked.tracked_after, 20);
-  EXPECT_LT(walked.worst_m, 0.1);
+  const Crossed crossed = Cross(in_and_out, 10.0, 6.0, 0.1);
+  EXPECT_EQ(crossed.pieces, 1);
+  EXPECT_GT(crossed.tracked_after, 20);
+  EXPECT_LT(crossed.worst_m, 0.1);
 }
 
 }  // namespace

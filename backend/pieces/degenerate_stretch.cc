@@ -1,4 +1,4 @@
-#include "backend/window/degenerate_stretch.h"
+#include "backend/pieces/degenerate_stretch.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
