@@ -2,6 +2,8 @@
 // list of bytes, `buf`, and nothing else. std_msgs/String: a text.
 #include "io/message/packet_message.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <iterator>
 
@@ -9,11 +11,21 @@
 
 namespace lamina {
 
+namespace {
+
+constexpr const char* kPacketTypes[] = {"ouster_ros/PacketMsg", "ouster_msgs/PacketMsg",
+                                        "ouster_sensor_msgs/PacketMsg"};
+
+}  // namespace
+
 bool IsPacketTopic(const MessageTopic& topic) {
-  static constexpr const char* kTypes[] = {"ouster_ros/PacketMsg", "ouster_msgs/PacketMsg",
-                                           "ouster_sensor_msgs/PacketMsg"};
   return topic.encoding != MessageEncoding::kOther &&
-         std::find(std::begin(kTypes), std::end(kTypes), topic.type) != std::end(kTypes);
+         std::find(std::begin(kPacketTypes), std::end(kPacketTypes), topic.type) !=
+             std::end(kPacketTypes);
+}
+
+std::string PacketTypes() {
+  return fmt::format("{}", fmt::join(std::begin(kPacketTypes), std::end(kPacketTypes), ", "));
 }
 
 bool IsSensorMetadataTopic(const MessageTopic& topic) {

@@ -12,6 +12,8 @@ namespace lamina {
 
 // By its type; such topics hold packets of points or of the IMU.
 bool IsPacketTopic(const MessageTopic& topic);
+// The types that are read, for people.
+std::string PacketTypes();
 // A text (std_msgs/String) on a topic called metadata.
 bool IsSensorMetadataTopic(const MessageTopic& topic);
 

@@ -9,6 +9,7 @@
 #include "io/points/ethz_csv.h"
 #include "io/points/las_scan.h"
 #include "io/points/point_cloud_files.h"
+#include "io/points/scan_names.h"
 
 namespace lamina {
 namespace {
@@ -48,6 +49,12 @@ Scan ReadKittiText(const std::string& path) {
 
 }  // namespace
 
+bool IsScanFile(const std::string& path) {
+  const std::string ending = std::filesystem::path(path).extension().string();
+  return ending == ".csv" ||
+         KindOfName(std::filesystem::path(path).filename().string()) != ScanName::kNone;
+}
+
 Scan ReadScanFile(const std::string& path, PointTimeUnit unit, PointTimeField* times) {
   if (times != nullptr) *times = {};
   const std::string ending = std::filesystem::path(path).extension().string();
@@ -56,8 +63,7 @@ Scan ReadScanFile(const std::string& path, PointTimeUnit unit, PointTimeField* t
   if (ending == ".las" || ending == ".laz") return ReadLas(path, times);
   if (ending == ".csv") return ReadHokuyoCsv(path);
   if (ending != ".bin" && ending != ".txt") {
-    throw InputError(
-        fmt::format("{}: a point file ends in .bin, .txt, .pcd, .ply, .las, .laz or .csv", path));
+    throw InputError(fmt::format("{}: a point file ends in {}", path, kScanEndings));
   }
   Scan scan = ending == ".bin" ? ReadKittiBin(path) : ReadKittiText(path);
   if (scan.points.empty()) throw InputError(fmt::format("{}: is empty: holds no points", path));

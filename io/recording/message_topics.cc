@@ -45,8 +45,8 @@ std::size_t ChooseTopic(const MessageContainer& container, const std::string& pa
   }
   if (lidar.size() == 1) return lidar.front();
   if (lidar.empty()) {
-    throw InputError(fmt::format("{}: holds no scans ({}); it holds {}", path, LidarTypes(),
-                                 all.empty() ? "no message" : all));
+    throw InputError(fmt::format("{}: holds no scans ({}, {}); it holds {}", path, LidarTypes(),
+                                 PacketTypes(), all.empty() ? "no message" : all));
   }
   throw InputError(
       fmt::format("{}: holds {} topics of scans: {}; choose one by --topic NAME "

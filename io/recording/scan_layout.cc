@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "core/base/error.h"
+#include "io/points/scan_file.h"
 #include "io/points/scan_names.h"
 
 namespace lamina {
@@ -14,11 +15,22 @@ namespace {
 namespace fs = std::filesystem;
 
 ScanLayout Odometry(const fs::path& root, const fs::path& scans) {
-  return {scans, root / "times.txt", root / "calib.txt", false};
+  return {scans, root / "times.txt", root / "calib.txt", false, ""};
 }
 
 ScanLayout Raw(const fs::path& root, const fs::path& scans) {
-  return {scans, root / "timestamps.txt", "", true};
+  return {scans, root / "timestamps.txt", "", true, ""};
+}
+
+// What is written for all scans of the folder tells nothing of a single one; its name may.
+ScanLayout LayoutOfFile(const fs::path& path) {
+  if (!IsScanFile(path.string())) {
+    throw InputError(fmt::format(
+        "{}: is no folder that holds scans, no scan by its name ({}), and no ROS 1 bag, MCAP file, "
+        "ROS 2 bag or capture of packets",
+        path.string(), kScanEndings));
+  }
+  return {path.parent_path(), "", "", false, path};
 }
 
 }  // namespace
@@ -34,12 +46,7 @@ ScanLayout FindScanLayout(const fs::path& path) {
   if (!fs::exists(status)) {
     throw InputError(fmt::format("{}: cannot be read: {}", path.string(), error.message()));
   }
-  if (!fs::is_directory(status)) {
-    throw InputError(
-        fmt::format("{}: is not a folder that holds scans, and no ROS 1 bag, MCAP file, ROS 2 bag "
-                    "or capture of packets",
-                    path.string()));
-  }
+  if (!fs::is_directory(status)) return LayoutOfFile(path);
   // Through the absolute path, so that `.` and a trailing slash do not hide the folder's name.
   const fs::path folder = fs::weakly_canonical(path, error);
   if (fs::is_directory(path / "velodyne", error)) return Odometry(path, path / "velodyne");
@@ -86,7 +93,7 @@ ScanLayout LayoutOfFolder(const fs::path& folder) {
   if (absolute.filename() == "velodyne") return Odometry(up, folder);
   if (absolute.filename() == "data" && up.filename() == "velodyne_points") return Raw(up, folder);
   const char* name = MayExist(folder / "times.txt") ? "times.txt" : "timestamps.txt";
-  return {folder, folder / name, "", false};
+  return {folder, folder / name, "", false, ""};
 }
 
 }  // namespace lamina

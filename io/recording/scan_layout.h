@@ -12,11 +12,12 @@ struct ScanLayout {
   std::filesystem::path scans;
   std::filesystem::path stamps;
   std::filesystem::path calibration;
-  bool text_scans = false;  // *.txt are scans where there is no other
+  bool text_scans = false;     // *.txt are scans where there is no other
+  std::filesystem::path only;  // the one scan, alone of those in the folder; empty: all of them
 };
 
-// The recording that `path` means: a folder of scans, or one above it. Throws InputError if the
-// path is missing or no folder.
+// The recording that `path` means: a folder of scans, one above it, or a single scan. Throws
+// InputError if the path is missing, or a file that by its name is no scan.
 ScanLayout FindScanLayout(const std::filesystem::path& path);
 
 // The recording whose scans stand in this very folder.

@@ -49,18 +49,11 @@ class FileScanSource final : public ScanSource {
  public:
   FileScanSource(const ScanLayout& layout, const ScanSourceOptions& options) : options_(options) {
     // Before all others: a cloud of reference may lie beside such scans.
-    if (OpenEthz(layout.scans)) {
+    if (layout.only.empty() && OpenEthz(layout.scans)) {
       DescribeScans();
       return;
     }
-    files_ = ListScans(layout.scans, ScanName::kPoints);
-    if (files_.empty() && layout.text_scans) files_ = ListScans(layout.scans, ScanName::kText);
-    if (files_.empty()) {
-      throw InputError(
-          fmt::format("{}: holds no scans (*.bin, *.pcd, *.ply, *.las, *.laz, Hokuyo_*.csv{}){}",
-                      layout.scans.string(), layout.text_scans ? ", *.txt" : "",
-                      DescribeFoldersBelow(layout.scans)));
-    }
+    FindFiles(layout);
     FindStamps(layout);
     DescribeScans();
     if (MayExist(layout.calibration)) {
@@ -86,6 +79,20 @@ class FileScanSource final : public ScanSource {
   }
 
  private:
+  void FindFiles(const ScanLayout& layout) {
+    if (!layout.only.empty()) {
+      files_ = {layout.only};
+      return;
+    }
+    files_ = ListScans(layout.scans, ScanName::kPoints);
+    if (files_.empty() && layout.text_scans) files_ = ListScans(layout.scans, ScanName::kText);
+    if (!files_.empty()) return;
+    throw InputError(
+        fmt::format("{}: holds no scans (*.bin, *.pcd, *.ply, *.las, *.laz, Hokuyo_*.csv{}){}",
+                    layout.scans.string(), layout.text_scans ? ", *.txt" : "",
+                    DescribeFoldersBelow(layout.scans)));
+  }
+
   void FindStamps(const ScanLayout& layout) {
     if (MayExist(layout.stamps)) {
       stamps_ = ReadStamps(layout.stamps.string(), files_);
@@ -97,7 +104,9 @@ class FileScanSource final : public ScanSource {
         SortByStamp();
       }
       // A recording's own layout has its stamps in one place.
-      if (stamps_.empty() && layout.stamps.parent_path() == layout.scans) FindStampsAbove(layout);
+      if (stamps_.empty() && layout.only.empty() && layout.stamps.parent_path() == layout.scans) {
+        FindStampsAbove(layout);
+      }
       if (stamps_.empty()) FindStampsInPoints();
     }
     MakeUpMissingStamps();
@@ -175,8 +184,8 @@ class FileScanSource final : public ScanSource {
     std::map<std::string, std::size_t> endings;
     for (const fs::path& file : files_) ++endings[file.extension().string()];
     for (const auto& [ending, count] : endings) {
-      described_.scans +=
-          fmt::format("{}{} files *{}", described_.scans.empty() ? "" : ", ", count, ending);
+      described_.scans += fmt::format("{}{} {} *{}", described_.scans.empty() ? "" : ", ", count,
+                                      count == 1 ? "file" : "files", ending);
     }
     described_.scans +=
         by_stamp_ ? ", in the order of their stamps" : ", in the order of their names";

@@ -11,6 +11,8 @@
 //                   semicolons) and perhaps pose_scanner_leica.csv, whose timestamps count
 //   plain folder    PATH holds files *.bin, *.pcd or *.ply, in the natural order of their names
 //                   (scan2 before scan10), and perhaps a `times.txt` or `timestamps.txt`
+//   a single scan   PATH is such a file, *.csv of ETHZ or *.txt of KITTI raw; its stamp is its name
+//                   or that of its points
 //
 // Stamps come from times.txt / timestamps.txt where there is one (a line each scan; further lines
 // are fine), else from file names that are whole numbers of nanoseconds, microseconds or

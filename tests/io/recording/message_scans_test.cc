@@ -103,9 +103,11 @@ TEST_F(MessageScansTest, WithoutScansItSaysWhatThereIs) {
   recorded.topics = {{"/imu", "sensor_msgs/Imu"}};
   recorded.messages = {{0, 5, "imu"}};
   EXPECT_THAT(Error(Write("a.mcap", McapBytes(recorded, {}))),
-              AllOf(HasSubstr("holds no scans"), HasSubstr("/imu (sensor_msgs/Imu, 1 messages)")));
-  EXPECT_THAT(Error(Write("a.txt", "text")),
-              HasSubstr("not a folder that holds scans, and no ROS 1 bag"));
+              AllOf(HasSubstr("holds no scans"), HasSubstr("/imu (sensor_msgs/Imu, 1 messages)"),
+                    HasSubstr("sensor_msgs/PointCloud2"), HasSubstr("ouster_ros/PacketMsg"),
+                    HasSubstr("ouster_msgs/PacketMsg"), HasSubstr("ouster_sensor_msgs/PacketMsg")));
+  EXPECT_THAT(Error(Write("a.md", "text")),
+              AllOf(HasSubstr("no folder that holds scans"), HasSubstr("no ROS 1 bag")));
 }
 
 TEST_F(MessageScansTest, TimesOfRecordingWhereMessagesHaveNone) {

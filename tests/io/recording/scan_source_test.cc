@@ -215,9 +215,37 @@ TEST_F(ScanSourceTest, EmptyFolder) {
   EXPECT_THAT(OpenError("raw"), HasSubstr("*.txt"));
 }
 
-TEST_F(ScanSourceTest, FileInsteadOfFolder) {
-  WriteScans("s", {"a.bin"});
-  EXPECT_THAT(OpenError("s/a.bin"), AllOf(HasSubstr("a.bin"), HasSubstr("not a folder")));
+TEST_F(ScanSourceTest, ASingleScan) {
+  WriteScans("s", {"a.bin", "1700000000123456789.bin", "c.bin"});
+  Write("s/times.txt", "1\n2\n3\n");
+  Write("times.txt", "7\n");
+  const auto scan = Open("s/c.bin");
+  ASSERT_EQ(scan->size(), 1U);
+  EXPECT_EQ(scan->Read(0).points[0].x, 2.0F);
+  EXPECT_EQ(scan->Name(0), Path("s/c.bin"));
+  // Lines of a file tell nothing of one scan out of many.
+  EXPECT_FALSE(scan->recorded_stamps());
+  EXPECT_THAT(scan->Describe().scans, HasSubstr("1 file *.bin"));
+  EXPECT_THAT(scan->Describe().doubts, testing::IsEmpty());
+  EXPECT_THAT(Stamps(*Open("s/1700000000123456789.bin")), ElementsAre(1700000000123456789));
+  Write("a.ply",
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+        "property float z\nend_header\n1 2 3\n");
+  Write("b.pcd",
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\n"
+        "HEIGHT 1\nPOINTS 1\nDATA ascii\n1 2 3\n");
+  Write("c.txt", "1 2 3 0.5\n");
+  for (const char* name : {"a.ply", "b.pcd", "c.txt"}) {
+    EXPECT_EQ(Open(name)->Read(0).points[0].y, 2.0F) << name;
+  }
+  options_.topic = "/points";
+  EXPECT_THAT(OpenError("a.ply"), HasSubstr("there is no topic '/points'"));
+}
+
+TEST_F(ScanSourceTest, FilesThatAreNoScansByTheirNameAreRefused) {
+  Write("a.doc", "text");
+  EXPECT_THAT(OpenError("a.doc"), AllOf(HasSubstr("a.doc"), HasSubstr("no scan by its name"),
+                                        HasSubstr(".laz"), HasSubstr("MCAP")));
 }
 
 TEST_F(ScanSourceTest, UnreadableFolder) {
