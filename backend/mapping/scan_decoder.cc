@@ -73,8 +73,9 @@ std::string TimesMisfit(const Scan& scan, const ScanPreparationOptions& preparat
   constexpr double kMostOffS = 60.0;
   const bool used = preparation.deskew == ScanPreparationOptions::Deskew::kTime ||
                     preparation.deskew == ScanPreparationOptions::Deskew::kAuto;
-  if (!used || scan.time_s.empty() || scan.stamp_made_up) return "";
-  const std::optional<double> apart_s = TimeBetween(stamps);
+  if (!used || scan.time_s.empty()) return "";
+  // Stamps that are made up tell nothing of sweeps.
+  const std::optional<double> apart_s = scan.stamp_made_up ? std::nullopt : TimeBetween(stamps);
   const double most_s = apart_s ? kMostPeriods * *apart_s : kMostS;
   const auto [first, last] = std::minmax_element(scan.time_s.begin(), scan.time_s.end());
   if (*last - *first <= most_s && std::abs(*first) <= kMostOffS) return "";

@@ -70,9 +70,11 @@ TEST(ScanDecoder, TimesThatAreNotUsedOrHaveNothingToContradictAreNot) {
   preparation.deskew = ScanPreparationOptions::Deskew::kOff;
   EXPECT_FALSE(Decode(Sweep(100.0), preparation).skipped);
   preparation.deskew = ScanPreparationOptions::Deskew::kAuto;
-  Scan made_up = Sweep(100.0);
+  Scan made_up = Sweep(5.0);
   made_up.stamp_made_up = true;
   EXPECT_FALSE(Decode(made_up, preparation).skipped);
+  made_up.time_s = Sweep(100.0).time_s;
+  EXPECT_THAT(Decode(made_up, preparation).detail, HasSubstr("no sweep lasts so long"));
 }
 
 }  // namespace
