@@ -4,10 +4,23 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <functional>
+#include <utility>
 
 #include "core/base/error.h"
 
 namespace lamina {
+namespace {
+
+void AddTopicOption(CLI::App* command, std::function<void(const std::string&)> take) {
+  command
+      ->add_option_function<std::string>(
+          "--topic", std::move(take),
+          "With a bag or MCAP file: the topic of the scans, if there are several")
+      ->type_name("NAME");
+}
+
+}  // namespace
 
 void AddConfigOptions(CLI::App* command, const std::string& note, ConfigArguments* arguments) {
   command
@@ -25,12 +38,13 @@ void AddConfigOptions(CLI::App* command, const std::string& note, ConfigArgument
 }
 
 void AddTopicOption(CLI::App* command, ConfigArguments* arguments) {
-  command
-      ->add_option_function<std::string>(
-          "--topic",
-          [arguments](const std::string& name) { arguments->set.push_back("scans.topic=" + name); },
-          "With a bag or MCAP file: the topic of the scans, if there are several")
-      ->type_name("NAME");
+  AddTopicOption(command, [arguments](const std::string& name) {
+    arguments->set.push_back("scans.topic=" + name);
+  });
+}
+
+void AddTopicOption(CLI::App* command, std::optional<std::string>* topic) {
+  AddTopicOption(command, [topic](const std::string& name) { *topic = name; });
 }
 
 void AddFramesOption(CLI::App* command, std::string* frames) {

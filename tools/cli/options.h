@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -21,6 +22,8 @@ void AddConfigOptions(CLI::App* command, const std::string& note, ConfigArgument
 
 // --topic, which becomes the option scans.topic.
 void AddTopicOption(CLI::App* command, ConfigArguments* arguments);
+// The same, where the run's own configuration says what else counts.
+void AddTopicOption(CLI::App* command, std::optional<std::string>* topic);
 
 // --frames A:B, for ParseFrameRange.
 void AddFramesOption(CLI::App* command, std::string* frames);

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "tools/cli/common.h"
+#include "tools/cli/options.h"
 #include "tools/doctor/data.h"
 #include "tools/http/web_assets.h"
 #include "tools/report/page.h"
@@ -48,6 +49,7 @@ void AddDoctorCommand(CLI::App* app, std::function<int()>* run) {
       ->add_option("--scans", a.source.scans,
                    "The recording that the run was made from, to name the files of weak places")
       ->type_name("PATH");
+  AddTopicOption(command, &a.source.topic);
   command->add_option("--top", a.source.top, "Places that are told, at most")
       ->check(CLI::Range(std::size_t{1}, std::size_t{100}))
       ->capture_default_str();

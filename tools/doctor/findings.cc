@@ -26,9 +26,12 @@ std::optional<RunVerdict> VerdictOn(const RunTable& table) {
   return counter.Judge();
 }
 
-std::map<StampNs, std::string> ReadFileNames(const std::string& path, const RunTable& table) {
+std::map<StampNs, std::string> ReadFileNames(const DoctorSource& source, const RunTable& table) {
+  const std::string& path = source.scans;
   if (path.empty()) return {};
-  const auto scans = OpenScans(path, table.config.scans);
+  ScanSourceOptions options = table.config.scans;
+  options.topic = source.topic.value_or(options.topic);
+  const auto scans = OpenScans(path, options);
   std::map<StampNs, std::string> names;
   for (std::size_t i = 0; i < scans->size(); ++i) {
     names.emplace(scans->Stamp(i), std::filesystem::path(scans->Name(i)).filename().string());
@@ -68,7 +71,7 @@ DoctorFindings Examine(const DoctorSource& source) {
   findings.table = std::make_unique<const RunTable>(ReadRunTable(source.folder));
   findings.weak = std::make_unique<const WeakPlaces>(*findings.table);
   findings.verdict = VerdictOn(*findings.table);
-  findings.file_names = ReadFileNames(source.scans, *findings.table);
+  findings.file_names = ReadFileNames(source, *findings.table);
   const std::vector<WeakPlace>& places = findings.weak->places();
   for (std::size_t i = 0; i < std::min(source.top, places.size()); ++i) {
     findings.advice.push_back(Advise(*findings.table, *findings.weak, places[i]));

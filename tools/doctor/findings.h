@@ -16,9 +16,10 @@
 namespace lamina {
 
 struct DoctorSource {
-  std::string folder;    // of `lamina run`, or of a session
-  std::string scans;     // the recording, to name files by; may be empty
-  std::size_t top = 10;  // places that are told
+  std::string folder;                // of `lamina run`, or of a session
+  std::string scans;                 // the recording, to name files by; may be empty
+  std::optional<std::string> topic;  // of the scans in it; nothing: that of the run
+  std::size_t top = 10;              // places that are told
 };
 
 struct DoctorFindings {

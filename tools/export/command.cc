@@ -14,6 +14,7 @@
 #include "core/base/error.h"
 #include "io/map/map_io.h"
 #include "io/recording/scan_source.h"
+#include "tools/cli/options.h"
 #include "tools/export/cloud.h"
 #include "tools/export/trajectory.h"
 #include "tools/results/output_folder.h"
@@ -29,6 +30,7 @@ constexpr double kStampToleranceS = 1e-6;
 struct ExportArguments {
   std::string run;
   std::string scans;
+  ConfigArguments config;  // what differs from the run's own: where its scans are
   std::string format = "ply";
   std::string out;
   std::string trajectory;
@@ -81,7 +83,7 @@ void CheckOutput(const std::string& out, const std::string& scans) {
 
 int ExportCloudOf(const ExportArguments& arguments) {
   const std::filesystem::path run = arguments.run;
-  const LaminaConfig config = LoadConfig((run / "config.yaml").string(), {});
+  const LaminaConfig config = LoadConfig((run / "config.yaml").string(), arguments.config.set);
   std::vector<FrameRow> rows;
   const Trajectory trajectory = ReadFirstPiece(arguments.run, &rows);
   const std::unique_ptr<ScanSource> scans = OpenScans(arguments.scans, config.scans);
@@ -151,6 +153,7 @@ void AddExportCommand(CLI::App* app, std::function<int()>* run) {
                    "The recording that the run was made from. Scans are found by stamp; those "
                    "without a pose are left out")
       ->type_name("PATH");
+  AddTopicOption(command, &arguments->config);
   command
       ->add_option("--resolution", arguments->resolution_m,
                    "Edge of the voxels of which each keeps its first point")
