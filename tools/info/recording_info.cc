@@ -101,6 +101,7 @@ std::string DescribeScans(const ScanSource& source, const LaminaConfig& config,
                                       ? DescribeRate(source.size(), MeasureRate(ScanStamps(source)))
                                       : fmt::format("{} scans, without stamps", source.size()));
   for (const std::string& doubt : opening.doubts) text += "doubt   " + Printable(doubt) + "\n";
+  if (!opening.usable) return text + "map it  not as it is: see the doubts\n";
   text += "map it  lamina run --scans " + Printable(ShellWord(path));
   if (!topic.empty()) text += " --topic " + Printable(ShellWord(topic));
   if (!opening.fitting_config.empty()) text += " --config " + opening.fitting_config;

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <limits>
 
 #include "core/base/angle.h"
 #include "core/base/error.h"
@@ -45,21 +46,50 @@ int CountRings(const std::vector<double>& elevations, double lowest, double high
 struct FirstScan {
   Scan scan;
   PointTimeField times;
+  std::string problem;  // why none of those that were tried can be read; empty if one can
 };
 
 FirstScan ReadFirst(const ScanSource& source, const FrameRange& range) {
   constexpr std::size_t kTries = 5;
   FirstScan first;
-  for (std::size_t i = range.begin; i < std::min(range.end, range.begin + kTries); ++i) {
+  const std::size_t end = std::min(range.end, range.begin + kTries);
+  std::string error_of_first;
+  for (std::size_t i = range.begin; i < end; ++i) {
     try {
       first.scan = source.Read(i);
       first.times = source.PointTimes(i);
       return first;
-    } catch (const InputError&) {
+    } catch (const InputError& error) {
       // The run will say so, and goes on with the next one.
+      if (i == range.begin) error_of_first = error.what();
     }
   }
+  const std::size_t tried = end - std::min(range.begin, end);
+  first.problem =
+      tried == 1 ? error_of_first
+                 : fmt::format("none of the first {} scans can be read; {}", tried, error_of_first);
   return first;
+}
+
+// Why mapping takes no point of a scan that can be read; empty if it takes some.
+std::string DescribeRanges(const Scan& scan, const ScanPreparationOptions& preparation,
+                           double period_s) {
+  if (scan.points.empty() || !PrepareScan(scan, preparation, period_s).points.empty()) return "";
+  constexpr double kFarM = 1e4;
+  double nearest_m = std::numeric_limits<double>::infinity(), farthest_m = 0.0;
+  for (const ScanPoint& p : scan.points) {
+    const double range_m =
+        std::hypot(static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z));
+    if (!std::isfinite(range_m)) continue;
+    nearest_m = std::min(nearest_m, range_m);
+    farthest_m = std::max(farthest_m, range_m);
+  }
+  if (nearest_m > farthest_m) return "no point of the first scan is finite";
+  return fmt::format(
+      "the points of the first scan are {:.5g} to {:.5g} m from the origin, none within "
+      "preparation.min_range_m={:.5g} to max_range_m={:.5g}{}",
+      nearest_m, farthest_m, preparation.min_range_m, preparation.max_range_m,
+      nearest_m > kFarM ? ": a map, and no scan in the frame of its sensor" : "");
 }
 
 // Of the points' times from the stamp, s.
@@ -166,6 +196,10 @@ OpeningLines DescribeOpening(const ScanSource& source, const FrameRange& range,
                   DescribeConfig(fit, config_name))};
   opening.fitting_config = fit.name;
   opening.doubts = recording.doubts;
+  std::string unusable = first.problem;
+  if (unusable.empty()) unusable = DescribeRanges(first.scan, config.preparation, period_s);
+  opening.usable = unusable.empty();
+  if (!opening.usable) opening.doubts.push_back(unusable);
   constexpr double kOverlap = 1.5;
   if (deskew != Deskew::kOff && deskew != Deskew::kAzimuth &&
       span.length_s() > kOverlap * period_s) {
@@ -173,6 +207,15 @@ OpeningLines DescribeOpening(const ScanSource& source, const FrameRange& range,
         fmt::format("the times of a scan's points span {:.3f} s, but scans are {:.3f} s apart: is "
                     "their unit {} (scans.point_time_unit)?",
                     span.length_s(), period_s, first.times.unit));
+  }
+  // No reader decides for such times by itself.
+  constexpr double kLeastSweepS = 1e-3, kLeastPeriodS = 0.01;
+  if (deskew != Deskew::kOff && deskew != Deskew::kAzimuth && span.length_s() > 0.0 &&
+      span.length_s() < kLeastSweepS && period_s > kLeastPeriodS) {
+    opening.doubts.push_back(
+        fmt::format("the times of a scan's points span only {:.3g} s: is their unit {} "
+                    "(scans.point_time_unit)?",
+                    span.length_s(), first.times.unit));
   }
   // A sweep is deskewed to its stamp: the farther off that is, the more the first scans, whose
   // motion is not known yet, lie off.

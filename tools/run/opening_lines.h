@@ -27,6 +27,8 @@ struct OpeningLines {
   std::vector<std::string> doubts;  // what contradicts, each with what to do
   // The shipped configuration that is for such a recording; empty if there is none.
   std::string fitting_config;
+  // The first scans hold points that mapping takes.
+  bool usable = true;
 };
 
 // `config_name` is what --config gave; empty for none. Reads the first readable of a few

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "io/map/map_io.h"
 #include "tests/support/container_files.h"
 #include "tests/support/run_helpers.h"
 #include "tests/support/swept_messages.h"
@@ -14,6 +15,7 @@ namespace {
 
 using testing::AllOf;
 using testing::HasSubstr;
+using testing::Not;
 
 class ContainersTest : public RunTest {
  protected:
@@ -69,6 +71,21 @@ TEST_F(ContainersTest, ATopicIsChosenAndKeptForLater) {
   EXPECT_EQ(doctor.code, 0) << doctor.err;
 }
 
+// A run that knew its scans by themselves, and a recording of them beside others.
+TEST_F(ContainersTest, ATopicIsChosenForTheRunOfAnotherContainer) {
+  Run(Write("one.bag", BagBytes(SweptMessages(WireWriter::Form::kRos1), {"lz4", 4, true})));
+  const std::string two =
+      Write("two.bag", BagBytes(SweptMessages(WireWriter::Form::kRos1, "/rear"), {"lz4", 4, true}));
+  const std::vector<std::string> exporting = {"export", "--run",        Path("out"), "--scans",
+                                              two,      "--resolution", "0.5"};
+  const std::vector<std::string> examining = {"doctor", "--run", Path("out"), "--scans", two};
+  for (std::vector<std::string> words : {exporting, examining}) {
+    EXPECT_THAT(Lamina(words).err, HasSubstr("choose one by --topic"));
+    words.insert(words.end(), {"--topic", "/points"});
+    EXPECT_EQ(Lamina(words).code, 0) << Lamina(words).err;
+  }
+}
+
 TEST_F(ContainersTest, InfoTellsWhatIsInside) {
   RecordedMessages recorded = SweptMessages(WireWriter::Form::kRos1, "/rear");
   // Two scans are missing on one topic.
@@ -99,6 +116,46 @@ TEST_F(ContainersTest, InfoTellsWhatIsInside) {
   EXPECT_THAT(none.err, HasSubstr("holds no scans"));
   const Outcome folder = Lamina({"info", WriteRecording("street", Street(3))});
   EXPECT_THAT(folder.out, AllOf(HasSubstr("3 files *.bin"), HasSubstr("3 scans over 0.2")));
+}
+
+// Of what mapping would take no point, info says why, and no command.
+TEST_F(ContainersTest, InfoRecommendsNothingThatMapsNothing) {
+  const auto info = [this](const std::string& path) { return Lamina({"info", path}).out; };
+  const auto no_command = AllOf(HasSubstr("map it  not as it is"), Not(HasSubstr("lamina run")));
+  // LAS at the coordinates of a country.
+  std::filesystem::create_directories(Path("las"));
+  for (const char* name : {"las/a.las", "las/b.las"}) {
+    CloudWriter writer(Path(name));
+    writer.Append({{{637012.0, 849028.0, 431.0}, 0.5F, 0.0}});
+    writer.Commit();
+  }
+  EXPECT_THAT(
+      info(Path("las")),
+      AllOf(HasSubstr("doubt   none of the first 2 scans can be read; "),
+            HasSubstr("a.las: all points are more than 10 km from the origin"), no_command));
+  EXPECT_THAT(info(Path("las/a.las")),
+              AllOf(HasSubstr("doubt   " + Path("las/a.las")), no_command));
+  // The same in a format that says nothing of frames, and a room in millimetres.
+  std::vector<ScanPoint> scan(100, {637012.0F, 849028.0F, 431.0F, 0.0F});
+  EXPECT_THAT(info(Write("utm.bin", KittiBin(scan))),
+              AllOf(HasSubstr("none within preparation.min_range_m=2 to max_range_m=100: a map"),
+                    no_command));
+  scan.assign(100, {3000.0F, 2000.0F, 431.0F, 0.0F});
+  EXPECT_THAT(info(Write("mm.bin", KittiBin(scan))),
+              AllOf(HasSubstr("are 3631.2 to 3631.2 m from the origin"), Not(HasSubstr("a map,")),
+                    no_command));
+  const std::string good = WriteRecording("street", Street(1));
+  EXPECT_THAT(info(good), AllOf(HasSubstr("lamina run --scans"), Not(HasSubstr("doubt"))));
+}
+
+TEST_F(ContainersTest, ASingleScanIsMapped) {
+  WriteRecording("street", Street(2));
+  const std::string scan = Path("street/velodyne/000001.bin");
+  EXPECT_THAT(Lamina({"info", scan}).out,
+              AllOf(HasSubstr("1 file *.bin"), HasSubstr("lamina run --scans " + scan)));
+  Run(scan);
+  EXPECT_EQ(Summary()["frames"], 1);
+  EXPECT_EQ(Lines(Bytes(Path("out/trajectory_tum.txt"))).size(), 1U);
 }
 
 }  // namespace
