@@ -43,20 +43,30 @@ Look MapAndLook(const ScanSource& source, std::size_t begin, std::size_t end,
   return look;
 }
 
+// A sensor that is at rest shakes by less.
+constexpr double kLeastWayM = 1.0, kLeastTurnRad = 0.2;
+constexpr std::size_t kLeastPlanes = 50;
+
 // Whether the maps of both say anything: the sensor moved, and both found much the same.
 bool Comparable(const Look& a, const Look& b) {
-  // A sensor that is at rest shakes by less.
-  constexpr double kLeastWayM = 1.0, kLeastTurnRad = 0.2, kAlike = 0.8;
-  constexpr std::size_t kLeastPlanes = 50;
+  constexpr double kAlike = 0.8;
   const auto alike = [&](double x, double y) { return std::min(x, y) >= kAlike * std::max(x, y); };
   const bool moved = (std::min(a.way_m, b.way_m) > kLeastWayM && alike(a.way_m, b.way_m)) ||
                      std::min(a.turn_rad, b.turn_rad) > kLeastTurnRad;
   return a.tracked && b.tracked && moved && std::min(a.map.planes, b.map.planes) >= kLeastPlanes;
 }
 
-// Times that are of the scans' own length: others have a wrong unit, or the stamps are not theirs,
-// and what deskewing by them does tells nothing.
-bool PointsHaveTimes(const ScanSource& source, std::size_t begin, std::size_t end) {
+// Whether scans are lost by their times alone.
+bool Misled(const Look& deskewed, const Look& as_they_are) {
+  const bool moved = as_they_are.way_m > kLeastWayM || as_they_are.turn_rad > kLeastTurnRad;
+  return !deskewed.tracked && as_they_are.tracked && moved &&
+         as_they_are.map.planes >= kLeastPlanes;
+}
+
+enum class Times { kNone, kOfTheScan, kLonger };
+
+// How the times of the points lie between the stamps.
+Times TimesOf(const ScanSource& source, std::size_t begin, std::size_t end) {
   constexpr std::size_t kTries = 5;
   constexpr double kMostPeriods = 1.5;
   std::vector<StampNs> stamps;
@@ -67,14 +77,15 @@ bool PointsHaveTimes(const ScanSource& source, std::size_t begin, std::size_t en
   for (std::size_t i = begin; i < std::min(end, begin + kTries); ++i) {
     try {
       const std::vector<float> times = source.Read(i).time_s;
-      if (times.empty()) return false;
+      if (times.empty()) return Times::kNone;
       const auto [first, last] = std::minmax_element(times.begin(), times.end());
-      return static_cast<double>(*last) - static_cast<double>(*first) < kMostPeriods * period_s;
+      const double length_s = static_cast<double>(*last) - static_cast<double>(*first);
+      return length_s < kMostPeriods * period_s ? Times::kOfTheScan : Times::kLonger;
     } catch (const InputError&) {
       // The next one may be readable.
     }
   }
-  return false;
+  return Times::kNone;
 }
 
 }  // namespace
@@ -84,18 +95,25 @@ DeskewChoice ChooseDeskew(const ScanSource& source, std::size_t begin, std::size
   // Differences of fewer per cent are within what maps of so few scans vary by.
   constexpr double kClearlyThinner = 0.9;
   DeskewChoice choice;
-  if (options.preparation.deskew != Deskew::kAuto || !PointsHaveTimes(source, begin, end)) {
-    return choice;
-  }
+  if (options.preparation.deskew != Deskew::kAuto) return choice;
+  const Times times = TimesOf(source, begin, end);
+  if (times == Times::kNone) return choice;
   for (const std::size_t from : {begin, begin + (end - begin) / 2}) {
     const std::size_t to = std::min(end, from + kScans);
     const Look deskewed = MapAndLook(source, from, to, options, Deskew::kTime, stop);
     const Look as_they_are = MapAndLook(source, from, to, options, Deskew::kOff, stop);
     if (stop != nullptr && stop->load()) return {};
+    if (Misled(deskewed, as_they_are)) {
+      choice.verdict = DeskewChoice::Verdict::kWrongTimes;
+      break;
+    }
     if (!Comparable(deskewed, as_they_are)) continue;
     choice.deskewed_m = deskewed.map.median_m;
     choice.as_they_are_m = as_they_are.map.median_m;
-    choice.compensated = choice.as_they_are_m < kClearlyThinner * choice.deskewed_m;
+    if (choice.as_they_are_m < kClearlyThinner * choice.deskewed_m) {
+      choice.verdict = times == Times::kOfTheScan ? DeskewChoice::Verdict::kCompensated
+                                                  : DeskewChoice::Verdict::kWrongTimes;
+    }
     break;
   }
   return choice;

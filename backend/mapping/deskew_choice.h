@@ -1,8 +1,9 @@
 // Whether scans are to be deskewed although their points have times: some recordings were
-// compensated for the sensor's motion when they were made, and kept the times.
+// compensated for the sensor's motion when they were made, and kept the times; in others the times
+// are understood wrongly, in a wrong unit or against stamps that are not theirs.
 //
 // A few scans are mapped twice, deskewed and as they are. Where the sensor moved, one of both bends
-// what is plane, so the right choice gives the thinner map (MeasureThickness).
+// what is plane, so the right choice gives the thinner map (MeasureThickness), or the only one.
 #pragma once
 
 #include <atomic>
@@ -14,16 +15,20 @@
 namespace lamina {
 
 struct DeskewChoice {
-  // The scans tell that they are compensated already.
-  bool compensated = false;
+  enum class Verdict {
+    kDeskew,       // or nothing tells
+    kCompensated,  // the scans tell that they are compensated already
+    kWrongTimes    // the times mislead: they are not of the scans' own length, or scans are lost by
+                   // them that are tracked without
+  };
+  Verdict verdict = Verdict::kDeskew;
   // Those of the maps that were compared, metres; 0 where nothing was.
   double deskewed_m = 0.0, as_they_are_m = 0.0;
 };
 
 // For scans [begin, end) of a recording. Looks at the first ones, and where they tell nothing
-// (the sensor stood still, or was lost) at some from the middle. Without a clear answer scans are
-// not called compensated. Does not look at all unless options.preparation.deskew is kAuto and the
-// points have times that fit between the stamps.
+// (the sensor stood still, or was lost) at some from the middle. Does not look at all unless
+// options.preparation.deskew is kAuto and the points have times.
 DeskewChoice ChooseDeskew(const ScanSource& source, std::size_t begin, std::size_t end,
                           const MappingOptions& options, const std::atomic<bool>* stop);
 

@@ -205,22 +205,36 @@ class CorrectedMap {
 };
 
 // Says what was understood of the recording, and settles what it decides of the configuration:
-// scans that are compensated already are not deskewed.
+// scans that are compensated already, or whose times mislead, are not deskewed.
 void OpenRun(const ScanSource& source, const FrameRange& range, const RunArguments& arguments,
              const std::atomic<bool>& stop, LaminaConfig* config) {
   const DeskewChoice choice =
       ChooseDeskew(source, range.begin, range.end, config->Mapping(), &stop);
-  if (choice.compensated) config->preparation.deskew = ScanPreparationOptions::Deskew::kOff;
+  if (choice.verdict != DeskewChoice::Verdict::kDeskew) {
+    config->preparation.deskew = ScanPreparationOptions::Deskew::kOff;
+  }
   const OpeningLines opening = DescribeOpening(source, range, *config, arguments.config.file);
   for (const std::string& line : opening.lines) {
     if (!arguments.quiet) fmt::print(stderr, "{}\n", Printable(line));
   }
   for (const std::string& doubt : opening.doubts) spdlog::warn("{}", doubt);
-  if (!choice.compensated) return;
-  spdlog::warn(
-      "scans are compensated for motion already: planes are {:.1f} mm thick if deskewed by the "
-      "points' times, {:.1f} mm as they are. Not deskewed (preparation.deskew=off)",
-      1e3 * choice.deskewed_m, 1e3 * choice.as_they_are_m);
+  const std::string thickness =
+      choice.deskewed_m > 0.0
+          ? fmt::format(
+                "planes are {:.1f} mm thick if deskewed by the points' times, {:.1f} mm as "
+                "they are",
+                1e3 * choice.deskewed_m, 1e3 * choice.as_they_are_m)
+          : "scans are lost if deskewed by the points' times, and tracked as they are";
+  if (choice.verdict == DeskewChoice::Verdict::kCompensated) {
+    spdlog::warn(
+        "scans are compensated for motion already: {}. Not deskewed (preparation.deskew=off)",
+        thickness);
+  } else if (choice.verdict == DeskewChoice::Verdict::kWrongTimes) {
+    spdlog::warn(
+        "the points' times are understood wrongly, or are none: {}. Not deskewed "
+        "(preparation.deskew=off; scans.point_time_unit tells their unit)",
+        thickness);
+  }
 }
 
 // Nothing without a truth. Too few scans may have got poses for a comparison, which must not cost

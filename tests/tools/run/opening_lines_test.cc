@@ -23,15 +23,16 @@ using testing::Not;
 
 constexpr double kEpochS = 1.7e9;
 
-// A PCD file of x, y, z (float) and a double `timestamp` in seconds, `shift_s` later.
-std::string TimedPcd(const Scan& scan, double shift_s) {
+// A PCD file of x, y, z (float) and a double `timestamp`, `per_s` of which are a second, `shift_s`
+// later.
+std::string TimedPcd(const Scan& scan, double shift_s, double per_s = 1.0) {
   const std::string count = std::to_string(scan.points.size());
   std::string bytes =
       "VERSION 0.7\nFIELDS x y z timestamp\nSIZE 4 4 4 8\nTYPE F F F F\nCOUNT 1 1 1 1\nWIDTH " +
       count + "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS " + count + "\nDATA binary\n";
   for (std::size_t i = 0; i < scan.points.size(); ++i) {
     const ScanPoint& p = scan.points[i];
-    bytes += Pack(p.x, p.y, p.z, shift_s + static_cast<double>(scan.time_s[i]));
+    bytes += Pack(p.x, p.y, p.z, shift_s + per_s * static_cast<double>(scan.time_s[i]));
   }
   return bytes;
 }
@@ -102,10 +103,10 @@ TEST_F(OpeningTest, CompensatedCloudsAreNotDeskewedAgain) {
 TEST(DeskewChoice, IsTheThinnerMapsWhereTheSensorMoved) {
   const MappingOptions options;
   const DeskewChoice swept = ChooseDeskew(LongDrive(false), 0, 20, options, nullptr);
-  EXPECT_FALSE(swept.compensated);
+  EXPECT_EQ(swept.verdict, DeskewChoice::Verdict::kDeskew);
   EXPECT_LT(swept.deskewed_m, swept.as_they_are_m);
   const DeskewChoice still = ChooseDeskew(LongDrive(true), 0, 20, options, nullptr);
-  EXPECT_TRUE(still.compensated);
+  EXPECT_EQ(still.verdict, DeskewChoice::Verdict::kCompensated);
   EXPECT_LT(still.as_they_are_m, 0.9 * still.deskewed_m);
 }
 
@@ -141,6 +142,28 @@ TEST_F(OpeningTest, TimesAgainstThePeriodAreNamed) {
   Write("fast/times.txt", "0\n0.1\n0.05\n0.3\n");
   EXPECT_THAT(Run(Path("fast")).err,
               HasSubstr("1 stamps are not after the one before, first that of 2.pcd"));
+}
+
+TEST_F(OpeningTest, TimesThatMisleadAreNotUsed) {
+  const SweptDrive& drive = LongDrive(false);
+  const auto run = [&](double per_s) {
+    for (std::size_t i = 0; i < drive.size(); ++i) {
+      Write("wrong/" + std::to_string(i) + ".pcd", TimedPcd(drive.Read(i), 0.0, per_s));
+    }
+    return Run(Path("wrong"), {"--set", "scans.point_time_unit=s"});
+  };
+  // Milliseconds as seconds, and a unit that is none of those: each sweep seems to be 100 s or 0.5
+  // s long.
+  for (const double per_s : {1000.0, 5.0}) {
+    const Outcome outcome = run(per_s);
+    EXPECT_EQ(outcome.code, 0) << outcome.err;
+    EXPECT_THAT(outcome.err, AllOf(HasSubstr("times are understood wrongly"),
+                                   HasSubstr("scans.point_time_unit tells their unit")))
+        << per_s;
+    EXPECT_EQ(Summary()["lost_frames"], 0) << per_s;
+    EXPECT_THAT(Bytes(Path("out/config.yaml")), HasSubstr("deskew: off"));
+  }
+  EXPECT_THAT(run(1.0).err, Not(HasSubstr("understood wrongly")));
 }
 
 TEST(SensorGuess, NarrowViewsAndNoPoints) {
