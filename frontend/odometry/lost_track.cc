@@ -48,7 +48,9 @@ void LostTrack::Guess(const SE3& T_world_newest) {
 
 bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                        Scan* scan) const {
-  constexpr double kLeastFit = 0.7, kLeastOverlap = 0.3;
+  // One scan of few rings has little of what the next one sees, however well they agree.
+  constexpr double kLeastFit = 0.7, kLeastOverlap = 0.3, kLeastOverlapOfTwo = 0.18;
+  const double least_overlap = kept_.size() > 1 ? kLeastOverlap : kLeastOverlapOfTwo;
   VoxelMap map(map_options_);
   std::int64_t frame = 0;
   for (const Scan& other : kept_) {
@@ -63,7 +65,7 @@ bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& cluste
   Vector6d twist = motion_.Twist(stamp_ns);
   MatchResult match = matcher_.MatchPose(DeskewClusters(clusters, twist), prediction, map);
   if (match.status == MatchResult::Status::kTooFewMatches || match.fit() < kLeastFit ||
-      match.overlap() < kLeastOverlap)
+      match.overlap() < least_overlap)
     return false;
   const double dt = motion_.Gap(stamp_ns);
   if (dt > 0.0) twist = TwistLog(motion_.T_world_last().Inverse() * match.T_world_lidar) / dt;
