@@ -8,9 +8,10 @@
 
 namespace lamina {
 
+// Whether ReadScanFile reads a file of this name. Hidden names (leading dot) are none.
+bool IsScanFile(const std::string& path);
 // The endings of such names, for people.
 inline constexpr const char* kScanEndings = ".bin, .pcd, .ply, .las, .laz, .csv or .txt";
-bool IsScanFile(const std::string& path);
 
 // .bin, .pcd, .ply, .las, .laz or .csv (KITTI raw's .txt too). stamp_ns of the result is 0 unless
 // the file itself carries per-point readings of a clock (times more than 60 s from zero): then it

@@ -15,7 +15,7 @@ namespace lamina {
 
 // What a file is by its name alone. Hidden names (leading dot) are none; so are names with another
 // ending, which writers use while they write (.partial, .tmp, .part).
-enum class ScanName { kNone, kPoints /* .bin .pcd .ply */, kText /* .txt */ };
+enum class ScanName { kNone, kPoints /* .bin .pcd .ply .las .laz */, kText /* .txt */ };
 ScanName KindOfName(std::string_view name);
 
 // The files in `folder` whose names are of this kind, in natural order. Throws InputError if it is

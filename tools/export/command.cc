@@ -30,7 +30,7 @@ constexpr double kStampToleranceS = 1e-6;
 struct ExportArguments {
   std::string run;
   std::string scans;
-  ConfigArguments config;  // what differs from the run's own: where its scans are
+  std::optional<std::string> topic;  // of the scans; nothing: that of the run
   std::string format = "ply";
   std::string out;
   std::string trajectory;
@@ -83,7 +83,8 @@ void CheckOutput(const std::string& out, const std::string& scans) {
 
 int ExportCloudOf(const ExportArguments& arguments) {
   const std::filesystem::path run = arguments.run;
-  const LaminaConfig config = LoadConfig((run / "config.yaml").string(), arguments.config.set);
+  LaminaConfig config = LoadConfig((run / "config.yaml").string(), {});
+  config.scans.topic = arguments.topic.value_or(config.scans.topic);
   std::vector<FrameRow> rows;
   const Trajectory trajectory = ReadFirstPiece(arguments.run, &rows);
   const std::unique_ptr<ScanSource> scans = OpenScans(arguments.scans, config.scans);
@@ -153,7 +154,7 @@ void AddExportCommand(CLI::App* app, std::function<int()>* run) {
                    "The recording that the run was made from. Scans are found by stamp; those "
                    "without a pose are left out")
       ->type_name("PATH");
-  AddTopicOption(command, &arguments->config);
+  AddTopicOption(command, &arguments->topic);
   command
       ->add_option("--resolution", arguments->resolution_m,
                    "Edge of the voxels of which each keeps its first point")

@@ -204,37 +204,35 @@ class CorrectedMap {
   VoxelMap map_;
 };
 
+// What speaks against deskewing.
+std::string DescribeEvidence(const DeskewChoice& choice) {
+  if (choice.deskewed_m == 0.0)
+    return "scans are lost if deskewed by the points' times, and tracked as they are";
+  return fmt::format(
+      "planes are {:.1f} mm thick if deskewed by the points' times, {:.1f} mm as they are",
+      1e3 * choice.deskewed_m, 1e3 * choice.as_they_are_m);
+}
+
 // Says what was understood of the recording, and settles what it decides of the configuration:
 // scans that are compensated already, or whose times mislead, are not deskewed.
 void OpenRun(const ScanSource& source, const FrameRange& range, const RunArguments& arguments,
              const std::atomic<bool>& stop, LaminaConfig* config) {
   const DeskewChoice choice =
       ChooseDeskew(source, range.begin, range.end, config->Mapping(), &stop);
-  if (choice.verdict != DeskewChoice::Verdict::kDeskew) {
-    config->preparation.deskew = ScanPreparationOptions::Deskew::kOff;
-  }
+  const bool use_times = choice.verdict == DeskewChoice::Verdict::kDeskew;
+  if (!use_times) config->preparation.deskew = ScanPreparationOptions::Deskew::kOff;
   const OpeningLines opening = DescribeOpening(source, range, *config, arguments.config.file);
   for (const std::string& line : opening.lines) {
     if (!arguments.quiet) fmt::print(stderr, "{}\n", Printable(line));
   }
   for (const std::string& doubt : opening.doubts) spdlog::warn("{}", doubt);
-  const std::string thickness =
-      choice.deskewed_m > 0.0
-          ? fmt::format(
-                "planes are {:.1f} mm thick if deskewed by the points' times, {:.1f} mm as "
-                "they are",
-                1e3 * choice.deskewed_m, 1e3 * choice.as_they_are_m)
-          : "scans are lost if deskewed by the points' times, and tracked as they are";
-  if (choice.verdict == DeskewChoice::Verdict::kCompensated) {
-    spdlog::warn(
-        "scans are compensated for motion already: {}. Not deskewed (preparation.deskew=off)",
-        thickness);
-  } else if (choice.verdict == DeskewChoice::Verdict::kWrongTimes) {
-    spdlog::warn(
-        "the points' times are understood wrongly, or are none: {}. Not deskewed "
-        "(preparation.deskew=off; scans.point_time_unit tells their unit)",
-        thickness);
-  }
+  if (use_times) return;
+  const bool compensated = choice.verdict == DeskewChoice::Verdict::kCompensated;
+  spdlog::warn("{}: {}. Not deskewed (preparation.deskew=off{})",
+               compensated ? "scans are compensated for motion already"
+                           : "the points' times are understood wrongly, or are none",
+               DescribeEvidence(choice),
+               compensated ? "" : "; scans.point_time_unit tells their unit");
 }
 
 // Nothing without a truth. Too few scans may have got poses for a comparison, which must not cost

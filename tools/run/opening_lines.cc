@@ -7,6 +7,7 @@
 #include <cmath>
 #include <filesystem>
 #include <limits>
+#include <utility>
 
 #include "core/base/angle.h"
 #include "core/base/error.h"
@@ -119,6 +120,43 @@ std::string DescribeTimes(const FirstScan& first, Deskew deskew, const TimeSpan&
          (deskew == Deskew::kOff ? ", not used (preparation.deskew=off)" : ", used to deskew");
 }
 
+// What contradicts in the times of the first scan's points.
+std::vector<std::string> DoubtsOfTimes(const FirstScan& first, Deskew deskew, const TimeSpan& span,
+                                       double period_s) {
+  std::vector<std::string> doubts;
+  constexpr double kOverlap = 1.5;
+  const bool by_times = deskew != Deskew::kOff && deskew != Deskew::kAzimuth;
+  if (by_times && span.length_s() > kOverlap * period_s) {
+    doubts.push_back(
+        fmt::format("the times of a scan's points span {:.3f} s, but scans are {:.3f} s apart: is "
+                    "their unit {} (scans.point_time_unit)?",
+                    span.length_s(), period_s, first.times.unit));
+  }
+  // No reader decides for such times by itself.
+  constexpr double kLeastSweepS = 1e-3, kLeastPeriodS = 0.01;
+  if (by_times && span.length_s() > 0.0 && span.length_s() < kLeastSweepS &&
+      period_s > kLeastPeriodS) {
+    doubts.push_back(
+        fmt::format("the times of a scan's points span only {:.3g} s: is their unit {} "
+                    "(scans.point_time_unit)?",
+                    span.length_s(), first.times.unit));
+  }
+  // A sweep is deskewed to its stamp: the farther off that is, the more the first scans, whose
+  // motion is not known yet, lie off.
+  constexpr double kOutsideS = 0.02;
+  const double outside_s = std::max(span.low_s, -span.high_s);
+  if (deskew != Deskew::kAzimuth && outside_s > kOutsideS) {
+    doubts.push_back(fmt::format(
+        "the stamp of the first scan is {:.3f} s {} all of its points: does it tell when the scan "
+        "was measured, or when it was sent?",
+        outside_s, span.low_s > 0.0 ? "before" : "after"));
+  }
+  if (deskew == Deskew::kTime && first.scan.time_s.empty() && !first.scan.points.empty()) {
+    doubts.push_back("preparation.deskew=time, but the points have no times to use");
+  }
+  return doubts;
+}
+
 // The shipped configuration that is for such a recording, and why; empty if there is none.
 struct Fit {
   std::string name, reason;
@@ -200,35 +238,8 @@ OpeningLines DescribeOpening(const ScanSource& source, const FrameRange& range,
   if (unusable.empty()) unusable = DescribeRanges(first.scan, config.preparation, period_s);
   opening.usable = unusable.empty();
   if (!opening.usable) opening.doubts.push_back(unusable);
-  constexpr double kOverlap = 1.5;
-  if (deskew != Deskew::kOff && deskew != Deskew::kAzimuth &&
-      span.length_s() > kOverlap * period_s) {
-    opening.doubts.push_back(
-        fmt::format("the times of a scan's points span {:.3f} s, but scans are {:.3f} s apart: is "
-                    "their unit {} (scans.point_time_unit)?",
-                    span.length_s(), period_s, first.times.unit));
-  }
-  // No reader decides for such times by itself.
-  constexpr double kLeastSweepS = 1e-3, kLeastPeriodS = 0.01;
-  if (deskew != Deskew::kOff && deskew != Deskew::kAzimuth && span.length_s() > 0.0 &&
-      span.length_s() < kLeastSweepS && period_s > kLeastPeriodS) {
-    opening.doubts.push_back(
-        fmt::format("the times of a scan's points span only {:.3g} s: is their unit {} "
-                    "(scans.point_time_unit)?",
-                    span.length_s(), first.times.unit));
-  }
-  // A sweep is deskewed to its stamp: the farther off that is, the more the first scans, whose
-  // motion is not known yet, lie off.
-  constexpr double kOutsideS = 0.02;
-  const double outside_s = std::max(span.low_s, -span.high_s);
-  if (deskew != Deskew::kAzimuth && outside_s > kOutsideS) {
-    opening.doubts.push_back(fmt::format(
-        "the stamp of the first scan is {:.3f} s {} all of its points: does it tell when the scan "
-        "was measured, or when it was sent?",
-        outside_s, span.low_s > 0.0 ? "before" : "after"));
-  }
-  if (deskew == Deskew::kTime && first.scan.time_s.empty() && sensor.points > 0) {
-    opening.doubts.push_back("preparation.deskew=time, but the points have no times to use");
+  for (std::string& doubt : DoubtsOfTimes(first, deskew, span, period_s)) {
+    opening.doubts.push_back(std::move(doubt));
   }
   return opening;
 }
