@@ -1,8 +1,8 @@
 // The program `lamina`.
 // Exit codes: 0 done, 1 failed with a reason, 2 wrong usage: a command line that cannot be parsed,
 // or an option or a value of the configuration outside of its rule (OptionError); 3 a run
-// that is done and whose poses are probably wrong (tools/results/verdict.h); 130 ended by Ctrl-C
-// before all was done, in good order.
+// that is done and whose poses are probably wrong (tools/results/verdict/verdict.h); 130 ended by
+// Ctrl-C before all was done, in good order.
 
 #include <fmt/format.h>
 #include <unistd.h>

@@ -5,8 +5,8 @@
 
 #include "backend/bundle/condensed_cost.h"
 #include "backend/bundle/frame_pass.h"
-#include "backend/bundle/held_directions.h"
 #include "backend/bundle/index.h"
+#include "backend/bundle/solver/held_directions.h"
 #include "core/base/angle.h"
 
 namespace lamina {

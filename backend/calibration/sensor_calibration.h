@@ -24,7 +24,7 @@
 #include <string>
 #include <vector>
 
-#include "backend/bundle/adjuster.h"
+#include "backend/bundle/solver/adjuster.h"
 #include "backend/window/sliding_window.h"
 #include "core/geometry/scan.h"
 #include "core/map/voxel_map.h"

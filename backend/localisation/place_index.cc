@@ -7,8 +7,8 @@
 #include <map>
 #include <utility>
 
-#include "backend/submaps/place_lookup.h"
-#include "backend/submaps/submap_place.h"
+#include "backend/places/place_lookup.h"
+#include "backend/places/submap_place.h"
 #include "core/base/angle.h"
 #include "core/base/parallel.h"
 

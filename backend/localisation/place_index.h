@@ -23,7 +23,7 @@
 #include "backend/localisation/place_evidence.h"
 #include "backend/localisation/place_report.h"
 #include "backend/loops/loop_options.h"
-#include "backend/submaps/place_image.h"
+#include "backend/places/place_image.h"
 #include "backend/submaps/submap_registration.h"
 #include "frontend/matching/scan_matcher.h"
 

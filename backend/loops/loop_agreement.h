@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "backend/loops/loop_closure.h"
-#include "backend/submaps/submap_pairs.h"
+#include "backend/places/submap_pairs.h"
 
 namespace lamina {
 

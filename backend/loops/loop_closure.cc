@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "backend/loops/loop_agreement.h"
-#include "backend/submaps/submap_place.h"
+#include "backend/places/submap_place.h"
 #include "core/base/angle.h"
 #include "core/base/parallel.h"
 

@@ -19,7 +19,7 @@
 #include <vector>
 
 #include "backend/loops/loop_options.h"
-#include "backend/submaps/place_lookup.h"
+#include "backend/places/place_lookup.h"
 #include "core/map/voxel_map.h"
 #include "frontend/matching/scan_matcher.h"
 

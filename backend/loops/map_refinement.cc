@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "backend/loops/loop_agreement.h"
-#include "backend/submaps/submap_pairs.h"
-#include "backend/submaps/submap_place.h"
+#include "backend/places/submap_pairs.h"
+#include "backend/places/submap_place.h"
 #include "core/base/disjoint_sets.h"
 
 namespace lamina {

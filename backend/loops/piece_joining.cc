@@ -10,7 +10,7 @@
 
 #include "backend/loops/loop_agreement.h"
 #include "backend/loops/piece_submaps.h"
-#include "backend/submaps/submap_pairs.h"
+#include "backend/places/submap_pairs.h"
 #include "core/base/angle.h"
 
 namespace lamina {

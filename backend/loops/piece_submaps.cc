@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "backend/submaps/place_lookup.h"
-#include "backend/submaps/submap_place.h"
+#include "backend/places/place_lookup.h"
+#include "backend/places/submap_place.h"
 #include "core/base/parallel.h"
 
 namespace lamina {

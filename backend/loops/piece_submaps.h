@@ -9,8 +9,8 @@
 
 #include "backend/loops/loop_options.h"
 #include "backend/loops/piece_joining.h"
-#include "backend/submaps/place_image.h"
-#include "backend/submaps/submap_pairs.h"
+#include "backend/places/place_image.h"
+#include "backend/places/submap_pairs.h"
 #include "backend/submaps/work_sharing.h"
 
 namespace lamina {

@@ -19,9 +19,9 @@
 //     final     poses that have left the window are handed on, in order    final_poses.h
 //     correct   with loops.enabled: what loops found earlier takes backend/loops/loop_track.h
 //               effect
-//     solve     bundle adjustment of the window begins, if it is due; it  backend/bundle/adjuster.h
-//               runs in the background and takes effect a fixed number
-//               of scans later
+//     solve     bundle adjustment of the window begins, if    backend/bundle/solver/adjuster.h
+//               it is due; it runs in the background and
+//               takes effect a fixed number of scans later
 //
 // Deterministic: the same scans and options give the same bits, however many threads there are
 // (ThreadLimit of core/base/parallel.h bounds them), whether scans come one by one or are decoded

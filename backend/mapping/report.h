@@ -6,7 +6,7 @@
 #include <functional>
 #include <map>
 
-#include "backend/bundle/adjuster.h"
+#include "backend/bundle/solver/adjuster.h"
 #include "backend/localisation/place_report.h"
 #include "backend/mapping/final_poses.h"
 #include "backend/mapping/mapped_scan.h"

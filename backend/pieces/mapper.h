@@ -19,7 +19,7 @@
 #include <utility>
 #include <vector>
 
-#include "backend/bundle/adjuster.h"
+#include "backend/bundle/solver/adjuster.h"
 #include "backend/pieces/degenerate_stretch.h"
 #include "backend/pieces/mapper_options.h"
 #include "backend/pieces/open_poses.h"

@@ -1,7 +1,7 @@
 // Options of mapping in one piece of the map, and of localising in it.
 #pragma once
 
-#include "backend/bundle/adjuster.h"
+#include "backend/bundle/solver/adjuster.h"
 #include "backend/window/sliding_window.h"
 #include "core/map/voxel_map.h"
 #include "core/options/options.h"

@@ -33,8 +33,8 @@
 #include <string>
 #include <vector>
 
-#include "backend/bundle/adjuster.h"
-#include "backend/bundle/formulation.h"
+#include "backend/bundle/solver/adjuster.h"
+#include "backend/bundle/solver/formulation.h"
 #include "backend/bundle/uncertainty/observability.h"
 #include "backend/registration/batch_frame.h"
 #include "backend/window/sliding_window.h"

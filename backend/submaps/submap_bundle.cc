@@ -7,7 +7,7 @@
 #include <numeric>
 #include <unordered_map>
 
-#include "backend/bundle/adjuster.h"
+#include "backend/bundle/solver/adjuster.h"
 #include "backend/bundle/uncertainty/observability.h"
 #include "backend/submaps/anchor_prior.h"
 #include "core/base/parallel.h"

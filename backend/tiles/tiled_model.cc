@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "backend/bundle/condensed_cost.h"
-#include "backend/bundle/priors.h"
+#include "backend/bundle/solver/priors.h"
 #include "backend/tiles/tile_loop.h"
 
 namespace lamina {

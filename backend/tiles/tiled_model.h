@@ -19,9 +19,9 @@
 #include <vector>
 
 #include "backend/bundle/block_pattern.h"
-#include "backend/bundle/held_directions.h"
-#include "backend/bundle/sparse_cholesky.h"
-#include "backend/bundle/trust_region.h"
+#include "backend/bundle/solver/held_directions.h"
+#include "backend/bundle/solver/sparse_cholesky.h"
+#include "backend/bundle/solver/trust_region.h"
 #include "backend/tiles/tiled_problem.h"
 
 namespace lamina {

@@ -13,10 +13,10 @@
 #include <string>
 #include <vector>
 
-#include "io/container/byte_stream.h"
-#include "io/container/chunk_cache.h"
 #include "io/container/message_table.h"
-#include "io/container/packed_stream.h"
+#include "io/stream/byte_stream.h"
+#include "io/stream/chunk_cache.h"
+#include "io/stream/packed_stream.h"
 
 namespace lamina {
 

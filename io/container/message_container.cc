@@ -6,12 +6,12 @@
 #include <filesystem>
 
 #include "core/base/error.h"
-#include "io/container/byte_stream.h"
 #include "io/container/chunked_file.h"
 #include "io/container/message_table.h"
 #include "io/container/packed_parts.h"
 #include "io/container/rosbag2_database.h"
 #include "io/container/rosbag2_folder.h"
+#include "io/stream/byte_stream.h"
 
 namespace lamina {
 namespace {

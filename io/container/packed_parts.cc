@@ -10,8 +10,8 @@
 
 #include "core/base/error.h"
 #include "io/container/message_table.h"
-#include "io/container/packed_stream.h"
 #include "io/file/disk_room.h"
+#include "io/stream/packed_stream.h"
 
 namespace lamina {
 namespace {

@@ -10,11 +10,11 @@
 #include <tuple>
 
 #include "core/base/error.h"
-#include "io/container/byte_stream.h"
 #include "io/container/message_table.h"
-#include "io/container/packed_stream.h"
 #include "io/container/whole_pages.h"
 #include "io/file/sqlite_file.h"
+#include "io/stream/byte_stream.h"
+#include "io/stream/packed_stream.h"
 
 namespace lamina {
 namespace {

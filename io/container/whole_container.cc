@@ -5,9 +5,9 @@
 #include <string>
 
 #include "core/base/error.h"
-#include "io/container/byte_stream.h"
 #include "io/container/message_container.h"
 #include "io/container/whole_pages.h"
+#include "io/stream/byte_stream.h"
 
 namespace lamina {
 namespace {

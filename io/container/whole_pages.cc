@@ -6,7 +6,7 @@
 #include <cstring>
 
 #include "core/base/error.h"
-#include "io/container/byte_stream.h"
+#include "io/stream/byte_stream.h"
 
 namespace lamina {
 namespace {

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "core/geometry/scan.h"
-#include "io/container/byte_stream.h"
 #include "io/packet/ip_fragments.h"
+#include "io/stream/byte_stream.h"
 
 namespace lamina {
 

@@ -3,8 +3,8 @@
 #include <stdexcept>
 #include <utility>
 
-#include "io/container/byte_stream.h"
 #include "io/recording/recording_file.h"
+#include "io/stream/byte_stream.h"
 
 namespace lamina {
 

@@ -1,7 +1,7 @@
 #include <benchmark/benchmark.h>
 
 #include "backend/bundle/condensed_cost.h"
-#include "tests/support/random_bundles.h"
+#include "tests/support/scenes/random_bundles.h"
 
 namespace lamina {
 namespace {

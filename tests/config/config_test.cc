@@ -9,7 +9,7 @@
 #include <thread>
 
 #include "config/yaml_options.h"
-#include "tests/support/io_test_files.h"
+#include "tests/support/files/io_test_files.h"
 
 namespace lamina {
 namespace {

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "core/base/error.h"
-#include "tests/support/io_test_files.h"
+#include "tests/support/files/io_test_files.h"
 
 namespace lamina {
 namespace {

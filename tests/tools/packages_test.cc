@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/support/io_test_files.h"
+#include "tests/support/files/io_test_files.h"
 
 namespace lamina {
 namespace {

@@ -9,7 +9,7 @@
 #include "core/base/error.h"
 #include "core/base/median.h"
 #include "io/file/text_input.h"
-#include "tools/results/process_report.h"
+#include "tools/results/verdict/process_report.h"
 
 namespace lamina {
 namespace {

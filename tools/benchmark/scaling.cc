@@ -15,7 +15,7 @@
 #include "tools/benchmark/floor.h"
 #include "tools/benchmark/measure.h"
 #include "tools/plot/gnuplot.h"
-#include "tools/results/process_report.h"
+#include "tools/results/verdict/process_report.h"
 
 namespace lamina {
 namespace {

@@ -23,7 +23,7 @@
 #include "tools/merge/merge_results.h"
 #include "tools/merge/merged_map.h"
 #include "tools/results/output_folder.h"
-#include "tools/results/process_report.h"
+#include "tools/results/verdict/process_report.h"
 #include "tools/run/command.h"
 
 namespace lamina {

@@ -15,9 +15,9 @@
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"
 #include "tools/commands.h"
-#include "tools/compare/jobs.h"
+#include "tools/compare/jobs/jobs.h"
+#include "tools/compare/jobs/task.h"
 #include "tools/compare/suite.h"
-#include "tools/compare/task.h"
 
 namespace lamina {
 namespace {
@@ -216,7 +216,7 @@ void AddOptions(CLI::App* command, CompareArguments* a) {
   AddConfigOptions(command, "; without it settings for a scanner that stands still are taken",
                    &a->config);
   AddProgressOption(command, &a->progress);
-  // A job of a comparison: see tools/compare/jobs.h.
+  // A job of a comparison: see tools/compare/jobs/jobs.h.
   command->add_option(kWorkerOption, a->worker)->group("");
 }
 

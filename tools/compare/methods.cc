@@ -16,7 +16,7 @@
 #include "frontend/scan/scan_clusters.h"
 #include "tools/compare/config.h"
 #include "tools/compare/global_synchronisation.h"
-#include "tools/results/process_report.h"
+#include "tools/results/verdict/process_report.h"
 
 namespace lamina {
 namespace {

@@ -19,7 +19,7 @@
 
 #include "io/recording/scan_source.h"
 #include "tools/compare/config.h"
-#include "tools/compare/rows.h"
+#include "tools/compare/results/rows.h"
 
 namespace lamina {
 

@@ -12,7 +12,7 @@
 
 #include "core/base/error.h"
 #include "tools/cli/common.h"
-#include "tools/compare/jobs.h"
+#include "tools/compare/jobs/jobs.h"
 #include "tools/compare/sequence.h"
 
 namespace lamina {

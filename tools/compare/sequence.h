@@ -8,10 +8,10 @@
 
 #include "tools/cli/progress.h"
 #include "tools/compare/config.h"
-#include "tools/compare/jobs.h"
+#include "tools/compare/jobs/jobs.h"
 #include "tools/compare/methods.h"
-#include "tools/compare/plots.h"
-#include "tools/compare/tables.h"
+#include "tools/compare/results/plots.h"
+#include "tools/compare/results/tables.h"
 
 namespace lamina {
 

@@ -13,7 +13,7 @@
 
 #include "core/geometry/se3.h"
 #include "core/map/voxel_key.h"
-#include "tools/compare/rows.h"
+#include "tools/compare/results/rows.h"
 
 namespace lamina {
 

@@ -11,7 +11,7 @@
 #include "core/base/error.h"
 #include "io/map/surfel_reader.h"
 #include "tools/report/page.h"
-#include "tools/results/process_report.h"
+#include "tools/results/verdict/process_report.h"
 
 namespace lamina {
 namespace {

@@ -9,7 +9,7 @@
 #include "core/base/error.h"
 #include "core/base/printable_text.h"
 #include "io/recording/scan_source.h"
-#include "tools/results/rules.h"
+#include "tools/results/verdict/rules.h"
 
 namespace lamina {
 namespace {

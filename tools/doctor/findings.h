@@ -11,7 +11,7 @@
 #include "tools/doctor/place_advice.h"
 #include "tools/doctor/weak_places.h"
 #include "tools/results/run_table.h"
-#include "tools/results/verdict.h"
+#include "tools/results/verdict/verdict.h"
 
 namespace lamina {
 

@@ -7,7 +7,7 @@
 
 #include "tools/doctor/place_figures.h"
 #include "tools/doctor/place_words.h"
-#include "tools/results/rules.h"
+#include "tools/results/verdict/rules.h"
 
 namespace lamina {
 namespace {

@@ -7,7 +7,7 @@
 
 #include "core/base/angle.h"
 #include "core/base/median.h"
-#include "tools/results/rules.h"
+#include "tools/results/verdict/rules.h"
 
 namespace lamina {
 namespace {

@@ -8,7 +8,7 @@
 #include <set>
 #include <stdexcept>
 
-#include "tools/results/rules.h"
+#include "tools/results/verdict/rules.h"
 
 namespace lamina {
 namespace {

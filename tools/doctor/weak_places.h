@@ -1,7 +1,7 @@
 // Where a run went badly: scans that follow one another and show the same symptom are one place.
 //
 // A symptom has a figure for each scan and a limit that does not depend on the run
-// (tools/results/rules.h and the run's own configuration). How much a place harms is
+// (tools/results/verdict/rules.h and the run's own configuration). How much a place harms is
 //
 //     harm = weight of the symptom * sqrt(extent),
 //

@@ -5,9 +5,9 @@
 
 #include "core/geometry/scan.h"
 #include "tools/metrics/map_quality.h"
+#include "tools/metrics/match.h"
 #include "tools/metrics/trajectory_metrics.h"
 #include "tools/plot/gnuplot.h"
-#include "tools/results/match.h"
 
 namespace lamina {
 

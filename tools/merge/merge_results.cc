@@ -12,7 +12,7 @@
 #include "tools/results/graph_file.h"
 #include "tools/results/output_folder.h"
 #include "tools/results/piece_trajectories.h"
-#include "tools/results/process_report.h"
+#include "tools/results/verdict/process_report.h"
 
 namespace lamina {
 namespace {

@@ -20,8 +20,8 @@
 #include "tools/merge/merged_map.h"
 #include "tools/refine/journal.h"
 #include "tools/results/output_folder.h"
-#include "tools/results/process_report.h"
 #include "tools/results/submap_file.h"
+#include "tools/results/verdict/process_report.h"
 
 namespace lamina {
 namespace {

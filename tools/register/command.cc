@@ -22,11 +22,11 @@
 #include "io/map/trajectory_io.h"
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"
+#include "tools/metrics/match.h"
 #include "tools/register/report.h"
-#include "tools/results/match.h"
 #include "tools/results/output_folder.h"
-#include "tools/results/process_report.h"
 #include "tools/results/recording_part.h"
+#include "tools/results/verdict/process_report.h"
 
 namespace lamina {
 namespace {

@@ -2,7 +2,7 @@
 
 #include <fmt/format.h>
 
-#include "tools/results/process_report.h"
+#include "tools/results/verdict/process_report.h"
 
 namespace lamina {
 namespace {

@@ -21,13 +21,13 @@
 #include "io/map/surfel_reader.h"
 #include "io/map/trajectory_io.h"
 #include "tools/eval/report.h"
+#include "tools/metrics/match.h"
 #include "tools/metrics/trajectory_metrics.h"
 #include "tools/report/page.h"
-#include "tools/results/match.h"
 #include "tools/results/piece_poses.h"
-#include "tools/results/process_report.h"
 #include "tools/results/recording_part.h"
-#include "tools/watch/live_wire.h"
+#include "tools/results/verdict/process_report.h"
+#include "tools/watch/live/wire.h"
 
 namespace lamina {
 namespace {

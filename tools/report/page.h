@@ -2,7 +2,7 @@
 //
 // tools/web/report.html or doctor.html is the frame. Its <link rel="stylesheet" href="F"> and
 // <script src="F"> give way to the files themselves, and the data goes where <!-- data --> stands,
-// as JSON in which what is large is in base64: the binary forms of tools/watch/live_wire.h, and
+// as JSON in which what is large is in base64: the binary forms of tools/watch/live/wire.h, and
 // arrays of float32.
 #pragma once
 

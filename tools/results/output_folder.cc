@@ -8,8 +8,8 @@
 
 #include "core/base/error.h"
 #include "tools/results/piece_trajectories.h"
-#include "tools/results/process_report.h"
 #include "tools/results/submap_file.h"
+#include "tools/results/verdict/process_report.h"
 
 namespace lamina {
 namespace {

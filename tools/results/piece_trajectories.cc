@@ -9,7 +9,7 @@
 #include "core/base/error.h"
 #include "io/file/file_writer.h"
 #include "io/map/trajectory_io.h"
-#include "tools/results/match.h"
+#include "tools/metrics/match.h"
 
 namespace lamina {
 namespace {

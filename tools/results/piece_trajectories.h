@@ -14,7 +14,7 @@
 
 #include "backend/mapping/final_poses.h"
 #include "tools/metrics/trajectory_metrics.h"
-#include "tools/results/process_report.h"
+#include "tools/results/verdict/process_report.h"
 
 namespace lamina {
 

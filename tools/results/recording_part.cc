@@ -9,7 +9,7 @@
 #include "core/base/error.h"
 #include "io/file/text_input.h"
 #include "io/map/trajectory_io.h"
-#include "tools/results/match.h"
+#include "tools/metrics/match.h"
 #include "tools/results/posed_scans.h"
 
 namespace lamina {

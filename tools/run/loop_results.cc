@@ -8,7 +8,7 @@
 
 #include "io/file/file_writer.h"
 #include "tools/results/graph_file.h"
-#include "tools/results/process_report.h"
+#include "tools/results/verdict/process_report.h"
 
 namespace lamina {
 namespace {

@@ -19,14 +19,14 @@
 #include "core/geometry/se3.h"
 #include "core/options/options.h"
 #include "io/recording/scan_source.h"
-#include "tools/synth/engine/motion.h"
 #include "tools/synth/engine/movers.h"
-#include "tools/synth/engine/profile.h"
-#include "tools/synth/engine/route.h"
 #include "tools/synth/engine/scene.h"
 #include "tools/synth/engine/sensor.h"
 #include "tools/synth/engine/sensor_errors.h"
 #include "tools/synth/engine/weather.h"
+#include "tools/synth/motion/motion.h"
+#include "tools/synth/motion/profile.h"
+#include "tools/synth/motion/route.h"
 
 namespace lamina {
 

@@ -18,7 +18,7 @@
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"
 #include "tools/results/output_folder.h"
-#include "tools/results/process_report.h"
+#include "tools/results/verdict/process_report.h"
 #include "tools/watch/daemon.h"
 #include "tools/watch/log.h"
 #include "tools/watch/room.h"

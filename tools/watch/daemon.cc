@@ -11,7 +11,7 @@
 
 #include "core/base/error.h"
 #include "tools/cli/common.h"
-#include "tools/results/process_report.h"
+#include "tools/results/verdict/process_report.h"
 #include "tools/watch/continued.h"
 #include "tools/watch/log.h"
 #include "tools/watch/service_notify.h"

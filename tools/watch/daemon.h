@@ -21,10 +21,10 @@
 #include "io/inbox/inbox.h"
 #include "tools/cli/repeated_lines.h"
 #include "tools/watch/files.h"
-#include "tools/watch/live_view.h"
-#include "tools/watch/map_queries.h"
+#include "tools/watch/live/map_queries.h"
+#include "tools/watch/live/server.h"
+#include "tools/watch/live/view.h"
 #include "tools/watch/room.h"
-#include "tools/watch/server.h"
 
 namespace lamina {
 

@@ -6,7 +6,7 @@
 
 #include "backend/session/session.h"
 #include "config/config.h"
-#include "tools/results/process_report.h"
+#include "tools/results/verdict/process_report.h"
 
 namespace lamina {
 

@@ -21,7 +21,7 @@
 #pragma once
 
 #include "backend/bundle/cost.h"
-#include "backend/bundle/formulation.h"
+#include "backend/bundle/solver/formulation.h"
 
 namespace lamina {
 

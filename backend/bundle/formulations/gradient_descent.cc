@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "backend/bundle/held_directions.h"
+#include "backend/bundle/solver/held_directions.h"
 #include "core/base/stopwatch.h"
 
 namespace lamina {

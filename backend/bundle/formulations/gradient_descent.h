@@ -7,8 +7,8 @@
 // Private to backend/bundle/formulations.
 #pragma once
 
-#include "backend/bundle/formulation.h"
 #include "backend/bundle/formulations/eigen_factors.h"
+#include "backend/bundle/solver/formulation.h"
 
 namespace lamina {
 

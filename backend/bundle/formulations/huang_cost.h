@@ -12,8 +12,8 @@
 #pragma once
 
 #include "backend/bundle/cost.h"
-#include "backend/bundle/formulation.h"
 #include "backend/bundle/plane_geometry.h"
+#include "backend/bundle/solver/formulation.h"
 
 namespace lamina {
 

@@ -6,8 +6,8 @@
 #include <array>
 #include <cmath>
 
-#include "backend/bundle/held_directions.h"
 #include "backend/bundle/plane_geometry.h"
+#include "backend/bundle/solver/held_directions.h"
 #include "core/base/stopwatch.h"
 
 namespace lamina {

@@ -16,7 +16,7 @@
 // Private to backend/bundle/formulations.
 #pragma once
 
-#include "backend/bundle/formulation.h"
+#include "backend/bundle/solver/formulation.h"
 
 namespace lamina {
 

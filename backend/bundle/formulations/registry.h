@@ -14,7 +14,7 @@
 #include <string>
 #include <vector>
 
-#include "backend/bundle/formulation.h"
+#include "backend/bundle/solver/formulation.h"
 
 namespace lamina {
 

@@ -3,8 +3,8 @@
 #include <algorithm>
 
 #include "backend/bundle/condensed_cost.h"
-#include "backend/bundle/held_directions.h"
-#include "backend/bundle/priors.h"
+#include "backend/bundle/solver/held_directions.h"
+#include "backend/bundle/solver/priors.h"
 #include "backend/bundle/uncertainty/selected_inverse.h"
 
 namespace lamina {

@@ -5,7 +5,7 @@
 #include <Eigen/Dense>
 #include <stdexcept>
 
-#include "tests/support/random_bundles.h"
+#include "tests/support/scenes/random_bundles.h"
 
 namespace lamina {
 namespace {

@@ -6,7 +6,7 @@
 
 #include "backend/bundle/condensed_cost.h"
 #include "backend/bundle/plane_geometry.h"
-#include "tests/support/random_bundles.h"
+#include "tests/support/scenes/random_bundles.h"
 
 namespace lamina {
 namespace {

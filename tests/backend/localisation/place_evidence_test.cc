@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "tests/support/mapped_drives.h"
+#include "tests/support/scenes/mapped_drives.h"
 
 namespace lamina {
 namespace {

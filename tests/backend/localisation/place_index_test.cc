@@ -10,8 +10,8 @@
 
 #include "backend/localisation/place_search.h"
 #include "core/base/angle.h"
-#include "tests/support/mapped_drives.h"
 #include "tests/support/memory_voxel_store.h"
+#include "tests/support/scenes/mapped_drives.h"
 
 namespace lamina {
 namespace {

@@ -5,7 +5,7 @@
 #include <memory>
 #include <vector>
 
-#include "tests/support/submap_town.h"
+#include "tests/support/scenes/submap_town.h"
 
 namespace lamina {
 namespace {

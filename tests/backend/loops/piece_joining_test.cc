@@ -6,7 +6,7 @@
 #include <cmath>
 #include <vector>
 
-#include "tests/support/mapped_drives.h"
+#include "tests/support/scenes/mapped_drives.h"
 
 namespace lamina {
 namespace {

@@ -7,9 +7,9 @@
 
 #include "backend/mapping/mapping.h"
 #include "core/base/parallel.h"
-#include "tests/support/drifting_drive.h"
 #include "tests/support/memory_byte_store.h"
 #include "tests/support/memory_voxel_store.h"
+#include "tests/support/scenes/drifting_drive.h"
 
 namespace lamina {
 namespace {

@@ -11,7 +11,7 @@
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "tests/support/memory_scans.h"
-#include "tests/support/random_rooms.h"
+#include "tests/support/scenes/random_rooms.h"
 
 namespace lamina {
 namespace {

@@ -8,7 +8,7 @@
 
 #include "backend/mapping/mapping.h"
 #include "tests/support/memory_scans.h"
-#include "tests/support/random_rooms.h"
+#include "tests/support/scenes/random_rooms.h"
 
 namespace lamina {
 namespace {

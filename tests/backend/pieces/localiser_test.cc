@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "backend/pieces/mapper.h"
-#include "tests/support/random_rooms.h"
+#include "tests/support/scenes/random_rooms.h"
 
 namespace lamina {
 namespace {

@@ -3,9 +3,9 @@
 
 #include <functional>
 
-#include "backend/bundle/adjuster.h"
+#include "backend/bundle/solver/adjuster.h"
 #include "backend/pieces/mapper.h"
-#include "tests/support/bay_street.h"
+#include "tests/support/scenes/bay_street.h"
 
 namespace lamina {
 namespace {

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "core/base/error.h"
-#include "tests/support/random_rooms.h"
+#include "tests/support/scenes/random_rooms.h"
 
 namespace lamina {
 namespace {

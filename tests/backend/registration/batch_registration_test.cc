@@ -4,11 +4,11 @@
 #include <gtest/gtest.h>
 
 #include "backend/bundle/formulations/registry.h"
-#include "backend/bundle/held_directions.h"
+#include "backend/bundle/solver/held_directions.h"
 #include "backend/bundle/uncertainty/pose_covariance.h"
 #include "backend/registration/put_back.h"
-#include "tests/support/random_bundles.h"
-#include "tests/support/random_rooms.h"
+#include "tests/support/scenes/random_bundles.h"
+#include "tests/support/scenes/random_rooms.h"
 
 namespace lamina {
 namespace {

@@ -1,8 +1,8 @@
 // Sessions that localise in the map of another one without being told where they begin.
 #include <gtest/gtest.h>
 
-#include "tests/support/drifting_drive.h"
-#include "tests/support/session_scenes.h"
+#include "tests/support/program/session_scenes.h"
+#include "tests/support/scenes/drifting_drive.h"
 
 namespace lamina {
 namespace {

@@ -7,8 +7,8 @@
 #include <utility>
 #include <vector>
 
-#include "tests/support/drifting_drive.h"
-#include "tests/support/session_scenes.h"
+#include "tests/support/program/session_scenes.h"
+#include "tests/support/scenes/drifting_drive.h"
 
 namespace lamina {
 namespace {

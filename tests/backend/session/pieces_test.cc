@@ -2,7 +2,7 @@
 // recordings may alternate.
 #include <gmock/gmock.h>
 
-#include "tests/support/session_scenes.h"
+#include "tests/support/program/session_scenes.h"
 
 namespace lamina {
 namespace {

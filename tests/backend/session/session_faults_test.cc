@@ -8,8 +8,8 @@
 #include "core/base/error.h"
 #include "io/file/disk_room.h"
 #include "io/map/trajectory_io.h"
-#include "tests/support/session_scenes.h"
-#include "tests/support/small_disk.h"
+#include "tests/support/files/small_disk.h"
+#include "tests/support/program/session_scenes.h"
 
 namespace lamina {
 namespace {

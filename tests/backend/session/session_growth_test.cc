@@ -1,5 +1,5 @@
 // Sessions that go on and on: what is on disk follows what is alive, not what has been.
-#include "tests/support/session_scenes.h"
+#include "tests/support/program/session_scenes.h"
 
 namespace lamina {
 namespace {

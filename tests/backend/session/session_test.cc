@@ -6,7 +6,7 @@
 #include <atomic>
 
 #include "backend/session/checkpoint.h"
-#include "tests/support/session_scenes.h"
+#include "tests/support/program/session_scenes.h"
 
 namespace lamina {
 namespace {

@@ -2,7 +2,7 @@
 // vehicle.
 #include <gmock/gmock.h>
 
-#include "tests/support/session_scenes.h"
+#include "tests/support/program/session_scenes.h"
 
 namespace lamina {
 namespace {

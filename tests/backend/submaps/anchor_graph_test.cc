@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "core/base/angle.h"
-#include "tests/support/random_scenes.h"
+#include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
 namespace {

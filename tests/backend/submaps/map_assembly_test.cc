@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "tests/support/submap_town.h"
+#include "tests/support/scenes/submap_town.h"
 
 namespace lamina {
 namespace {

@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "tests/support/submap_town.h"
+#include "tests/support/scenes/submap_town.h"
 
 namespace lamina {
 namespace {

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "tests/support/memory_byte_store.h"
-#include "tests/support/random_scenes.h"
+#include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
 namespace {

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "backend/loops/piece_joining.h"
-#include "tests/support/mapped_drives.h"
 #include "tests/support/parts.h"
+#include "tests/support/scenes/mapped_drives.h"
 
 namespace lamina {
 namespace {

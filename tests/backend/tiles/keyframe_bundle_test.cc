@@ -8,11 +8,11 @@
 #include <string_view>
 #include <vector>
 
-#include "backend/bundle/adjuster.h"
 #include "backend/bundle/plane_geometry.h"
+#include "backend/bundle/solver/adjuster.h"
 #include "backend/tiles/tiled_model.h"
 #include "tests/support/parts.h"
-#include "tests/support/submap_town.h"
+#include "tests/support/scenes/submap_town.h"
 
 namespace lamina {
 namespace {

@@ -13,7 +13,7 @@
 #include <string>
 #include <thread>
 
-#include "tests/support/random_scenes.h"
+#include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
 namespace {

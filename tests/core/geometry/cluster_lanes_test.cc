@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "tests/support/random_scenes.h"
+#include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
 namespace {

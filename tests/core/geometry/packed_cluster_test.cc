@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "tests/support/random_scenes.h"
+#include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
 namespace {

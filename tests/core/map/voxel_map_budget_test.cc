@@ -5,7 +5,7 @@
 
 #include "core/map/voxel_map.h"
 #include "tests/support/memory_voxel_store.h"
-#include "tests/support/random_scenes.h"
+#include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
 namespace {

@@ -8,7 +8,7 @@
 #include <stdexcept>
 
 #include "tests/support/memory_voxel_store.h"
-#include "tests/support/random_scenes.h"
+#include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
 namespace {

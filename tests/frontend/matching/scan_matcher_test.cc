@@ -8,9 +8,9 @@
 #include <string>
 
 #include "core/map/voxel_key.h"
-#include "tests/support/bay_street.h"
-#include "tests/support/random_rooms.h"
 #include "tests/support/saved_map.h"
+#include "tests/support/scenes/bay_street.h"
+#include "tests/support/scenes/random_rooms.h"
 
 namespace lamina {
 namespace {

@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "frontend/odometry/odometry.h"
-#include "tests/support/bay_street.h"
+#include "tests/support/scenes/bay_street.h"
 
 namespace lamina {
 namespace {

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "frontend/matching/scan_matcher.h"
-#include "tests/support/random_rooms.h"
+#include "tests/support/scenes/random_rooms.h"
 
 namespace lamina {
 namespace {

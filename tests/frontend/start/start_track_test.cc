@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/support/bay_street.h"
+#include "tests/support/scenes/bay_street.h"
 
 namespace lamina {
 namespace {

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <vector>
 
-#include "tests/support/bay_street.h"
-#include "tests/support/random_rooms.h"
+#include "tests/support/scenes/bay_street.h"
+#include "tests/support/scenes/random_rooms.h"
 
 namespace lamina {
 namespace {

@@ -7,7 +7,7 @@
 #include <fstream>
 #include <functional>
 
-#include "tests/support/container_files.h"
+#include "tests/support/files/container_files.h"
 
 namespace lamina {
 namespace {

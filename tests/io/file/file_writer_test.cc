@@ -5,9 +5,9 @@
 #include <stdexcept>
 
 #include "io/file/disk_room.h"
-#include "tests/support/file_size_limit.h"
-#include "tests/support/io_test_files.h"
-#include "tests/support/small_disk.h"
+#include "tests/support/files/file_size_limit.h"
+#include "tests/support/files/io_test_files.h"
+#include "tests/support/files/small_disk.h"
 
 namespace lamina {
 namespace {

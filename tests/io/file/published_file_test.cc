@@ -6,9 +6,9 @@
 #include <csignal>
 #include <cstdlib>
 
-#include "tests/support/file_size_limit.h"
-#include "tests/support/io_test_files.h"
-#include "tests/support/random_scenes.h"
+#include "tests/support/files/file_size_limit.h"
+#include "tests/support/files/io_test_files.h"
+#include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
 namespace {

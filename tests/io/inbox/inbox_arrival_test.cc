@@ -9,7 +9,7 @@
 
 #include "io/inbox/name_set.h"
 #include "io/points/scan_file.h"
-#include "tests/support/inbox_scenes.h"
+#include "tests/support/files/inbox_scenes.h"
 
 namespace lamina {
 namespace {

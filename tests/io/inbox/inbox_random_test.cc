@@ -5,7 +5,7 @@
 #include <random>
 #include <thread>
 
-#include "tests/support/inbox_scenes.h"
+#include "tests/support/files/inbox_scenes.h"
 
 namespace lamina {
 namespace {

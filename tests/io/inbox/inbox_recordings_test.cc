@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "tests/support/container_files.h"
-#include "tests/support/inbox_scenes.h"
-#include "tests/support/velodyne_files.h"
+#include "tests/support/files/container_files.h"
+#include "tests/support/files/inbox_scenes.h"
+#include "tests/support/files/velodyne_files.h"
 
 namespace lamina {
 namespace {

@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "tests/support/inbox_scenes.h"
+#include "tests/support/files/inbox_scenes.h"
 
 namespace lamina {
 namespace {

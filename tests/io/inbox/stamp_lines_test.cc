@@ -1,7 +1,7 @@
 // Stamp files that grow or are replaced while they are read.
 #include "io/inbox/stamp_lines.h"
 
-#include "tests/support/io_test_files.h"
+#include "tests/support/files/io_test_files.h"
 
 namespace lamina {
 namespace {

@@ -1,6 +1,6 @@
 #include "io/inbox/streamed_scans.h"
 
-#include "tests/support/io_test_files.h"
+#include "tests/support/files/io_test_files.h"
 
 namespace lamina {
 namespace {

@@ -15,7 +15,7 @@
 #include "io/las/octree_order.h"
 #include "io/map/map_io.h"
 #include "io/points/scan_file.h"
-#include "tests/support/io_test_files.h"
+#include "tests/support/files/io_test_files.h"
 
 namespace lamina {
 namespace {

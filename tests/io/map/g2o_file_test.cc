@@ -7,7 +7,7 @@
 #include <string>
 
 #include "core/base/error.h"
-#include "tests/support/random_scenes.h"
+#include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
 namespace {

@@ -4,7 +4,7 @@
 #include <limits>
 
 #include "io/points/scan_file.h"
-#include "tests/support/io_test_files.h"
+#include "tests/support/files/io_test_files.h"
 
 namespace lamina {
 namespace {

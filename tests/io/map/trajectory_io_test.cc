@@ -1,7 +1,7 @@
 #include <random>
 
 #include "io/map/trajectory_io.h"
-#include "tests/support/io_test_files.h"
+#include "tests/support/files/io_test_files.h"
 
 namespace lamina {
 namespace {

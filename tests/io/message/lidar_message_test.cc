@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "tests/support/container_files.h"
+#include "tests/support/files/container_files.h"
 
 namespace lamina {
 namespace {

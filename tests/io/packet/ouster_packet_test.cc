@@ -10,7 +10,7 @@
 #include <string>
 
 #include "core/base/error.h"
-#include "tests/support/ouster_files.h"
+#include "tests/support/files/ouster_files.h"
 
 namespace lamina {
 namespace {

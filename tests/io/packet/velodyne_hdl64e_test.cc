@@ -10,7 +10,7 @@
 
 #include "core/base/error.h"
 #include "io/packet/velodyne_packet.h"
-#include "tests/support/velodyne_files.h"
+#include "tests/support/files/velodyne_files.h"
 
 namespace lamina {
 namespace {

@@ -4,8 +4,8 @@
 
 #include <cmath>
 
-#include "tests/support/container_files.h"
-#include "tests/support/velodyne_files.h"
+#include "tests/support/files/container_files.h"
+#include "tests/support/files/velodyne_files.h"
 
 namespace lamina {
 namespace {

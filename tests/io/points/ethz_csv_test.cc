@@ -7,7 +7,7 @@
 #include "core/base/error.h"
 #include "io/map/trajectory_io.h"
 #include "io/recording/scan_source.h"
-#include "tests/support/io_test_files.h"
+#include "tests/support/files/io_test_files.h"
 
 namespace lamina {
 namespace {

@@ -1,7 +1,7 @@
 // What headers say about the length of their file, at every length that it has while it is written.
 #include "io/points/point_file_check.h"
 
-#include "tests/support/io_test_files.h"
+#include "tests/support/files/io_test_files.h"
 
 namespace lamina {
 namespace {

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <cstdint>
 
-#include "tests/support/io_test_files.h"
+#include "tests/support/files/io_test_files.h"
 
 namespace lamina {
 namespace {

@@ -5,7 +5,7 @@
 
 #include "io/points/scan_file.h"
 #include "io/recording/scan_source.h"
-#include "tests/support/io_test_files.h"
+#include "tests/support/files/io_test_files.h"
 
 namespace lamina {
 namespace {

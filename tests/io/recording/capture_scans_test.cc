@@ -2,9 +2,9 @@
 #include <cstdlib>
 
 #include "io/recording/scan_source.h"
-#include "tests/support/container_files.h"
-#include "tests/support/ouster_files.h"
-#include "tests/support/velodyne_files.h"
+#include "tests/support/files/container_files.h"
+#include "tests/support/files/ouster_files.h"
+#include "tests/support/files/velodyne_files.h"
 
 namespace lamina {
 namespace {

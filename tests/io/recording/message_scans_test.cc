@@ -9,7 +9,7 @@
 #include "io/container/message_container.h"
 #include "io/message/lidar_message.h"
 #include "io/recording/scan_source.h"
-#include "tests/support/container_files.h"
+#include "tests/support/files/container_files.h"
 
 namespace lamina {
 namespace {

@@ -3,8 +3,8 @@
 #include <random>
 
 #include "io/recording/scan_source.h"
-#include "tests/support/container_files.h"
-#include "tests/support/ouster_files.h"
+#include "tests/support/files/container_files.h"
+#include "tests/support/files/ouster_files.h"
 
 namespace lamina {
 namespace {

@@ -5,8 +5,8 @@
 
 #include <future>
 
-#include "io/container/byte_stream.h"
-#include "tests/support/container_files.h"
+#include "io/stream/byte_stream.h"
+#include "tests/support/files/container_files.h"
 
 namespace lamina {
 namespace {

@@ -1,7 +1,7 @@
 #include "io/recording/vehicle_scans.h"
 
 #include "io/inbox/streamed_scans.h"
-#include "tests/support/inbox_scenes.h"
+#include "tests/support/files/inbox_scenes.h"
 
 namespace lamina {
 namespace {

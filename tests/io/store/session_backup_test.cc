@@ -7,8 +7,8 @@
 #include <csignal>
 
 #include "io/store/session_database.h"
-#include "tests/support/io_test_files.h"
-#include "tests/support/random_scenes.h"
+#include "tests/support/files/io_test_files.h"
+#include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
 namespace {

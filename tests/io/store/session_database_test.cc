@@ -11,9 +11,9 @@
 
 #include "core/geometry/state_archive.h"
 #include "io/file/disk_room.h"
-#include "tests/support/io_test_files.h"
-#include "tests/support/random_scenes.h"
-#include "tests/support/small_disk.h"
+#include "tests/support/files/io_test_files.h"
+#include "tests/support/files/small_disk.h"
+#include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
 namespace {

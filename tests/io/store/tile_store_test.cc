@@ -7,9 +7,9 @@
 #include <set>
 
 #include "io/file/checksum.h"
-#include "tests/support/io_test_files.h"
+#include "tests/support/files/io_test_files.h"
 #include "tests/support/memory_voxel_store.h"
-#include "tests/support/random_scenes.h"
+#include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
 namespace {

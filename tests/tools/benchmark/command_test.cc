@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "tests/support/run_helpers.h"
+#include "tests/support/program/run_helpers.h"
 
 namespace lamina {
 namespace {

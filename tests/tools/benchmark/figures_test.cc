@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "core/base/error.h"
-#include "tests/support/io_test_files.h"
+#include "tests/support/files/io_test_files.h"
 #include "tools/benchmark/against.h"
 
 namespace lamina {

@@ -6,7 +6,7 @@
 
 #include "core/base/error.h"
 #include "io/recording/scan_source.h"
-#include "tests/support/io_test_files.h"
+#include "tests/support/files/io_test_files.h"
 #include "tools/benchmark/cases.h"
 #include "tools/benchmark/child.h"
 #include "tools/benchmark/counters.h"

@@ -9,7 +9,7 @@
 #include "backend/calibration/recording_calibration.h"
 #include "core/base/angle.h"
 #include "tests/support/memory_scans.h"
-#include "tests/support/run_helpers.h"
+#include "tests/support/program/run_helpers.h"
 
 namespace lamina {
 namespace {

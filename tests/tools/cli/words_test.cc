@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/support/run_helpers.h"
+#include "tests/support/program/run_helpers.h"
 #include "tools/cli/repeated_lines.h"
 
 namespace lamina {

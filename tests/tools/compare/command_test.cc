@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "io/map/trajectory_io.h"
-#include "tests/support/run_helpers.h"
+#include "tests/support/program/run_helpers.h"
 #include "tools/compare/methods.h"
 #include "tools/compare/structure.h"
 #include "tools/synth/writer.h"

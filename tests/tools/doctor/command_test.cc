@@ -6,15 +6,15 @@
 #include <regex>
 
 #include "core/base/error.h"
-#include "tests/support/run_folders.h"
-#include "tests/support/run_helpers.h"
+#include "tests/support/program/run_folders.h"
+#include "tests/support/program/run_helpers.h"
 #include "tools/doctor/command.h"
 #include "tools/doctor/data.h"
 #include "tools/doctor/findings.h"
 #include "tools/report/page.h"
 
 // Last: a macro of <resolv.h> breaks Eigen's sparse matrices.
-#include "tests/support/browser.h"
+#include "tests/support/program/browser.h"
 
 namespace lamina {
 namespace {

@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "core/base/error.h"
-#include "tests/support/run_folders.h"
+#include "tests/support/program/run_folders.h"
 #include "tools/doctor/place_advice.h"
 
 namespace lamina {

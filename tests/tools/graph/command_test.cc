@@ -9,7 +9,7 @@
 
 #include "core/base/error.h"
 #include "io/map/g2o_file.h"
-#include "tests/support/random_scenes.h"
+#include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
 namespace {

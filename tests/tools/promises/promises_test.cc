@@ -7,7 +7,7 @@
 #include <stdexcept>
 
 #include "core/base/error.h"
-#include "tests/support/run_helpers.h"
+#include "tests/support/program/run_helpers.h"
 #include "tools/promises/covariance.h"
 #include "tools/promises/judge.h"
 #include "tools/promises/promises.h"

@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "core/base/error.h"
-#include "tests/support/drive_folders.h"
+#include "tests/support/program/drive_folders.h"
 
 namespace lamina {
 namespace {

@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <string>
 
-#include "tests/support/io_test_files.h"
+#include "tests/support/files/io_test_files.h"
 
 namespace lamina {
 namespace {

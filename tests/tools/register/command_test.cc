@@ -5,7 +5,7 @@
 #include <cstdlib>
 #include <random>
 
-#include "tests/support/run_helpers.h"
+#include "tests/support/program/run_helpers.h"
 
 namespace lamina {
 namespace {

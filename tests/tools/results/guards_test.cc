@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "tests/support/run_helpers.h"
-#include "tools/results/truth_axes.h"
+#include "tests/support/program/run_helpers.h"
+#include "tools/metrics/truth_axes.h"
 
 namespace lamina {
 namespace {

@@ -4,13 +4,13 @@
 #undef _res  // a macro of <resolv.h>; Eigen has variables of that name
 
 #include "io/map/map_io.h"
-#include "tests/support/browser.h"
-#include "tests/support/live_world.h"
-#include "tests/support/watch_scenes.h"
+#include "tests/support/program/browser.h"
+#include "tests/support/program/watch_scenes.h"
+#include "tests/support/scenes/live_world.h"
 #include "tools/report/data.h"
-#include "tools/results/process_report.h"
-#include "tools/watch/map_queries.h"
-#include "tools/watch/server.h"
+#include "tools/results/verdict/process_report.h"
+#include "tools/watch/live/map_queries.h"
+#include "tools/watch/live/server.h"
 
 namespace lamina {
 namespace {

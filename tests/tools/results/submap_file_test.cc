@@ -11,8 +11,8 @@
 
 #include "core/base/error.h"
 #include "io/file/section_file.h"
-#include "tests/support/io_test_files.h"
-#include "tests/support/random_scenes.h"
+#include "tests/support/files/io_test_files.h"
+#include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
 namespace {

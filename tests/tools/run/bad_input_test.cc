@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/support/run_helpers.h"
+#include "tests/support/program/run_helpers.h"
 
 namespace lamina {
 namespace {

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "io/map/map_io.h"
-#include "tests/support/run_helpers.h"
+#include "tests/support/program/run_helpers.h"
 
 namespace lamina {
 namespace {

@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "io/map/map_io.h"
-#include "tests/support/container_files.h"
-#include "tests/support/run_helpers.h"
-#include "tests/support/swept_messages.h"
+#include "tests/support/files/container_files.h"
+#include "tests/support/files/swept_messages.h"
+#include "tests/support/program/run_helpers.h"
 
 namespace lamina {
 namespace {

@@ -11,8 +11,8 @@
 #include <type_traits>
 #include <vector>
 
-#include "tests/support/run_helpers.h"
-#include "tests/support/swept_drive.h"
+#include "tests/support/program/run_helpers.h"
+#include "tests/support/scenes/swept_drive.h"
 
 namespace lamina {
 namespace {

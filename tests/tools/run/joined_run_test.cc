@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "tests/support/io_test_files.h"
-#include "tests/support/mapped_drives.h"
+#include "tests/support/files/io_test_files.h"
+#include "tests/support/scenes/mapped_drives.h"
 #include "tools/results/piece_poses.h"
 
 namespace lamina {

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "io/map/g2o_file.h"
-#include "tests/support/drifting_drive.h"
-#include "tests/support/run_helpers.h"
+#include "tests/support/program/run_helpers.h"
+#include "tests/support/scenes/drifting_drive.h"
 
 namespace lamina {
 namespace {

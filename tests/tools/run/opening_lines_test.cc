@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "backend/mapping/deskew_choice.h"
-#include "tests/support/run_helpers.h"
-#include "tests/support/swept_drive.h"
+#include "tests/support/program/run_helpers.h"
+#include "tests/support/scenes/swept_drive.h"
 #include "tools/run/opening_lines.h"
 
 namespace lamina {

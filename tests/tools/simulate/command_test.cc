@@ -7,7 +7,7 @@
 #include <map>
 #include <set>
 
-#include "tests/support/run_helpers.h"
+#include "tests/support/program/run_helpers.h"
 
 namespace lamina {
 namespace {

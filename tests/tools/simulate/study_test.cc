@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "core/base/error.h"
-#include "tests/support/random_scenes.h"
+#include "tests/support/scenes/random_scenes.h"
 #include "tools/simulate/nees.h"
 #include "tools/simulate/plot.h"
 #include "tools/simulate/report.h"

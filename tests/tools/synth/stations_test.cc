@@ -9,7 +9,7 @@
 #include <string>
 
 #include "io/map/trajectory_io.h"
-#include "tests/support/run_helpers.h"
+#include "tests/support/program/run_helpers.h"
 #include "tools/synth/writer.h"
 
 namespace lamina {

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/support/watch_scenes.h"
+#include "tests/support/program/watch_scenes.h"
 
 namespace lamina {
 namespace {

@@ -7,8 +7,8 @@
 #include <filesystem>
 #include <string>
 
-#include "tests/support/small_disk.h"
-#include "tests/support/watch_scenes.h"
+#include "tests/support/files/small_disk.h"
+#include "tests/support/program/watch_scenes.h"
 #include "tools/watch/files.h"
 
 namespace lamina {

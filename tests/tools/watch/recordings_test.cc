@@ -6,9 +6,9 @@
 #include <filesystem>
 #include <string>
 
-#include "tests/support/container_files.h"
-#include "tests/support/swept_messages.h"
-#include "tests/support/watch_scenes.h"
+#include "tests/support/files/container_files.h"
+#include "tests/support/files/swept_messages.h"
+#include "tests/support/program/watch_scenes.h"
 
 namespace lamina {
 namespace {

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "tools/synth/engine/bvh.h"
-#include "tools/synth/engine/motion.h"
 #include "tools/synth/engine/scene.h"
+#include "tools/synth/motion/motion.h"
 
 namespace lamina::synth {
 

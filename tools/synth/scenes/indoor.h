@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <memory>
 
-#include "tools/synth/engine/motion.h"
 #include "tools/synth/engine/scene.h"
+#include "tools/synth/motion/motion.h"
 
 namespace lamina::synth {
 

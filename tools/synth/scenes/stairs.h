@@ -4,8 +4,8 @@
 #include <Eigen/Core>
 #include <cstdint>
 
-#include "tools/synth/engine/motion.h"
 #include "tools/synth/engine/primitive.h"
+#include "tools/synth/motion/motion.h"
 
 namespace lamina::synth {
 

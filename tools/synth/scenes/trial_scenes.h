@@ -19,9 +19,9 @@
 #include <memory>
 #include <vector>
 
-#include "tools/synth/engine/motion.h"
 #include "tools/synth/engine/movers.h"
 #include "tools/synth/engine/scene.h"
+#include "tools/synth/motion/motion.h"
 
 namespace lamina::synth {
 

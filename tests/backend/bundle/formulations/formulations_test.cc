@@ -5,11 +5,11 @@
 
 #include <stdexcept>
 
-#include "backend/bundle/adjuster.h"
 #include "backend/bundle/formulations/eigen_factors.h"
 #include "backend/bundle/formulations/huang_cost.h"
 #include "backend/bundle/formulations/registry.h"
-#include "tests/support/random_bundles.h"
+#include "backend/bundle/solver/adjuster.h"
+#include "tests/support/scenes/random_bundles.h"
 
 namespace lamina {
 namespace {

@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "backend/bundle/uncertainty/pose_covariance.h"
-#include "tests/support/bundle_rooms.h"
+#include "tests/support/scenes/bundle_rooms.h"
 
 namespace lamina {
 namespace {

@@ -10,10 +10,10 @@
 #include <string>
 #include <utility>
 
-#include "backend/bundle/formulation.h"
-#include "backend/bundle/held_directions.h"
+#include "backend/bundle/solver/formulation.h"
+#include "backend/bundle/solver/held_directions.h"
 #include "backend/bundle/uncertainty/pose_covariance.h"
-#include "tests/support/bundle_rooms.h"
+#include "tests/support/scenes/bundle_rooms.h"
 
 namespace lamina {
 namespace {
