@@ -22,14 +22,14 @@ class KeyframeBundle {
   KeyframeBundle(const KeyframeSource& keyframes, const BundleProblem& ties,
                  const KeyframeBundleOptions& options, const VoxelMapOptions& map,
                  const SlidingWindowOptions& weights, const WorkSharing& sharing,
-                 const MakeSpool& make_spool)
+                 const MakeStore& make_store)
       : keyframes_(keyframes),
         ties_(ties),
         options_(options),
         map_(map),
         weights_(weights),
         sharing_(sharing),
-        make_spool_(make_spool) {}
+        make_store_(make_store) {}
 
   KeyframeBundleResult Run() {
     result_.poses = ties_.poses;
@@ -61,8 +61,8 @@ class KeyframeBundle {
                                   static_cast<std::size_t>(options_.most_observations)};
     if (number == 0) options.map.max_thickness_m *= kFirstThickness;
     const TiledClusters clusters(keyframes_, result_.poses, options.map, options_.tile_size_m,
-                                 sharing_, make_spool_);
-    const TiledProblem problem(clusters, result_.poses, options, sharing_, make_spool_);
+                                 sharing_, make_store_);
+    const TiledProblem problem(clusters, result_.poses, options, sharing_, make_store_);
     result_.tiles = clusters.size();
     round.planes = problem.planes();
     round.observations = problem.observations();
@@ -111,7 +111,7 @@ class KeyframeBundle {
     std::vector<SE3> shifted = poses;
     for (SE3& T : shifted) T.t.array() += kShift * map_.root_size_m;
     const TiledClusters clusters(keyframes_, shifted, map, options_.tile_size_m, sharing_,
-                                 make_spool_);
+                                 make_store_);
     return TiledMisfit(clusters, shifted, map, weights_, sharing_);
   }
 
@@ -121,7 +121,7 @@ class KeyframeBundle {
   const VoxelMapOptions& map_;
   const SlidingWindowOptions& weights_;
   const WorkSharing& sharing_;
-  const MakeSpool& make_spool_;
+  const MakeStore& make_store_;
   KeyframeBundleResult result_;
 };
 
@@ -137,9 +137,9 @@ KeyframeBundleResult AdjustKeyframes(const KeyframeSource& keyframes, const Bund
                                      const KeyframeBundleOptions& options,
                                      const VoxelMapOptions& map,
                                      const SlidingWindowOptions& weights,
-                                     const WorkSharing& sharing, const MakeSpool& make_spool) {
+                                     const WorkSharing& sharing, const MakeStore& make_store) {
   CheckOptions(options, "keyframes");
-  return KeyframeBundle(keyframes, ties, options, map, weights, sharing, make_spool).Run();
+  return KeyframeBundle(keyframes, ties, options, map, weights, sharing, make_store).Run();
 }
 
 }  // namespace lamina

@@ -60,11 +60,11 @@ struct KeyframeBundleResult {
 // `ties.poses`: of the keyframes, the start; `ties.priors`: between them; its first pose is held,
 // and it has no planes. All processes of `sharing` call it together and get the same result, whose
 // bits do not depend on how many they are, nor on threads. Throws OptionError, and what `keyframes`
-// and spools throw.
+// and stores throw.
 KeyframeBundleResult AdjustKeyframes(const KeyframeSource& keyframes, const BundleProblem& ties,
                                      const KeyframeBundleOptions& options,
                                      const VoxelMapOptions& map,
                                      const SlidingWindowOptions& weights,
-                                     const WorkSharing& sharing, const MakeSpool& make_spool);
+                                     const WorkSharing& sharing, const MakeStore& make_store);
 
 }  // namespace lamina

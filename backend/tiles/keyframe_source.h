@@ -3,13 +3,13 @@
 #pragma once
 
 #include <cstddef>
-#include <cstdint>
 #include <functional>
 #include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "core/base/byte_store.h"
 #include "core/geometry/packed_cluster.h"
 
 namespace lamina {
@@ -24,15 +24,12 @@ class KeyframeSource {
   virtual std::vector<PackedCluster> Read(std::size_t keyframe) const = 0;
 };
 
-// Bytes that outgrow memory. Not thread-safe.
-class ByteSpool {
- public:
-  virtual ~ByteSpool() = default;
-  // Returns where they are.
-  virtual std::uint64_t Append(std::string_view bytes) = 0;
-  // What was appended there.
-  virtual std::string Read(std::uint64_t at, std::size_t bytes) const = 0;
-};
-using MakeSpool = std::function<std::unique_ptr<ByteSpool>()>;
+// An empty store for what outgrows memory.
+using MakeStore = std::function<std::unique_ptr<ByteStore>()>;
+
+// Throws OutputError if the store does not take the bytes.
+StoredBytes PutAside(std::string_view bytes, ByteStore* store);
+// Throws OutputError if they are damaged.
+std::string TakeBack(const StoredBytes& place, const ByteStore& store);
 
 }  // namespace lamina

@@ -46,11 +46,11 @@ struct TiledClusters::Reach {
 
 TiledClusters::TiledClusters(const KeyframeSource& source, const std::vector<SE3>& poses,
                              const VoxelMapOptions& map, double tile_size_m,
-                             const WorkSharing& sharing, const MakeSpool& make_spool)
+                             const WorkSharing& sharing, const MakeStore& make_store)
     : root_size_m_(map.root_size_m),
       tile_m_(std::max(1.0, std::round(tile_size_m / map.root_size_m)) * map.root_size_m),
       sharing_(sharing),
-      spool_(make_spool()) {
+      store_(make_store()) {
   const std::vector<Reach> reaches = Count(source, poses);
   std::map<TileIndex, std::uint64_t> counts;
   for (const Reach& reach : reaches) {
@@ -62,7 +62,7 @@ TiledClusters::TiledClusters(const KeyframeSource& source, const std::vector<SE3
     counts_.push_back(count);
   }
   DealOut();
-  Spool(source, poses, reaches);
+  Store(source, poses, reaches);
 }
 
 bool TiledClusters::TileOf(const PackedCluster& cluster, const Eigen::Matrix3d& R,
@@ -130,7 +130,7 @@ std::vector<std::size_t> TiledClusters::Own(std::size_t part) const {
   return own;
 }
 
-void TiledClusters::Spool(const KeyframeSource& source, const std::vector<SE3>& poses,
+void TiledClusters::Store(const KeyframeSource& source, const std::vector<SE3>& poses,
                           const std::vector<Reach>& reaches) {
   segments_.resize(size());
   buffers_.resize(size());
@@ -173,7 +173,7 @@ void TiledClusters::Spool(const KeyframeSource& source, const std::vector<SE3>& 
 void TiledClusters::Flush() {
   for (std::size_t tile = 0; tile < size(); ++tile) {
     if (buffers_[tile].empty()) continue;
-    segments_[tile].push_back({spool_->Append(buffers_[tile]), buffers_[tile].size()});
+    segments_[tile].push_back(PutAside(buffers_[tile], store_.get()));
     buffers_[tile] = std::string();
   }
   buffered_ = 0;
@@ -181,8 +181,8 @@ void TiledClusters::Flush() {
 
 std::vector<TiledClusters::Share> TiledClusters::Read(std::size_t tile) const {
   std::vector<Share> shares;
-  for (const Segment& segment : segments_[tile]) {
-    const std::string bytes = spool_->Read(segment.at, segment.bytes);
+  for (const StoredBytes& segment : segments_[tile]) {
+    const std::string bytes = TakeBack(segment, *store_);
     std::uint32_t head[2];
     for (std::size_t at = 0; at < bytes.size();) {
       std::memcpy(head, bytes.data() + at, sizeof(head));

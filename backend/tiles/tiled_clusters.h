@@ -5,8 +5,8 @@
 //     first pass    each keyframe is read by one process, which counts its clusters by tile
 //     dealing out   tiles in ascending order of x, y, some at a time, each to the process that has
 //                   fewest clusters so far
-//     second pass   each process reads the keyframes that reach its tiles, and spools their
-//                   clusters by tile
+//     second pass   each process reads the keyframes that reach its tiles, and puts their
+//                   clusters into its store by tile
 //
 // Memory: that of the counts, of some keyframes, and of a buffer (kBufferBytes).
 //
@@ -39,7 +39,7 @@ class TiledClusters {
   // hold do not depend on the number of processes or threads.
   TiledClusters(const KeyframeSource& source, const std::vector<SE3>& poses,
                 const VoxelMapOptions& map, double tile_size_m, const WorkSharing& sharing,
-                const MakeSpool& make_spool);
+                const MakeStore& make_store);
 
   std::size_t size() const { return counts_.size(); }
   std::size_t owner(std::size_t tile) const { return owner_[tile]; }
@@ -54,17 +54,13 @@ class TiledClusters {
  private:
   using TileIndex = std::pair<std::int32_t, std::int32_t>;  // x, y
   struct Reach;                                             // tiles of a keyframe, and how much
-  struct Segment {
-    std::uint64_t at = 0;
-    std::size_t bytes = 0;
-  };
 
   // That of a cluster; false if no map can hold it.
   bool TileOf(const PackedCluster& cluster, const Eigen::Matrix3d& R, const Eigen::Vector3d& t,
               TileIndex* tile) const;
   std::vector<Reach> Count(const KeyframeSource& source, const std::vector<SE3>& poses) const;
   void DealOut();
-  void Spool(const KeyframeSource& source, const std::vector<SE3>& poses,
+  void Store(const KeyframeSource& source, const std::vector<SE3>& poses,
              const std::vector<Reach>& reaches);
   void Flush();
 
@@ -73,8 +69,8 @@ class TiledClusters {
   std::map<TileIndex, std::size_t> number_;
   std::vector<std::uint64_t> counts_;
   std::vector<std::size_t> owner_;
-  std::unique_ptr<ByteSpool> spool_;
-  std::vector<std::vector<Segment>> segments_;  // of each tile
+  std::unique_ptr<ByteStore> store_;
+  std::vector<std::vector<StoredBytes>> segments_;  // of each tile
   std::vector<std::string> buffers_;
   std::size_t buffered_ = 0;
 };

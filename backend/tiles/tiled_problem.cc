@@ -126,8 +126,8 @@ void SumBeyond(std::size_t most_observations, const std::vector<SE3>& poses,
 
 TiledProblem::TiledProblem(const TiledClusters& clusters, const std::vector<SE3>& poses,
                            const Options& options, const WorkSharing& sharing,
-                           const MakeSpool& make_spool)
-    : tiles_(clusters), spool_(make_spool()), places_(clusters.size()) {
+                           const MakeStore& make_store)
+    : tiles_(clusters), store_(make_store()), places_(clusters.size()) {
   SlidingWindowOptions weights = options.weights;
   weights.max_planes = std::numeric_limits<std::int32_t>::max();
   TileCounts mine;
@@ -146,7 +146,7 @@ TiledProblem::TiledProblem(const TiledClusters& clusters, const std::vector<SE3>
         mine.observations += problem->bundle.observations.size();
         StateArchive archive;
         ArchiveTile(archive, problem);
-        places_[tile] = {spool_->Append(archive.written()), archive.written().size()};
+        places_[tile] = PutAside(archive.written(), store_.get());
       });
   std::vector<std::size_t> each(sharing.parts);
   for (std::size_t part = 0; part < each.size(); ++part) each[part] = part;
@@ -158,7 +158,7 @@ TiledProblem::TiledProblem(const TiledClusters& clusters, const std::vector<SE3>
 }
 
 TileProblem TiledProblem::Read(std::size_t tile) const {
-  const std::string bytes = spool_->Read(places_[tile].at, places_[tile].bytes);
+  const std::string bytes = TakeBack(places_[tile], *store_);
   StateArchive archive{std::string_view(bytes)};
   TileProblem problem;
   ArchiveTile(archive, &problem);

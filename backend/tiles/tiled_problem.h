@@ -1,6 +1,7 @@
 // The planes that keyframes see together at given poses, tile by tile: what BatchCast
 // (backend/registration/batch_cast.h) makes of the clusters of a tile. A tile's planes and their
-// observations are spooled, and read whenever they are needed: a process holds some tiles at once.
+// observations are put into a store, and read whenever they are needed: a process holds some tiles
+// at once.
 //
 // A plane that very many keyframes see couples all of them with one another. Beyond
 // most_observations, observations of keyframes that follow one another are summed, at the poses of
@@ -39,7 +40,7 @@ class TiledProblem {
   };
   // All processes of `sharing` do this together.
   TiledProblem(const TiledClusters& clusters, const std::vector<SE3>& poses, const Options& options,
-               const WorkSharing& sharing, const MakeSpool& make_spool);
+               const WorkSharing& sharing, const MakeStore& make_store);
 
   const TiledClusters& tiles() const { return tiles_; }
   // Of all tiles of all processes.
@@ -50,12 +51,8 @@ class TiledProblem {
 
  private:
   const TiledClusters& tiles_;
-  std::unique_ptr<ByteSpool> spool_;
-  struct Place {
-    std::uint64_t at = 0;
-    std::size_t bytes = 0;
-  };
-  std::vector<Place> places_;  // of each tile
+  std::unique_ptr<ByteStore> store_;
+  std::vector<StoredBytes> places_;  // of each tile
   std::uint64_t planes_ = 0, observations_ = 0;
 };
 

@@ -20,10 +20,7 @@ namespace fs = std::filesystem;
 
 ByteFile::ByteFile(std::string path, Lifetime lifetime)
     : path_(std::move(path)), lifetime_(lifetime) {
-  if (lifetime_ == Lifetime::kScratch) {
-    unlink(path_.c_str());
-    return;
-  }
+  if (lifetime_ == Lifetime::kScratch) return;
   if (lifetime_ == Lifetime::kKept) {
     Make();
     SyncFolder(fs::absolute(path_).parent_path().string());
@@ -35,15 +32,16 @@ ByteFile::ByteFile(std::string path, Lifetime lifetime)
 }
 
 ByteFile::~ByteFile() {
-  if (file_ < 0) return;
-  close(file_);
-  if (lifetime_ == Lifetime::kScratch) unlink(path_.c_str());
+  if (file_ >= 0) close(file_);
 }
 
 void ByteFile::Make() {
-  constexpr mode_t kAsOthers = 0644;
-  file_ = open(path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kAsOthers);
+  const bool scratch = lifetime_ == Lifetime::kScratch;
+  constexpr mode_t kAsOthers = 0644, kOwnerOnly = 0600;
+  file_ = open(path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | (scratch ? O_TRUNC | O_NOFOLLOW : 0),
+               scratch ? kOwnerOnly : kAsOthers);
   if (file_ < 0) ThrowNotWritten(path_, "cannot be created", errno);
+  if (scratch) unlink(path_.c_str());
 }
 
 std::optional<StoredBytes> ByteFile::Append(std::string_view bytes) {

@@ -16,7 +16,7 @@ namespace lamina {
 class ByteFile final : public ByteStore {
  public:
   enum class Lifetime {
-    kScratch,   // empty at the start, deleted at the end; made when the first bytes come
+    kScratch,   // without a name, gone with the process; made when the first bytes come
     kKept,      // as it was left
     kReadOnly,  // of another process, or of an earlier one: takes nothing, and stays as it is
   };

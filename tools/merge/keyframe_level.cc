@@ -9,29 +9,13 @@
 
 #include "backend/tiles/keyframe_ties.h"
 #include "core/base/error.h"
-#include "io/file/spool_file.h"
+#include "io/store/byte_file.h"
 #include "tools/results/graph_file.h"
 
 namespace lamina {
 namespace {
 
 namespace fs = std::filesystem;
-
-class ScratchSpool final : public ByteSpool {
- public:
-  explicit ScratchSpool(const std::string& path) : file_(path) {}
-  std::uint64_t Append(std::string_view bytes) override {
-    const std::uint64_t at = file_.size();
-    file_.Append(bytes);
-    return at;
-  }
-  std::string Read(std::uint64_t at, std::size_t bytes) const override {
-    return file_.Read(at, bytes);
-  }
-
- private:
-  SpoolFile file_;
-};
 
 // The keyframes of some submaps, in their order, out of the files of their drives.
 class SubmapKeyframes final : public KeyframeSource {
@@ -88,10 +72,11 @@ std::vector<KeyframeBundleResult> AdjustKeyframesOf(const std::vector<Drive>& dr
                                                     const KeyframeLevelOptions& options,
                                                     const WorkSharing& sharing, MergedMap* merged) {
   std::deque<KeyframeFile> files = OpenFiles(drives);
-  int spools = 0;
-  const MakeSpool make_spool = [&]() -> std::unique_ptr<ByteSpool> {
-    const std::string name = fmt::format("keyframes_{}_{}", sharing.part, spools++);
-    return std::make_unique<ScratchSpool>((fs::path(options.scratch) / name).string());
+  int stores = 0;
+  const MakeStore make_store = [&] {
+    const std::string name = fmt::format("keyframes_{}_{}", sharing.part, stores++);
+    return std::make_unique<ByteFile>((fs::path(options.scratch) / name).string(),
+                                      ByteFile::Lifetime::kScratch);
   };
   const std::vector<std::vector<SE3>> start = merged->KeyframePoses();
   std::vector<std::vector<SE3>> poses = start;
@@ -108,7 +93,7 @@ std::vector<KeyframeBundleResult> AdjustKeyframesOf(const std::vector<Drive>& dr
         TiesOfKeyframes(submaps, PartOfGraph(merged->graph(), members), initial, config.loops);
     const SubmapKeyframes keyframes(*merged, members, &files);
     results.push_back(AdjustKeyframes(keyframes, ties, options.bundle, config.map,
-                                      config.backend.window, sharing, make_spool));
+                                      config.backend.window, sharing, make_store));
     auto pose = results.back().poses.begin();
     for (const std::size_t i : members) {
       for (SE3& T : poses[i]) T = *pose++;

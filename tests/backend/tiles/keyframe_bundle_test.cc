@@ -5,32 +5,19 @@
 #include <cmath>
 #include <memory>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "backend/bundle/plane_geometry.h"
 #include "backend/bundle/solver/adjuster.h"
 #include "backend/tiles/tiled_model.h"
+#include "tests/support/memory_byte_store.h"
 #include "tests/support/parts.h"
 #include "tests/support/scenes/submap_town.h"
 
 namespace lamina {
 namespace {
 
-class MemorySpool final : public ByteSpool {
- public:
-  std::uint64_t Append(std::string_view bytes) override {
-    bytes_ += bytes;
-    return bytes_.size() - bytes.size();
-  }
-  std::string Read(std::uint64_t at, std::size_t bytes) const override {
-    return bytes_.substr(static_cast<std::size_t>(at), bytes);
-  }
-
- private:
-  std::string bytes_;
-};
-std::unique_ptr<ByteSpool> InMemory() { return std::make_unique<MemorySpool>(); }
+std::unique_ptr<ByteStore> InMemory() { return std::make_unique<MemoryByteStore>(); }
 
 // Two drives through the same streets, on either side of them, whose keyframes are off a little.
 struct Driven final : public KeyframeSource {

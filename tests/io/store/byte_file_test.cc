@@ -56,15 +56,23 @@ TEST_F(ByteFileTest, AReaderLeavesAllAsItIs) {
   EXPECT_FALSE(std::filesystem::exists(Path("none")));
 }
 
-TEST_F(ByteFileTest, DamageIsFoundAndAScratchFileGoes) {
-  {
-    ByteFile scratch(Path("scratch"), ByteFile::Lifetime::kScratch);
-    EXPECT_FALSE(std::filesystem::exists(Path("scratch")));
-    const StoredBytes place = *scratch.Append("bytes");
-    std::fstream(Path("scratch"), std::ios::in | std::ios::out).write("B", 1);
-    EXPECT_EQ(Of(scratch, place), "damaged");
-  }
+TEST_F(ByteFileTest, DamageIsFound) {
+  ByteFile file(Path("bytes"), ByteFile::Lifetime::kKept);
+  const StoredBytes place = *file.Append("bytes");
+  EXPECT_EQ(Of(file, place), "bytes");
+  std::fstream(Path("bytes"), std::ios::in | std::ios::out).write("B", 1);
+  EXPECT_EQ(Of(file, place), "damaged");
+}
+
+// Not even a process that is killed leaves it behind.
+TEST_F(ByteFileTest, AScratchFileHasNoName) {
+  ByteFile scratch(Path("scratch"), ByteFile::Lifetime::kScratch);
+  const StoredBytes first = *scratch.Append("bytes"), second = *scratch.Append("more");
   EXPECT_FALSE(std::filesystem::exists(Path("scratch")));
+  EXPECT_EQ(Of(scratch, first), "bytes");
+  EXPECT_EQ(Of(scratch, second), "more");
+  scratch.RollBackTo(first.size);
+  EXPECT_EQ(Of(scratch, second), "damaged");
 }
 
 }  // namespace
