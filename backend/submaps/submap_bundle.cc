@@ -7,9 +7,9 @@
 #include <numeric>
 #include <unordered_map>
 
-#include "backend/bundle/solver/adjuster.h"
 #include "backend/bundle/uncertainty/observability.h"
 #include "backend/submaps/anchor_prior.h"
+#include "backend/submaps/association_rounds.h"
 #include "core/base/parallel.h"
 #include "core/geometry/robust_kernel.h"
 #include "core/geometry/state_archive.h"
@@ -17,11 +17,8 @@
 namespace lamina {
 namespace {
 
-// Planes may be so much thicker in the first round.
-constexpr double kFirstThickness = 2.0;
 // What is done when a round moves no anchor by more.
 constexpr double kSettledM = 0.001, kSettledRad = 1e-4;
-constexpr BundleAdjusterOptions kSolver = {20, 1e-6, 20};
 
 // Submaps that edges join, by position, and those edges among them.
 struct Part {
@@ -177,19 +174,6 @@ class CastSubmaps {
   bool fits_ = true;
 };
 
-struct Move {
-  double m = 0.0, rad = 0.0;
-};
-
-Move LargestMove(const std::vector<SE3>& from, const std::vector<SE3>& to) {
-  Move move;
-  for (std::size_t i = 0; i < from.size(); ++i) {
-    move.m = std::max(move.m, (from[i].t - to[i].t).norm());
-    move.rad = std::max(move.rad, RotationAngle(from[i], to[i]));
-  }
-  return move;
-}
-
 // All moved as one so that the first stays.
 void KeepFirst(const SE3& T_first, std::vector<SE3>* anchors) {
   const SE3 back = T_first * anchors->front().Inverse();
@@ -217,7 +201,7 @@ struct PartProblem {
 Round SolveRound(const PartProblem& part, const std::vector<SE3>& anchors, bool first) {
   Round round;
   VoxelMapOptions sized = part.map;
-  if (first) sized.max_thickness_m *= kFirstThickness;
+  if (first) sized.max_thickness_m *= kFirstRoundThickness;
   const CastSubmaps cast(part.submaps, anchors, sized);
   if (!cast.fits()) {
     round.refusal = "all submaps at once are more than map.budget_mb";
@@ -229,8 +213,8 @@ Round SolveRound(const PartProblem& part, const std::vector<SE3>& anchors, bool 
   problem.holds = observability.holds;
   problem.hold_first_pose = false;
   problem.priors = part.priors;
-  const BundleResult solved = AdjustBundle(problem, kSolver);
-  if (!solved.usable() || LargestMove(anchors, solved.poses).m > part.map.root_size_m) {
+  const BundleResult solved = AdjustBundle(problem, kRoundSolver);
+  if (!solved.usable() || MovesBetween(anchors, solved.poses).largest_m > part.map.root_size_m) {
     round.refusal = solved.usable() ? "an anchor was carried farther than a voxel"
                                     : "too few planes are shared, or the solver failed";
     return round;
@@ -273,12 +257,12 @@ std::vector<SE3> AdjustPart(const PartProblem& part, std::vector<SE3> anchors,
       result->refusal = round.refusal;
       break;
     }
-    const Move move = LargestMove(anchors, round.anchors);
+    const PoseMoves moves = MovesBetween(anchors, round.anchors);
     anchors = round.anchors;
     last = std::move(round);
     ++result->rounds;
-    if (work.on_round) work.on_round(result->rounds, move.m);
-    if (i > 0 && move.m < kSettledM && move.rad < kSettledRad) break;
+    if (work.on_round) work.on_round(result->rounds, moves.largest_m);
+    if (i > 0 && moves.largest_m < kSettledM && moves.largest_rad < kSettledRad) break;
   }
   result->planes += last.planes;
   result->observations += last.observations;
@@ -312,7 +296,7 @@ SubmapBundleResult AdjustSubmaps(const std::vector<const Submap*>& submaps,
     anchors = AdjustPart(problem, anchors, work, &result);
     for (std::size_t i = 0; i < anchors.size(); ++i) result.anchors[part.submaps[i]] = anchors[i];
   }
-  result.largest_move_m = LargestMove(graph.poses, result.anchors).m;
+  result.largest_move_m = MovesBetween(graph.poses, result.anchors).largest_m;
   return result;
 }
 

@@ -1,21 +1,17 @@
 #include "backend/tiles/keyframe_bundle.h"
 
-#include <algorithm>
-#include <cmath>
 #include <iomanip>
 #include <sstream>
 
+#include "backend/submaps/association_rounds.h"
 #include "backend/tiles/tiled_model.h"
 #include "core/base/stopwatch.h"
 
 namespace lamina {
 namespace {
 
-// Planes may be so much thicker in the first round.
-constexpr double kFirstThickness = 2.0;
 // What is done when keyframes move by less, root mean square.
 constexpr double kSettledM = 0.0005, kSettledRad = 5e-5;
-constexpr BundleAdjusterOptions kSolver = {20, 1e-6, 20};
 
 class KeyframeBundle {
  public:
@@ -59,14 +55,14 @@ class KeyframeBundle {
     Stopwatch watch;
     TiledProblem::Options options{map_, weights_,
                                   static_cast<std::size_t>(options_.most_observations)};
-    if (number == 0) options.map.max_thickness_m *= kFirstThickness;
+    if (number == 0) options.map.max_thickness_m *= kFirstRoundThickness;
     const TiledClusters clusters(keyframes_, result_.poses, options.map, options_.tile_size_m,
                                  sharing_, make_store_);
     const TiledProblem problem(clusters, result_.poses, options, sharing_, make_store_);
     result_.tiles = clusters.size();
     round.planes = problem.planes();
     round.observations = problem.observations();
-    if (round.planes < static_cast<std::uint64_t>(kSolver.min_planes)) {
+    if (round.planes < static_cast<std::uint64_t>(kRoundSolver.min_planes)) {
       result_.refusal = "too few planes are seen by two keyframes or more";
       return false;
     }
@@ -74,7 +70,7 @@ class KeyframeBundle {
     TiledModel model(problem, ties_, sharing_);
     round.build_s = 1e-3 * watch.LapMilliseconds();
     const BundleResult solved =
-        MinimiseInTrustRegion(ties_.poses, kSolver, nullptr, /*may_keep=*/false, &model);
+        MinimiseInTrustRegion(ties_.poses, kRoundSolver, nullptr, /*may_keep=*/false, &model);
     round.solve_s = 1e-3 * watch.LapMilliseconds();
     if (!solved.usable()) {
       result_.refusal = "the solver failed";
@@ -85,20 +81,13 @@ class KeyframeBundle {
     round.iterations = solved.iterations;
     round.initial_cost = solved.initial_cost;
     round.final_cost = solved.final_cost;
-    double m2 = 0.0, rad2 = 0.0, most_m = 0.0;
-    for (std::size_t k = 0; k < solved.poses.size(); ++k) {
-      const double m = (solved.poses[k].t - ties_.poses[k].t).norm();
-      most_m = std::max(most_m, m);
-      m2 += m * m;
-      rad2 += std::pow(RotationAngle(solved.poses[k], ties_.poses[k]), 2);
-    }
-    if (most_m > map_.root_size_m) {
+    const PoseMoves moves = MovesBetween(ties_.poses, solved.poses);
+    if (moves.largest_m > map_.root_size_m) {
       result_.refusal = "a keyframe was carried farther than a voxel";
       return false;
     }
-    const auto n = static_cast<double>(solved.poses.size());
-    round.moved_m = std::sqrt(m2 / n);
-    round.moved_rad = std::sqrt(rad2 / n);
+    round.moved_m = moves.rms_m;
+    round.moved_rad = moves.rms_rad;
     result_.rounds.push_back(round);
     result_.poses = solved.poses;
     return true;
