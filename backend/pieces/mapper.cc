@@ -29,44 +29,41 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   result.odometry = Register(scan);
   OdometryFrame& frame = result.odometry;
   const bool started_over = start_.open() && FollowStart(scan, &frame);
+  result.to_restart = EndsPiece(scan, frame, may_restart, &result.goes_on);
+  if (!result.to_restart) {
+    if (frame.status != OdometryFrame::Status::kLost) {
+      matched_ = matched_ || frame.status == OdometryFrame::Status::kTracked;
+      tracker_.Accept(frame);
+      if (started_over) tracker_.odometry().Assume(frame.sweep.twist);
+      ++frames_since_keyframe_;
+      result.keyframe = IsKeyframe(frame.T_world_lidar);
+      if (result.keyframe) AddKeyframe(frame, std::move(*scan.clusters));
+    }
+    // The last keyframe's clusters may have moved though nothing new entered the map.
+    map_->Refresh();
+    open_.Add(scan, frame);
+    stretch_.Widen(&frame.match);
+  }
+  MoveToStamp(scan.middle_ns, &frame);
+  return result;
+}
+
+bool Mapper::EndsPiece(const MapperScan& scan, const OdometryFrame& frame, bool may_restart,
+                       bool* goes_on) {
   if (start_.given_up() && may_restart) {
     matched_ = false;  // not as it should be: nothing of it is to stay
-    result.to_restart = true;
-    MoveToStamp(scan.middle_ns, &frame);
-    return result;
+    return true;
   }
   stretch_.Follow(frame, *scan.clusters, *map_, open_.NextKeyframe());
   if (stretch_.over()) {
     const double most = options_.backend.restart_after_sigma_m;
-    result.to_restart = may_restart && most > 0.0 && stretch_.SigmaM() > most;
-    if (result.to_restart) {
-      result.goes_on = true;
-      MoveToStamp(scan.middle_ns, &frame);
-      return result;
-    }
+    *goes_on = may_restart && most > 0.0 && stretch_.SigmaM() > most;
+    if (*goes_on) return true;
     stretch_.Forget();
   }
-  if (frame.status == OdometryFrame::Status::kLost) {
-    tracker_.Lose(frame, *scan.clusters);
-    result.to_restart = may_restart && tracker_.MayRestart();
-    if (result.to_restart) {
-      MoveToStamp(scan.middle_ns, &frame);
-      return result;
-    }
-  } else {
-    matched_ = matched_ || frame.status == OdometryFrame::Status::kTracked;
-    tracker_.Accept(frame);
-    if (started_over) tracker_.odometry().Assume(frame.sweep.twist);
-    ++frames_since_keyframe_;
-    result.keyframe = IsKeyframe(frame.T_world_lidar);
-    if (result.keyframe) AddKeyframe(frame, std::move(*scan.clusters));
-  }
-  // The last keyframe's clusters may have moved though nothing new entered the map.
-  map_->Refresh();
-  open_.Add(scan, frame);
-  stretch_.Widen(&frame.match);
-  MoveToStamp(scan.middle_ns, &frame);
-  return result;
+  if (frame.status != OdometryFrame::Status::kLost) return false;
+  tracker_.Lose(frame, *scan.clusters);
+  return may_restart && tracker_.MayRestart();
 }
 
 bool Mapper::FollowStart(const MapperScan& scan, OdometryFrame* frame) {

@@ -91,6 +91,10 @@ class Mapper {
  private:
   OdometryFrame Register(const MapperScan& scan);
   OdometryFrame First(const MapperScan& scan);
+  // Follows what may end the piece: its start, degenerate scans, losses. True if this scan is to
+  // begin another (RegisteredScan::to_restart, and goes_on).
+  bool EndsPiece(const MapperScan& scan, const OdometryFrame& frame, bool may_restart,
+                 bool* goes_on);
   void DropWindow();
   void PopOldest();
   bool IsKeyframe(const SE3& T_world_lidar) const;
