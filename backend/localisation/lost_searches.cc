@@ -40,15 +40,10 @@ std::optional<FoundPlace> LostSearches::Look(std::int64_t piece,
 }
 
 void LostSearches::Archive(StateArchive& a) {
-  std::vector<std::int64_t> pieces;
-  for (const auto& [piece, search] : searches_) pieces.push_back(piece);
-  a(&pieces);
-  if (a.reading()) searches_.clear();
-  for (const std::int64_t piece : pieces) {
+  ArchiveByKey(a, &searches_, [&](std::int64_t piece) {
     if (a.reading()) Begin(piece, {});
-    Search& search = searches_.at(piece);
-    a(&search.among, &search.search);
-  }
+    return &searches_.at(piece);
+  });
 }
 
 }  // namespace lamina

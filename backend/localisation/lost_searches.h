@@ -39,6 +39,8 @@ class LostSearches {
     std::vector<std::int64_t> among;
     PlaceSearch search;
     std::unique_ptr<PlaceIndex> places;  // made for the first look
+
+    void Archive(StateArchive& a) { a(&among, &search); }
   };
 
   LoopOptions options_;

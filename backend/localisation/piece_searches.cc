@@ -12,8 +12,8 @@ PieceSearches::PieceSearches(const LoopOptions& options, const ScanMatcherOption
                              double leaf_size_m)
     : options_(options), matcher_(matcher), leaf_size_m_(leaf_size_m) {}
 
-void PieceSearches::Begin(std::int64_t piece) {
-  searches_.try_emplace(piece, options_, leaf_size_m_);
+PlaceSearch* PieceSearches::Begin(std::int64_t piece) {
+  return &searches_.try_emplace(piece, options_, leaf_size_m_).first->second;
 }
 
 PlaceSearch* PieceSearches::Find(std::int64_t piece) {
@@ -24,17 +24,9 @@ PlaceSearch* PieceSearches::Find(std::int64_t piece) {
 void PieceSearches::Archive(StateArchive& a, const VoxelMap& map) {
   std::vector<MapPlace> places;
   if (places_ != nullptr) places = places_->places();
-  std::vector<std::int64_t> pieces;
-  for (const auto& [piece, search] : searches_) pieces.push_back(piece);
-  a(&places, &pieces);
-  if (a.reading()) {
-    places_ = std::make_unique<PlaceIndex>(options_, matcher_, places, map);
-    searches_.clear();
-  }
-  for (const std::int64_t piece : pieces) {
-    Begin(piece);
-    a(Find(piece));
-  }
+  a(&places);
+  if (a.reading()) places_ = std::make_unique<PlaceIndex>(options_, matcher_, places, map);
+  ArchiveByKey(a, &searches_, [&](std::int64_t piece) { return Begin(piece); });
 }
 
 }  // namespace lamina

@@ -22,7 +22,8 @@ class PieceSearches {
   // For Archive() to read into.
   PieceSearches(const LoopOptions& options, const ScanMatcherOptions& matcher, double leaf_size_m);
 
-  void Begin(std::int64_t piece);
+  // Looks for a piece from now on.
+  PlaceSearch* Begin(std::int64_t piece);
   void End(std::int64_t piece) { searches_.erase(piece); }
   // Null if the piece is not looked for.
   PlaceSearch* Find(std::int64_t piece);

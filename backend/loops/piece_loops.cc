@@ -87,11 +87,7 @@ void PieceLoops::Archive(StateArchive& a) {
   std::uint64_t stored = store_ == nullptr ? 0 : store_->size();
   a(&stored);
   if (a.reading() && store_ != nullptr) store_->RollBackTo(stored);
-  std::vector<std::int64_t> pieces;
-  for (const auto& [piece, track] : tracks_) pieces.push_back(piece);
-  a(&pieces);
-  if (a.reading()) tracks_.clear();
-  for (const std::int64_t piece : pieces) a(Track(piece));
+  ArchiveByKey(a, &tracks_, [&](std::int64_t piece) { return Track(piece); });
 }
 
 }  // namespace lamina

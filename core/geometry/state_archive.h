@@ -130,6 +130,16 @@ inline void Archive(StateArchive& a, SE3* T) {
 }
 inline void Archive(StateArchive& a, StampedPose* p) { a(&p->stamp_ns, &p->T_world_lidar); }
 
+// A map: its keys, then its values, each where value_of(key) is, which makes one to be read into.
+template <typename Map, typename ValueOf>
+void ArchiveByKey(StateArchive& a, Map* map, const ValueOf& value_of) {
+  std::vector<typename Map::key_type> keys;
+  for (const auto& entry : *map) keys.push_back(entry.first);
+  a(&keys);
+  if (a.reading()) map->clear();
+  for (const auto& key : keys) a(value_of(key));
+}
+
 // A class with a member Archive().
 template <typename T>
 auto Archive(StateArchive& a, T* value) -> decltype(value->Archive(a)) {
