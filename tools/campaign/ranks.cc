@@ -29,8 +29,17 @@ bool WasLaunched() {
 #ifdef LAMINA_HAS_MPI
 
 namespace {
-// At a time: counts of MPI are 32 bits.
-constexpr std::size_t kMostBytes = std::size_t{1} << 30;
+
+// Calls message(begin, count) for bytes in order, with as many at a time as a count of MPI, of 32
+// bits, can tell.
+template <typename Bytes, typename Message>
+void InMessages(Bytes* bytes, const Message& message) {
+  constexpr std::size_t kMostBytes = std::size_t{1} << 30;
+  for (std::size_t at = 0; at < bytes->size(); at += kMostBytes) {
+    message(bytes->data() + at, static_cast<int>(std::min(kMostBytes, bytes->size() - at)));
+  }
+}
+
 }  // namespace
 
 Ranks::Ranks() {
@@ -58,10 +67,9 @@ std::vector<std::string> Ranks::Exchange(const std::string& mine) const {
   std::vector<std::string> all(size_);
   for (std::size_t r = 0; r < size_; ++r) {
     all[r] = r == rank_ ? mine : std::string(static_cast<std::size_t>(lengths[r]), '\0');
-    for (std::size_t at = 0; at < all[r].size(); at += kMostBytes) {
-      MPI_Bcast(all[r].data() + at, static_cast<int>(std::min(kMostBytes, all[r].size() - at)),
-                MPI_BYTE, static_cast<int>(r), MPI_COMM_WORLD);
-    }
+    InMessages(&all[r], [&](char* begin, int count) {
+      MPI_Bcast(begin, count, MPI_BYTE, static_cast<int>(r), MPI_COMM_WORLD);
+    });
   }
   return all;
 }
@@ -72,10 +80,9 @@ std::vector<std::string> Ranks::Gather(const std::string& mine) const {
   unsigned long long length = mine.size();
   if (rank_ > 0) {
     MPI_Send(&length, 1, MPI_UNSIGNED_LONG_LONG, 0, kTag, MPI_COMM_WORLD);
-    for (std::size_t at = 0; at < mine.size(); at += kMostBytes) {
-      MPI_Send(mine.data() + at, static_cast<int>(std::min(kMostBytes, mine.size() - at)), MPI_BYTE,
-               0, kTag, MPI_COMM_WORLD);
-    }
+    InMessages(&mine, [](const char* begin, int count) {
+      MPI_Send(begin, count, MPI_BYTE, 0, kTag, MPI_COMM_WORLD);
+    });
     return {};
   }
   std::vector<std::string> all(size_);
@@ -84,10 +91,9 @@ std::vector<std::string> Ranks::Gather(const std::string& mine) const {
     const int from = static_cast<int>(r);
     MPI_Recv(&length, 1, MPI_UNSIGNED_LONG_LONG, from, kTag, MPI_COMM_WORLD, MPI_STATUS_IGNORE);
     all[r].resize(static_cast<std::size_t>(length));
-    for (std::size_t at = 0; at < all[r].size(); at += kMostBytes) {
-      MPI_Recv(all[r].data() + at, static_cast<int>(std::min(kMostBytes, all[r].size() - at)),
-               MPI_BYTE, from, kTag, MPI_COMM_WORLD, MPI_STATUS_IGNORE);
-    }
+    InMessages(&all[r], [&](char* begin, int count) {
+      MPI_Recv(begin, count, MPI_BYTE, from, kTag, MPI_COMM_WORLD, MPI_STATUS_IGNORE);
+    });
   }
   return all;
 }
