@@ -132,6 +132,22 @@ TEST(Layers, NoIncludeGoesUpTheRoomsOfAFolder) {
   }
 }
 
+// About twenty files: a folder of more has several subjects, and comes apart along them.
+TEST(Layers, FoldersAreSmall) {
+  constexpr int kMostFiles = 24;
+  const std::filesystem::path root = LAMINA_SOURCE_DIR;
+  std::map<std::string, int> files;
+  for (const char* folder : {"core", "io", "frontend", "backend", "config", "tools", "tests"}) {
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(root / folder)) {
+      const std::string extension = entry.path().extension().string();
+      if (extension == ".h" || extension == ".cc")
+        ++files[entry.path().parent_path().lexically_relative(root).string()];
+    }
+  }
+  EXPECT_GT(files.size(), 50U);
+  for (const auto& [folder, count] : files) EXPECT_LE(count, kMostFiles) << folder;
+}
+
 TEST(Layers, EveryFileHasARoom) {
   for (const auto& [folder, rooms] : kRooms) {
     for (const auto& entry : std::filesystem::recursive_directory_iterator(
