@@ -39,6 +39,11 @@ void AddProductCommands(CLI::App* app, std::function<int()>* run) {
   AddCampaignCommand(app, run);
 }
 
+void AddProductCommandsAndLabNames(CLI::App* app, std::function<int()>* run) {
+  AddProductCommands(app, run);
+  for (const LabCommand& command : kLabCommands) app->add_subcommand(command.name, command.purpose);
+}
+
 const char* PurposeOfLabCommand(const std::string& name) {
   for (const LabCommand& command : kLabCommands) {
     if (name == command.name) return command.purpose;

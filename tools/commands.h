@@ -16,6 +16,8 @@ namespace lamina {
 // Adds all of them to the command line; parsing it sets `run`.
 void AddProductCommands(CLI::App* app, std::function<int()>* run);
 void AddLabCommands(CLI::App* app, std::function<int()>* run);
+// The same as the product's, and the names of those of the laboratory, for the list of commands.
+void AddProductCommandsAndLabNames(CLI::App* app, std::function<int()>* run);
 
 struct LabCommand {
   const char* name;
@@ -34,6 +36,7 @@ const char* PurposeOfLabCommand(const std::string& name);
 
 // What main() does, for either program: parses the command line, runs the command, turns errors
 // into messages and exit codes.
-int RunProgram(int argc, char** argv, void (*add_commands)(CLI::App*, std::function<int()>*));
+int RunProgram(int argc, char** argv, const char* version,
+               void (*add_commands)(CLI::App*, std::function<int()>*));
 
 }  // namespace lamina

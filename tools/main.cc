@@ -7,7 +7,6 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <cerrno>
 #include <cstring>
 #include <string>
@@ -33,19 +32,15 @@ int RunLab(char** argv) {
   return 1;
 }
 
-void AddCommands(CLI::App* app, std::function<int()>* run) {
-  lamina::AddProductCommands(app, run);
 #ifdef LAMINA_HAS_LAB
-  // For the list of commands.
-  for (const lamina::LabCommand& command : lamina::kLabCommands) {
-    app->add_subcommand(command.name, command.purpose);
-  }
+constexpr auto kAddCommands = lamina::AddProductCommandsAndLabNames;
+#else
+constexpr auto kAddCommands = lamina::AddProductCommands;
 #endif
-}
 
 }  // namespace
 
 int main(int argc, char** argv) {
   if (argc > 1 && IsLabCommand(argv[1])) return RunLab(argv);
-  return lamina::RunProgram(argc, argv, AddCommands);
+  return lamina::RunProgram(argc, argv, LAMINA_VERSION, kAddCommands);
 }

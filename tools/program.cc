@@ -36,7 +36,8 @@ int RunCommand(const std::function<int()>& run) {
 
 }  // namespace
 
-int RunProgram(int argc, char** argv, void (*add_commands)(CLI::App*, std::function<int()>*)) {
+int RunProgram(int argc, char** argv, const char* version,
+               void (*add_commands)(CLI::App*, std::function<int()>*)) {
   // Results go to standard output, everything about the way there to standard error.
   spdlog::set_default_logger(spdlog::stderr_color_mt("lamina"));
   spdlog::set_formatter(LogLines("%H:%M:%S %^%l%$"));
@@ -49,7 +50,7 @@ int RunProgram(int argc, char** argv, void (*add_commands)(CLI::App*, std::funct
       "`lamina COMMAND --help` explains a command.");
   std::function<int()> run;
   add_commands(&app, &run);
-  app.set_version_flag("--version", std::string("lamina ") + LAMINA_VERSION);
+  app.set_version_flag("--version", std::string("lamina ") + version);
   const std::string wrong = DescribeWrongWord(app, {argv + 1, argv + argc});
   if (!wrong.empty()) {
     fmt::print(stderr, "lamina: error: {}\n", Printable(wrong));
