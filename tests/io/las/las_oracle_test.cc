@@ -4,11 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <cstring>
 
 #include "io/map/map_io.h"
 #include "tests/support/io_test_files.h"
+#include "tests/support/oracles.h"
 
 namespace lamina {
 namespace {
@@ -27,8 +27,8 @@ class LasOracleTest : public FilesTest {
 };
 
 TEST_F(LasOracleTest, LazAndCopcHoldTheRecordsOfLas) {
-  const char* oracles = std::getenv("LAMINA_ORACLES");
-  if (oracles == nullptr) GTEST_SKIP() << "LAMINA_ORACLES is unset: no laz-perf, no copc";
+  const std::string node = NodeWithOracles();
+  if (node.empty()) GTEST_SKIP() << "LAMINA_ORACLES is unset: no laz-perf, no copc";
   std::vector<CloudPoint> points;
   std::uint32_t random = 5;
   const auto next = [&] { return random = random * 1664525 + 1013904223, random >> 8; };
@@ -50,10 +50,7 @@ TEST_F(LasOracleTest, LazAndCopcHoldTheRecordsOfLas) {
       expected = Records(las, begin);
       continue;
     }
-    const std::string command = "NODE_PATH='" + std::string(oracles) + "/node_modules' node '" +
-                                LAMINA_SOURCE_DIR "/tests/io/oracles/las_records.cjs' '" +
-                                Path(name) + "' '" + Path("records") + "'";
-    ASSERT_EQ(std::system(command.c_str()), 0) << command;
+    ASSERT_TRUE(RunOracle(node, "las_records.cjs", {Path(name), Path("records")})) << name;
     EXPECT_TRUE(Records(Bytes(Path("records")), 0) == expected) << name;
   }
 }
