@@ -4,6 +4,8 @@
 // One file is one scan, in the frame of its sensor. Its points are not split by their times: files
 // that hold more than a sweep are in the frame of a map, where there is nothing left to match.
 // Points that are flagged as withheld are left out.
+//
+// Private to io/points.
 #pragma once
 
 #include <cstddef>

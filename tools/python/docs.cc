@@ -12,7 +12,7 @@ struct Description {
   const char* text;
 };
 constexpr Description kDescriptions[] = {
-#include "python_docstrings.inc"
+#include <python_docstrings.inc>  // of docstrings.py
 };
 
 }  // namespace
