@@ -7,6 +7,7 @@
 #include "core/base/error.h"
 #include "io/container/message_container.h"
 #include "io/container/whole_pages.h"
+#include "io/file/folder_list.h"
 #include "io/stream/byte_stream.h"
 
 namespace lamina {
@@ -49,7 +50,7 @@ bool IsWholeDatabase(const std::string& path, const RandomFile& file) {
 }  // namespace
 
 bool IsWholeContainer(const std::string& path) {
-  const std::string ending = fs::path(path).extension().string();
+  const std::string ending = LowerEnding(path);
   try {
     const RandomFile file(path);
     if (file.size() == 0) return false;

@@ -23,6 +23,12 @@ std::string_view TakeNumber(std::string_view* text) {
 
 }  // namespace
 
+std::string LowerEnding(std::string_view name) {
+  std::string ending = fs::path(name).extension().string();
+  for (char& c : ending) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  return ending;
+}
+
 bool NaturalLess(std::string_view a, std::string_view b) {
   const std::string_view whole_a = a, whole_b = b;
   while (!a.empty() && !b.empty()) {

@@ -9,6 +9,10 @@
 
 namespace lamina {
 
+// The ending of a file's name, with its dot, in lower case: `.las` of SCAN.LAS. Empty if there is
+// none.
+std::string LowerEnding(std::string_view name);
+
 // Order of names in which runs of digits compare by their value: scan2 < scan10.
 bool NaturalLess(std::string_view a, std::string_view b);
 

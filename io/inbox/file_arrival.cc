@@ -1,9 +1,7 @@
 #include "io/inbox/file_arrival.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -12,12 +10,9 @@
 #include <cstring>
 #include <filesystem>
 #include <memory>
-#include <optional>
 
 #include "core/base/error.h"
-#include "core/geometry/scan.h"
-#include "io/points/las_scan.h"
-#include "io/points/point_file_check.h"
+#include "io/points/scan_file.h"
 #include "io/recording/recording_file.h"
 
 namespace lamina {
@@ -104,31 +99,8 @@ FileLook LookAtFile(const std::string& root, const std::string& name) {
 
 bool IsWhole(const std::string& path, std::uint64_t size) {
   if (size == 0) return false;
-  const std::filesystem::path name(path);
-  const std::string ending = name.extension().string();
-  if (IsRecordingFile(name.filename().string())) return IsWholeRecording(path);
-  if (ending == ".bin") return size % sizeof(ScanPoint) == 0;
-  if (ending != ".pcd" && ending != ".ply" && ending != ".las") return true;
-  const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-  if (file < 0) return true;
-  // Headers have some hundred bytes; only one full of comments takes more than the first read.
-  std::optional<std::size_t> declared;
-  std::string head;
-  ssize_t got = 0;
-  for (const std::size_t most : {std::size_t{1} << 12, std::size_t{1} << 18}) {
-    head.resize(most);
-    got = pread(file, head.data(), most, 0);
-    if (got < 0) break;
-    head.resize(static_cast<std::size_t>(got));
-    declared = ending == ".pcd"   ? DeclaredPcdBytes(head)
-               : ending == ".ply" ? DeclaredPlyBytes(head)
-                                  : DeclaredLasBytes(head);
-    if (declared || head.size() < most) break;
-  }
-  close(file);
-  if (got < 0) return true;
-  if (!declared) return head.size() == std::size_t{1} << 18;
-  return size >= *declared;
+  const std::string name = std::filesystem::path(path).filename().string();
+  return IsRecordingFile(name) ? IsWholeRecording(path) : IsWholeScanFile(path, size);
 }
 
 }  // namespace lamina

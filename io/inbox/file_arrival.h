@@ -28,9 +28,8 @@ struct FileLook {
 // metadata.yaml, whose size and time of change are those of all its files.
 FileLook LookAtFile(const std::string& root, const std::string& name);
 
-// Whether a file of `size` bytes, of which it is not known whether it is still written, holds what
-// its format says it does: a .bin whole points, a PCD or PLY header the data that it declares. True
-// also for files that no further bytes will heal: their reader says what is wrong.
+// Whether a file of `size` bytes, of which it is not known whether it is still written, is all
+// there: IsWholeScanFile for one of points, IsWholeRecording for a recording. An empty one is not.
 bool IsWhole(const std::string& path, std::uint64_t size);
 
 }  // namespace lamina

@@ -13,9 +13,9 @@
 #include <set>
 #include <string>
 
+#include "io/file/folder_list.h"
 #include "io/inbox/inbox.h"
 #include "io/inbox/time.h"
-#include "io/points/scan_names.h"
 #include "io/recording/recording_opener.h"
 #include "io/recording/scan_source.h"
 

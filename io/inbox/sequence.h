@@ -12,9 +12,11 @@
 #include <optional>
 #include <string>
 
+#include "io/file/folder_list.h"
 #include "io/inbox/inbox.h"
 #include "io/inbox/stamp_lines.h"
 #include "io/inbox/time.h"
+#include "io/points/scan_file.h"
 #include "io/points/scan_names.h"
 
 namespace lamina {

@@ -9,6 +9,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "io/file/folder_list.h"
 #include "io/inbox/sequence.h"
 #include "io/inbox/time.h"
 

@@ -139,7 +139,8 @@ class ModelsByValue {
 class GpsTimeModel {
  public:
   // Whether a time that is the same again is coded here, as in version 2 of the item, or elsewhere,
-  // as in version 3, which has no symbols for it.
+  // as in version 3, which has no symbols for it. One that is the last of another sequence is a
+  // difference of 0 then.
   enum class Repeats { kCoded, kElsewhere };
   GpsTimeModel(std::int64_t first, Repeats repeats)
       : repeats_(repeats == Repeats::kCoded ? 1 : 0),
@@ -171,6 +172,7 @@ class GpsTimeModel {
     return static_cast<std::int64_t>(static_cast<std::uint64_t>(time) -
                                      static_cast<std::uint64_t>(times_[sequence]));
   }
+  bool IsRepeat(std::int64_t time) const { return repeats_ == 1 && time == times_[last_]; }
   static bool Fits(std::int64_t d) { return d == static_cast<std::int32_t>(d); }
   void Move(std::int64_t* time, std::int32_t by) const {
     *time = static_cast<std::int64_t>(static_cast<std::uint64_t>(times_[last_]) +
@@ -189,7 +191,7 @@ class GpsTimeModel {
   template <typename Coder>
   bool CodeFirst(std::int64_t* time, Coder* coder) {
     std::uint32_t symbol = 0;
-    if (Coder::kEncodes && *time != times_[last_]) {
+    if (Coder::kEncodes && !IsRepeat(*time)) {
       const std::uint32_t ahead = Ahead(*time);
       symbol = Fits(From(last_, *time)) ? 1 : ahead > 0 ? ahead + 2 : 2;
     }
@@ -216,7 +218,7 @@ class GpsTimeModel {
   bool CodeNext(std::int64_t* time, Coder* coder) {
     const std::int64_t d = From(last_, *time);
     std::uint32_t symbol = kUnchanged;
-    if (Coder::kEncodes && *time != times_[last_]) {
+    if (Coder::kEncodes && !IsRepeat(*time)) {
       symbol = Fits(d) ? SymbolOf(static_cast<std::int32_t>(d)) : kFull + Ahead(*time);
     }
     const std::uint32_t left_out = symbol < kUnchanged ? 0 : 1 - repeats_;

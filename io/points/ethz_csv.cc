@@ -8,6 +8,7 @@
 #include <string_view>
 
 #include "core/base/error.h"
+#include "io/file/folder_list.h"
 #include "io/file/text_input.h"
 #include "io/points/scan_names.h"
 
@@ -101,13 +102,11 @@ bool Increase(const Trajectory& poses) {
 
 std::vector<std::filesystem::path> ListHokuyoFiles(const std::filesystem::path& folder) {
   return ListFiles(folder, [](const std::string& name) {
-    constexpr std::size_t kEnding = 4;
-    return name.rfind("Hokuyo_", 0) == 0 && name.size() > kEnding &&
-           name.compare(name.size() - kEnding, kEnding, ".csv") == 0;
+    return name.rfind("Hokuyo_", 0) == 0 && LowerEnding(name) == ".csv";
   });
 }
 
-Scan ReadHokuyoCsv(const std::string& path) {
+Scan ReadHokuyoCsv(const std::string& path, PointTimeUnit /*unit*/, PointTimeField* /*times*/) {
   const std::string text = ReadFile(path);
   CsvTable table(path, text);
   const std::array<int, 3> axes = {table.Require("x"), table.Require("y"), table.Require("z")};

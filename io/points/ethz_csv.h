@@ -15,15 +15,16 @@
 #include <vector>
 
 #include "core/geometry/scan.h"
+#include "io/points/point_times.h"
 
 namespace lamina {
 
 // Hokuyo_*.csv in the folder, in natural order; may be empty.
 std::vector<std::filesystem::path> ListHokuyoFiles(const std::filesystem::path& folder);
 
-// Columns x, y, z, and intensity or intensities if there is one. Throws InputError with file and
-// line: no header, a column missing, a word that is no number, no points.
-Scan ReadHokuyoCsv(const std::string& path);
+// Columns x, y, z, and intensity or intensities if there is one; no times. Throws InputError with
+// file and line: no header, a column missing, a word that is no number, no points.
+Scan ReadHokuyoCsv(const std::string& path, PointTimeUnit unit, PointTimeField* times);
 
 // Poses whose stamps are those of the file if they increase; `has_stamps` tells. Without: 0, 1, ...
 // Throws InputError as ReadTrajectory does.

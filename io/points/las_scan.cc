@@ -91,12 +91,23 @@ void CheckFrame(const Scan& scan, const std::string& path) {
 }  // namespace
 
 std::optional<std::size_t> DeclaredLasBytes(std::string_view head) {
-  if (head.size() < kHeaderBytes14) return std::nullopt;
+  if (head.size() < kLeastHeaderBytes) return std::nullopt;
+  const bool is_14 = NumberAt<std::uint8_t>(head, 25) == 4;
+  if (is_14 && head.size() < kHeaderBytes14) return std::nullopt;
   try {
     const LasHeader header = ParseHeader(head, "");
     constexpr std::uint64_t kMost = std::uint64_t{1} << 40;
-    if (header.compressed || header.points > kMost) return 0;
-    return static_cast<std::size_t>(header.data_at + header.points * header.record_bytes);
+    if (!header.compressed) {
+      if (header.points > kMost) return 0;
+      return static_cast<std::size_t>(header.data_at + header.points * header.record_bytes);
+    }
+    // The place of the table of chunks: -1 until the last chunk is written.
+    if (header.data_at > kMost || head.size() < header.data_at + sizeof(std::uint64_t)) {
+      return std::nullopt;
+    }
+    constexpr std::uint64_t kTableHeadBytes = 8;
+    const auto table = NumberAt<std::uint64_t>(head, static_cast<std::size_t>(header.data_at));
+    return static_cast<std::size_t>(std::max(table, table + kTableHeadBytes));
   } catch (const InputError&) {
     return 0;
   }
@@ -174,11 +185,18 @@ class LasRecords {
     const std::uint64_t begin = header_.data_at + kPlaceBytes;
     if (table < begin || table > bytes_.size()) Fail("is truncated: has no table of its chunks");
     packed_ = bytes_.substr(begin, table - begin);
+    // Sweeps of which half of the points are alike are packed to a fiftieth.
+    constexpr std::uint64_t kFewBytes = std::uint64_t{32} << 20, kMostRatio = 1000;
+    const std::uint64_t unpacked = header_.points * header_.record_bytes;
+    if (unpacked > kFewBytes && unpacked / kMostRatio > packed_.size()) {
+      Fail(
+          fmt::format("{} compressed bytes cannot have {} points", packed_.size(), header_.points));
+    }
     // Each chunk begins with a record as it is.
     const bool any = layout_.chunk_points == kLazAnyPoints;
-    const std::uint64_t most =
-        any ? std::min<std::uint64_t>(header_.points, packed_.size() / header_.record_bytes)
-            : (header_.points + layout_.chunk_points - 1) / layout_.chunk_points;
+    const std::uint64_t told =
+        any ? header_.points : (header_.points + layout_.chunk_points - 1) / layout_.chunk_points;
+    const std::uint64_t most = std::min<std::uint64_t>(told, packed_.size() / header_.record_bytes);
     chunks_ = ParseLazChunkTable(layout_, bytes_.substr(table), most, path_);
   }
 
@@ -229,7 +247,7 @@ void AddRecord(std::string_view record, const LasHeader& header, const std::stri
 
 }  // namespace
 
-Scan ReadLas(const std::string& path, PointTimeField* times) {
+Scan ReadLas(const std::string& path, PointTimeUnit /*unit*/, PointTimeField* times) {
   const std::string bytes = ReadFile(path);
   const LasHeader header = ParseHeader(bytes, path);
   LasRecords records(header, bytes, path);

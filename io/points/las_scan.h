@@ -4,6 +4,8 @@
 // One file is one scan, in the frame of its sensor. Its points are not split by their times: files
 // that hold more than a sweep are in the frame of a map, where there is nothing left to match.
 // Points that are flagged as withheld are left out.
+//
+// Private to io/points.
 #pragma once
 
 #include <cstddef>
@@ -15,14 +17,15 @@
 
 namespace lamina {
 
-// Times are those of GPS, in seconds, where the format has them: readings of a clock. Throws
-// InputError naming file and rule: a header that contradicts itself or the file's length,
-// points that are compressed in another way, coordinates that are those of a map (all more than 10
-// km from the origin), no points.
-Scan ReadLas(const std::string& path, PointTimeField* times);
+// Times are those of GPS, in seconds, where the format has them, whatever `unit`: readings of a
+// clock. Throws InputError naming file and rule: a header that contradicts itself or the file's
+// length, points that are compressed in another way, coordinates that are those of a map (all more
+// than 10 km from the origin), no points.
+Scan ReadLas(const std::string& path, PointTimeUnit unit, PointTimeField* times);
 
-// How long a file must be by the header that its first bytes hold; nothing if it does not end
-// within them, 0 if it breaks a rule.
+// How long a file must be, at least, by its first bytes: of LAS header and points, of LAZ all to
+// the table of its chunks, or more than any where that has no place yet. Nothing if what tells does
+// not end within `head`; 0 if the header breaks a rule.
 std::optional<std::size_t> DeclaredLasBytes(std::string_view head);
 
 }  // namespace lamina

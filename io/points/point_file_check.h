@@ -2,6 +2,8 @@
 //
 // For ASCII every word of the data is looked at as well: none but numbers may stand there. All
 // throw InputError naming file, line and rule.
+//
+// Private to io/points.
 #pragma once
 
 #include <cstddef>

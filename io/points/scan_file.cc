@@ -1,73 +1,128 @@
 #include "io/points/scan_file.h"
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <unistd.h>
 
-#include <filesystem>
+#include <iterator>
+#include <optional>
 
 #include "core/base/error.h"
-#include "io/file/text_input.h"
+#include "io/file/folder_list.h"
 #include "io/points/ethz_csv.h"
+#include "io/points/kitti_scan.h"
 #include "io/points/las_scan.h"
 #include "io/points/point_cloud_files.h"
-#include "io/points/scan_names.h"
+#include "io/points/point_file_check.h"
 
 namespace lamina {
 namespace {
 
-static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
-              ".bin files are little-endian and are read straight into memory");
+namespace fs = std::filesystem;
 
-Scan ReadKittiBin(const std::string& path) {
-  InputFile file(path);
-  if (file.size() % sizeof(ScanPoint) != 0) {
-    throw InputError(
-        fmt::format("{}: has {} bytes, must be a multiple of 16 (x y z intensity, "
-                    "float32)",
-                    path, file.size()));
+struct PointFormat {
+  const char* ending;  // in lower case
+  ScanName in_folders;
+  Scan (*read)(const std::string& path, PointTimeUnit unit, PointTimeField* times);
+  // How long a file must be by its first bytes, see point_file_check.h; null if they do not tell.
+  std::optional<std::size_t> (*declared_bytes)(std::string_view head);
+  // A whole file's length is a multiple of this.
+  std::size_t record_bytes;
+};
+
+// A new format is a file with its reader, and a row here.
+constexpr PointFormat kFormats[] = {
+    {".bin", ScanName::kPoints, ReadKittiBin, nullptr, sizeof(ScanPoint)},
+    {".pcd", ScanName::kPoints, ReadPcd, DeclaredPcdBytes, 1},
+    {".ply", ScanName::kPoints, ReadPly, DeclaredPlyBytes, 1},
+    {".las", ScanName::kPoints, ReadLas, DeclaredLasBytes, 1},
+    {".laz", ScanName::kPoints, ReadLas, DeclaredLasBytes, 1},
+    {".csv", ScanName::kNone, ReadHokuyoCsv, nullptr, 1},
+    {".txt", ScanName::kText, ReadKittiText, nullptr, 1},
+};
+
+// Null if there is none.
+const PointFormat* FormatOf(std::string_view path) {
+  const std::string ending = LowerEnding(path);
+  for (const PointFormat& format : kFormats) {
+    if (ending == format.ending) return &format;
   }
-  Scan scan;
-  scan.points.resize(file.size() / sizeof(ScanPoint));
-  file.Read(scan.points.data(), file.size());
-  return scan;
+  return nullptr;
 }
 
-Scan ReadKittiText(const std::string& path) {
-  const std::string text = ReadFile(path);
-  LineReader lines(path, text);
-  Scan scan;
-  std::vector<double> numbers;
-  while (lines.Next()) {
-    lines.Numbers(&numbers);
-    if (numbers.size() != 4) {
-      lines.Fail(fmt::format("a point has 4 numbers (x y z intensity), found {}", numbers.size()));
-    }
-    const auto value = [&](std::size_t i) { return static_cast<float>(numbers[i]); };
-    scan.points.push_back({value(0), value(1), value(2), value(3)});
-  }
-  return scan;
+// The first bytes of a file, `most` if it has as many; nothing if it cannot be read.
+std::optional<std::string> HeadOf(int file, std::size_t most) {
+  std::string head(most, '\0');
+  const ssize_t got = pread(file, head.data(), most, 0);
+  if (got < 0) return std::nullopt;
+  head.resize(static_cast<std::size_t>(got));
+  return head;
 }
 
 }  // namespace
 
+ScanName KindOfName(std::string_view name) {
+  if (name.empty() || name[0] == '.') return ScanName::kNone;
+  const PointFormat* const format = FormatOf(name);
+  return format == nullptr ? ScanName::kNone : format->in_folders;
+}
+
+std::vector<fs::path> ListScans(const fs::path& folder, ScanName kind) {
+  return ListFiles(folder, [kind](const std::string& name) { return KindOfName(name) == kind; });
+}
+
 bool IsScanFile(const std::string& path) {
-  const std::string ending = std::filesystem::path(path).extension().string();
-  return ending == ".csv" ||
-         KindOfName(std::filesystem::path(path).filename().string()) != ScanName::kNone;
+  const std::string name = fs::path(path).filename().string();
+  return !name.empty() && name[0] != '.' && FormatOf(name) != nullptr;
+}
+
+std::string ScanEndings() {
+  std::string text;
+  for (const PointFormat& format : kFormats) {
+    const bool last = &format == std::end(kFormats) - 1;
+    text += fmt::format("{}{}", text.empty() ? "" : last ? " or " : ", ", format.ending);
+  }
+  return text;
+}
+
+std::string FolderPatterns() {
+  std::string text;
+  for (const PointFormat& format : kFormats) {
+    if (format.in_folders != ScanName::kPoints) continue;
+    text += fmt::format("{}*{}", text.empty() ? "" : ", ", format.ending);
+  }
+  return text;
 }
 
 Scan ReadScanFile(const std::string& path, PointTimeUnit unit, PointTimeField* times) {
   if (times != nullptr) *times = {};
-  const std::string ending = std::filesystem::path(path).extension().string();
-  if (ending == ".pcd") return ReadPcd(path, unit, times);
-  if (ending == ".ply") return ReadPly(path, unit, times);
-  if (ending == ".las" || ending == ".laz") return ReadLas(path, times);
-  if (ending == ".csv") return ReadHokuyoCsv(path);
-  if (ending != ".bin" && ending != ".txt") {
-    throw InputError(fmt::format("{}: a point file ends in {}", path, kScanEndings));
+  const PointFormat* const format = FormatOf(path);
+  if (format == nullptr) {
+    throw InputError(fmt::format("{}: a point file ends in {}", path, ScanEndings()));
   }
-  Scan scan = ending == ".bin" ? ReadKittiBin(path) : ReadKittiText(path);
-  if (scan.points.empty()) throw InputError(fmt::format("{}: is empty: holds no points", path));
-  return scan;
+  return format->read(path, unit, times);
+}
+
+bool IsWholeScanFile(const std::string& path, std::uint64_t size) {
+  const PointFormat* const format = FormatOf(path);
+  if (format == nullptr) return true;
+  if (size % format->record_bytes != 0) return false;
+  if (format->declared_bytes == nullptr) return true;
+  const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+  if (file < 0) return true;
+  // Headers have some hundred bytes; only one full of comments takes more than the first read.
+  constexpr std::size_t kMostBytes = std::size_t{1} << 18;
+  std::optional<std::size_t> declared;
+  std::optional<std::string> head;
+  for (const std::size_t most : {std::size_t{1} << 12, kMostBytes}) {
+    head = HeadOf(file, most);
+    if (!head) break;
+    declared = format->declared_bytes(*head);
+    if (declared || head->size() < most) break;
+  }
+  close(file);
+  if (!head) return true;
+  return declared ? size >= *declared : head->size() == kMostBytes;
 }
 
 }  // namespace lamina

@@ -82,20 +82,6 @@ CountedName SplitAtLastNumber(std::string_view name) {
 
 }  // namespace
 
-ScanName KindOfName(std::string_view name) {
-  if (name.empty() || name[0] == '.') return ScanName::kNone;
-  const std::size_t dot = name.rfind('.');
-  const std::string_view ending = dot == std::string_view::npos ? "" : name.substr(dot);
-  for (const char* points : {".bin", ".pcd", ".ply", ".las", ".laz"}) {
-    if (ending == points) return ScanName::kPoints;
-  }
-  return ending == ".txt" ? ScanName::kText : ScanName::kNone;
-}
-
-std::vector<fs::path> ListScans(const fs::path& folder, ScanName kind) {
-  return ListFiles(folder, [kind](const std::string& name) { return KindOfName(name) == kind; });
-}
-
 NameStamp StampFromName(const std::string& stem) {
   if (const std::optional<std::int64_t> whole = NumberFromName(stem)) {
     const std::int64_t ns_per_unit = EpochNsPerUnit(*whole);

@@ -1,4 +1,4 @@
-// File names and stamp files of recordings.
+// Stamps out of file names and stamp files of recordings.
 #pragma once
 
 #include <cstdint>
@@ -9,18 +9,8 @@
 #include <vector>
 
 #include "core/geometry/scan.h"
-#include "io/file/folder_list.h"
 
 namespace lamina {
-
-// What a file is by its name alone. Hidden names (leading dot) are none; so are names with another
-// ending, which writers use while they write (.partial, .tmp, .part).
-enum class ScanName { kNone, kPoints /* .bin .pcd .ply .las .laz */, kText /* .txt */ };
-ScanName KindOfName(std::string_view name);
-
-// The files in `folder` whose names are of this kind, in natural order. Throws InputError if it is
-// missing or cannot be read.
-std::vector<std::filesystem::path> ListScans(const std::filesystem::path& folder, ScanName kind);
 
 // The stamp that a name (without ending) is. `form` tells forms apart; 0: the name is no stamp.
 struct NameStamp {

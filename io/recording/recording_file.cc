@@ -7,6 +7,7 @@
 
 #include "core/base/error.h"
 #include "io/container/message_container.h"
+#include "io/file/folder_list.h"
 #include "io/points/scan_names.h"
 #include "io/recording/capture_scans.h"
 #include "io/recording/message_topics.h"
@@ -27,7 +28,7 @@ std::string FolderOf(const std::string& path) { return fs::path(path).parent_pat
 bool IsRecordingFile(std::string_view name) {
   if (name == kMetadata) return true;
   if (name.empty() || name.front() == '.') return false;
-  const std::string ending = fs::path(name).extension().string();
+  const std::string ending = LowerEnding(name);
   return ending == ".bag" || ending == ".mcap" || ending == ".pcap" || ending == ".pcapng";
 }
 

@@ -7,7 +7,6 @@
 
 #include "core/base/error.h"
 #include "io/points/scan_file.h"
-#include "io/points/scan_names.h"
 
 namespace lamina {
 namespace {
@@ -28,7 +27,7 @@ ScanLayout LayoutOfFile(const fs::path& path) {
     throw InputError(fmt::format(
         "{}: is no folder that holds scans, no scan by its name ({}), and no ROS 1 bag, MCAP file, "
         "ROS 2 bag or capture of packets",
-        path.string(), kScanEndings));
+        path.string(), ScanEndings()));
   }
   return {path.parent_path(), "", "", false, path};
 }

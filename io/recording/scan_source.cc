@@ -87,10 +87,9 @@ class FileScanSource final : public ScanSource {
     files_ = ListScans(layout.scans, ScanName::kPoints);
     if (files_.empty() && layout.text_scans) files_ = ListScans(layout.scans, ScanName::kText);
     if (!files_.empty()) return;
-    throw InputError(
-        fmt::format("{}: holds no scans (*.bin, *.pcd, *.ply, *.las, *.laz, Hokuyo_*.csv{}){}",
-                    layout.scans.string(), layout.text_scans ? ", *.txt" : "",
-                    DescribeFoldersBelow(layout.scans)));
+    throw InputError(fmt::format("{}: holds no scans ({}, Hokuyo_*.csv{}){}", layout.scans.string(),
+                                 FolderPatterns(), layout.text_scans ? ", *.txt" : "",
+                                 DescribeFoldersBelow(layout.scans)));
   }
 
   void FindStamps(const ScanLayout& layout) {

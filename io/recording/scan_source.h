@@ -9,9 +9,9 @@
 //                   (or *.txt), `velodyne_points/timestamps.txt` (date and time)
 //   ETHZ            PATH holds Hokuyo_0.csv, Hokuyo_1.csv, ... (a header with x, y, z; commas or
 //                   semicolons) and perhaps pose_scanner_leica.csv, whose timestamps count
-//   plain folder    PATH holds files *.bin, *.pcd, *.ply, *.las or *.laz, in the natural order of
-//                   their names (scan2 before scan10), and perhaps a `times.txt` or
-//                   `timestamps.txt`
+//   plain folder    PATH holds files of points (*.bin, *.pcd, ...: io/points/scan_file.h), in the
+//                   natural order of their names (scan2 before scan10), and perhaps a `times.txt`
+//                   or `timestamps.txt`
 //   a single scan   PATH is such a file, *.csv of ETHZ or *.txt of KITTI raw; its stamp is its name
 //                   or that of its points
 //

@@ -29,11 +29,17 @@ std::string SweepScans::Name(std::size_t i) const {
 }
 
 Scan SweepScans::Decode(std::size_t i, std::string* described) const {
+  // Four times what a sensor of 128 beams measures in a turn, two returns each.
+  constexpr std::size_t kMostPoints = 2'000'000;
   const std::unique_ptr<SweepDecoder> decoder = sensor().NewSweep();
   const std::string name = Name(i);
   Scan scan;
   ForEachPacket(sweeps_[i], [&](std::string_view packet, StampNs stamp_ns) {
     decoder->Add(packet, stamp_ns, name, &scan);
+    if (scan.points.size() > kMostPoints) {
+      throw InputError(
+          fmt::format("{}: more than {} points, which no sweep has", name, kMostPoints));
+    }
   });
   *described = decoder->Describe();
   if (scan.points.empty()) throw InputError(fmt::format("{}: holds no returns", name));

@@ -28,16 +28,20 @@ class MappedScan:
     """What became of a scan."""
 
     @property
-    def index(self) -> int: ...
+    def index(self) -> int:
+        """Number of the scan, from 0 on."""
     @property
-    def stamp_ns(self) -> int: ...
+    def stamp_ns(self) -> int:
+        """As it was given, or made up."""
     @property
-    def recording(self) -> str: ...
+    def recording(self) -> str:
+        """The name of its recording that add() was given."""
     @property
     def status(self) -> str:
         """first, tracked, degenerate, lost, or the reason why the scan was skipped."""
     @property
-    def skipped(self) -> bool: ...
+    def skipped(self) -> bool:
+        """Whether it could not be used at all: it has no pose of its own."""
     @property
     def detail(self) -> str:
         """Of a skip."""
@@ -52,27 +56,34 @@ class MappedScan:
     def covariance(self) -> npt.NDArray[np.float64]:
         """(6, 6) of the pose relative to the map: rotation (rad), then translation (m)."""
     @property
-    def inlier_share(self) -> float: ...
+    def inlier_share(self) -> float:
+        """Share of its clusters that agree with the map, 0 to 1."""
     @property
-    def residual_m(self) -> float: ...
+    def residual_m(self) -> float:
+        """Root mean square distance of these from the planes of the map."""
     @property
-    def unobservable_directions(self) -> int: ...
+    def unobservable_directions(self) -> int:
+        """Directions of motion, of 6, that nothing in the scan tells of."""
     @property
-    def keyframe(self) -> bool: ...
+    def keyframe(self) -> bool:
+        """Whether it takes part in bundle adjustment and becomes part of the map."""
     @property
     def piece(self) -> int:
         """The piece of the map in whose frame the pose is."""
     @property
-    def points(self) -> int: ...
+    def points(self) -> int:
+        """Points that were used: finite, and within range."""
     @property
-    def clusters(self) -> int: ...
+    def clusters(self) -> int:
+        """Clusters that these became."""
 
 class Trajectory:
     """Poses of scans, in order."""
 
     def __len__(self) -> int: ...
     @property
-    def stamps_ns(self) -> npt.NDArray[np.int64]: ...
+    def stamps_ns(self) -> npt.NDArray[np.int64]:
+        """(N,) stamps, ns."""
     @property
     def poses(self) -> npt.NDArray[np.float64]:
         """(N, 4, 4)."""
@@ -80,11 +91,15 @@ class Trajectory:
     def skipped(self) -> npt.NDArray[np.bool_]:
         """Scans whose pose is not of their own points."""
     @property
-    def pieces(self) -> npt.NDArray[np.int64]: ...
+    def pieces(self) -> npt.NDArray[np.int64]:
+        """(N,) the piece of the map in whose frame each pose is."""
 
 class Scan:
+    """A scan of a recording."""
+
     @property
-    def stamp_ns(self) -> int: ...
+    def stamp_ns(self) -> int:
+        """When it was taken, ns; made up where the recording does not tell."""
     @property
     def points(self) -> npt.NDArray[np.float32]:
         """(N, 4): x, y, z, intensity."""
@@ -93,7 +108,10 @@ class Scan:
         """(N,) seconds from the stamp; None if the file has none."""
 
 class Recording:
-    """A recording on disk: whatever `lamina run --scans` takes."""
+    """A recording on disk: whatever `lamina run --scans` takes, of `options` those under "scans.".
+
+    len(recording), recording[i] and iteration give its scans, read anew each time.
+    """
 
     def __init__(
         self, path: str, config: str = "", options: _Mapping[str, Any] = ...
@@ -139,7 +157,8 @@ class Mapping:
     def surfels(self, min_frames: Optional[int] = None) -> Surfels:
         """Planes that so many scans have seen; as configured (2) if None."""
     @property
-    def counts(self) -> dict[str, int]: ...
+    def counts(self) -> dict[str, int]:
+        """Scans, frames, keyframes, and how many were lost or degenerate, so far."""
 
 def read_trajectory(path: str) -> Trajectory:
     """A file in KITTI or TUM form."""

@@ -1,5 +1,5 @@
 // The Python module `lamina`: mapping, recordings and evaluation with NumPy arrays. What it offers
-// is described, with types, in lamina.pyi.
+// is described, with types, in lamina.pyi, from where `help` has it.
 #include <pybind11/eigen.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
@@ -19,6 +19,7 @@
 #include "io/recording/scan_source.h"
 #include "tools/metrics/trajectory_metrics.h"
 #include "tools/python/arrays.h"
+#include "tools/python/docs.h"
 
 namespace lamina::python {
 namespace {
@@ -188,61 +189,70 @@ PoseList ReadPoses(const std::string& path) {
 }
 
 void BindMapping(py::module_* m) {
-  py::class_<MappedScan>(*m, "MappedScan")
-      .def_readonly("index", &MappedScan::index)
-      .def_readonly("stamp_ns", &MappedScan::stamp_ns)
-      .def_readonly("recording", &MappedScan::recording)
-      .def_property_readonly("status", [](const MappedScan& s) { return StatusName(s); })
-      .def_readonly("skipped", &MappedScan::skipped)
-      .def_readonly("detail", &MappedScan::detail)
+  py::class_<MappedScan>(*m, "MappedScan", Doc("MappedScan"))
+      .def_readonly("index", &MappedScan::index, Doc("MappedScan.index"))
+      .def_readonly("stamp_ns", &MappedScan::stamp_ns, Doc("MappedScan.stamp_ns"))
+      .def_readonly("recording", &MappedScan::recording, Doc("MappedScan.recording"))
       .def_property_readonly(
-          "pose", [](const MappedScan& s) { return PoseArray(s.odometry.T_world_lidar); })
+          "status", [](const MappedScan& s) { return StatusName(s); }, Doc("MappedScan.status"))
+      .def_readonly("skipped", &MappedScan::skipped, Doc("MappedScan.skipped"))
+      .def_readonly("detail", &MappedScan::detail, Doc("MappedScan.detail"))
+      .def_property_readonly(
+          "pose", [](const MappedScan& s) { return PoseArray(s.odometry.T_world_lidar); },
+          Doc("MappedScan.pose"))
       .def_property_readonly(
           "pose_in_map",
-          [](const MappedScan& s) { return PoseArray(s.T_map_world * s.odometry.T_world_lidar); })
+          [](const MappedScan& s) { return PoseArray(s.T_map_world * s.odometry.T_world_lidar); },
+          Doc("MappedScan.pose_in_map"))
       .def_property_readonly(
           "covariance",
-          [](const MappedScan& s) { return Eigen::MatrixXd(s.odometry.match.covariance); })
-      .def_property_readonly("inlier_share",
-                             [](const MappedScan& s) { return s.odometry.match.inlier_share; })
-      .def_property_readonly("residual_m",
-                             [](const MappedScan& s) { return s.odometry.match.residual_rms_m; })
-      .def_property_readonly("unobservable_directions",
-                             [](const MappedScan& s) { return s.odometry.match.degenerate; })
-      .def_readonly("keyframe", &MappedScan::keyframe)
-      .def_readonly("piece", &MappedScan::piece)
-      .def_readonly("points", &MappedScan::points)
-      .def_readonly("clusters", &MappedScan::clusters)
+          [](const MappedScan& s) { return Eigen::MatrixXd(s.odometry.match.covariance); },
+          Doc("MappedScan.covariance"))
+      .def_property_readonly(
+          "inlier_share", [](const MappedScan& s) { return s.odometry.match.inlier_share; },
+          Doc("MappedScan.inlier_share"))
+      .def_property_readonly(
+          "residual_m", [](const MappedScan& s) { return s.odometry.match.residual_rms_m; },
+          Doc("MappedScan.residual_m"))
+      .def_property_readonly(
+          "unobservable_directions",
+          [](const MappedScan& s) { return s.odometry.match.degenerate; },
+          Doc("MappedScan.unobservable_directions"))
+      .def_readonly("keyframe", &MappedScan::keyframe, Doc("MappedScan.keyframe"))
+      .def_readonly("piece", &MappedScan::piece, Doc("MappedScan.piece"))
+      .def_readonly("points", &MappedScan::points, Doc("MappedScan.points"))
+      .def_readonly("clusters", &MappedScan::clusters, Doc("MappedScan.clusters"))
       .def("__repr__", [](const MappedScan& s) {
         return "<lamina.MappedScan " + std::to_string(s.index) + ": " + StatusName(s) + ">";
       });
-  py::class_<PyMapping>(*m, "Mapping")
+  py::class_<PyMapping>(*m, "Mapping", Doc("Mapping"))
       .def(py::init([](const std::string& config, const py::dict& options) {
              return std::make_unique<PyMapping>(ConfigOf(config, options));
            }),
-           py::arg("config") = "", py::arg("options") = py::dict())
+           py::arg("config") = "", py::arg("options") = py::dict(), Doc("Mapping.__init__"))
       .def("add", &PyMapping::Add, py::arg("points"), py::arg("stamp_ns") = py::none(),
-           py::arg("times") = py::none(), py::arg("recording") = "")
+           py::arg("times") = py::none(), py::arg("recording") = "", Doc("Mapping.add"))
       .def("add_recording", &PyMapping::AddRecording, py::arg("recording"), py::arg("first") = 0,
-           py::arg("last") = py::none())
-      .def("finish", &PyMapping::Finish)
-      .def("trajectory", &PyMapping::Poses, py::arg("frame") = "map")
-      .def("surfels", &PyMapping::Surfels, py::arg("min_frames") = py::none())
-      .def_property_readonly("counts", &PyMapping::Counts);
+           py::arg("last") = py::none(), Doc("Mapping.add_recording"))
+      .def("finish", &PyMapping::Finish, Doc("Mapping.finish"))
+      .def("trajectory", &PyMapping::Poses, py::arg("frame") = "map", Doc("Mapping.trajectory"))
+      .def("surfels", &PyMapping::Surfels, py::arg("min_frames") = py::none(),
+           Doc("Mapping.surfels"))
+      .def_property_readonly("counts", &PyMapping::Counts, Doc("Mapping.counts"));
 }
 
 void BindRecordings(py::module_* m) {
-  py::class_<PoseList>(*m, "Trajectory")
+  py::class_<PoseList>(*m, "Trajectory", Doc("Trajectory"))
       .def("__len__", [](const PoseList& p) { return p.poses.size(); })
-      .def_property_readonly("stamps_ns", &PoseList::StampArray)
-      .def_property_readonly("poses", &PoseList::Array)
-      .def_property_readonly("skipped", &PoseList::SkippedArray)
-      .def_property_readonly("pieces", &PoseList::PieceArray);
-  py::class_<Scan>(*m, "Scan")
-      .def_readonly("stamp_ns", &Scan::stamp_ns)
-      .def_property_readonly("points", &PointsOf)
-      .def_property_readonly("times", &TimesOf);
-  py::class_<Recording>(*m, "Recording")
+      .def_property_readonly("stamps_ns", &PoseList::StampArray, Doc("Trajectory.stamps_ns"))
+      .def_property_readonly("poses", &PoseList::Array, Doc("Trajectory.poses"))
+      .def_property_readonly("skipped", &PoseList::SkippedArray, Doc("Trajectory.skipped"))
+      .def_property_readonly("pieces", &PoseList::PieceArray, Doc("Trajectory.pieces"));
+  py::class_<Scan>(*m, "Scan", Doc("Scan"))
+      .def_readonly("stamp_ns", &Scan::stamp_ns, Doc("Scan.stamp_ns"))
+      .def_property_readonly("points", &PointsOf, Doc("Scan.points"))
+      .def_property_readonly("times", &TimesOf, Doc("Scan.times"));
+  py::class_<Recording>(*m, "Recording", Doc("Recording"))
       .def(
           py::init([](const std::string& path, const std::string& config, const py::dict& options) {
             return std::make_unique<Recording>(path, ConfigOf(config, options));
@@ -255,20 +265,26 @@ void BindRecordings(py::module_* m) {
              const py::gil_scoped_release release;
              return r.source().Read(at);
            })
-      .def("name", [](const Recording& r, py::ssize_t i) { return r.source().Name(r.PlaceOf(i)); });
+      .def(
+          "name", [](const Recording& r, py::ssize_t i) { return r.source().Name(r.PlaceOf(i)); },
+          py::arg("i"), Doc("Recording.name"));
 }
 
 }  // namespace
 
 PYBIND11_MODULE(lamina, m) {
-  m.doc() = "Streaming LiDAR mapping: poses and a map from scans";
+  m.doc() = Doc("");
   m.attr("__version__") = LAMINA_VERSION;
-  py::register_exception<InputError>(m, "InputError", PyExc_ValueError);
-  py::register_exception<OptionError>(m, "OptionError", PyExc_ValueError);
-  BindMapping(&m);
+  py::register_exception<InputError>(m, "InputError", PyExc_ValueError).attr("__doc__") =
+      Doc("InputError");
+  py::register_exception<OptionError>(m, "OptionError", PyExc_ValueError).attr("__doc__") =
+      Doc("OptionError");
+  // First, so that signatures have names of Python for what mapping takes and gives.
   BindRecordings(&m);
-  m.def("read_trajectory", &ReadPoses, py::arg("path"));
-  m.def("evaluate", &Evaluate, py::arg("estimate"), py::arg("truth"), py::arg("alignment") = "se3");
+  BindMapping(&m);
+  m.def("read_trajectory", &ReadPoses, py::arg("path"), Doc("read_trajectory"));
+  m.def("evaluate", &Evaluate, py::arg("estimate"), py::arg("truth"), py::arg("alignment") = "se3",
+        Doc("evaluate"));
 }
 
 }  // namespace lamina::python

@@ -22,6 +22,7 @@
 #include "core/base/error.h"
 #include "core/base/printable_text.h"
 #include "io/map/trajectory_io.h"
+#include "io/points/scan_file.h"
 #include "io/store/byte_file.h"
 #include "io/store/tile_store.h"
 #include "tools/cli/common.h"
@@ -204,15 +205,6 @@ class CorrectedMap {
   VoxelMap map_;
 };
 
-// What speaks against deskewing.
-std::string DescribeEvidence(const DeskewChoice& choice) {
-  if (choice.deskewed_m == 0.0)
-    return "scans are lost if deskewed by the points' times, and tracked as they are";
-  return fmt::format(
-      "planes are {:.1f} mm thick if deskewed by the points' times, {:.1f} mm as they are",
-      1e3 * choice.deskewed_m, 1e3 * choice.as_they_are_m);
-}
-
 // Says what was understood of the recording, and settles what it decides of the configuration:
 // scans that are compensated already, or whose times mislead, are not deskewed.
 void OpenRun(const ScanSource& source, const FrameRange& range, const RunArguments& arguments,
@@ -227,12 +219,10 @@ void OpenRun(const ScanSource& source, const FrameRange& range, const RunArgumen
   }
   for (const std::string& doubt : opening.doubts) spdlog::warn("{}", doubt);
   if (use_times) return;
-  const bool compensated = choice.verdict == DeskewChoice::Verdict::kCompensated;
-  spdlog::warn("{}: {}. Not deskewed (preparation.deskew=off{})",
-               compensated ? "scans are compensated for motion already"
-                           : "the points' times are understood wrongly, or are none",
-               DescribeEvidence(choice),
-               compensated ? "" : "; scans.point_time_unit tells their unit");
+  spdlog::warn("{}. Not deskewed (preparation.deskew=off{})", DescribeAgainstDeskewing(choice),
+               choice.verdict == DeskewChoice::Verdict::kCompensated
+                   ? ""
+                   : "; scans.point_time_unit tells their unit");
 }
 
 // Nothing without a truth. Too few scans may have got poses for a comparison, which must not cost
@@ -342,8 +332,10 @@ void AddRunCommand(CLI::App* app, std::function<int()>* run) {
       ->add_option(
           "--scans", a.scans,
           "Recording: a ROS 1 bag, an MCAP file, a ROS 2 bag, a KITTI sequence (velodyne/, "
-          "times.txt, calib.txt), a KITTI raw drive (velodyne_points/), or a folder of "
-          ".bin, .pcd or .ply files. `lamina info` says what is in one")
+          "times.txt, calib.txt), a KITTI raw drive (velodyne_points/), a capture of packets "
+          "(pcap, "
+          "pcapng), or a folder of files of points (" +
+              FolderPatterns() + "). `lamina info` says what is in one")
       ->required();
   command->add_option("--out", a.out, "Folder for the results; made if it is not there")
       ->required();

@@ -223,15 +223,19 @@ OpeningLines DescribeOpening(const ScanSource& source, const FrameRange& range,
   const Deskew deskew = config.preparation.deskew;
   const Fit fit = FittingConfig(source, sensor);
   OpeningLines opening;
-  opening.lines = {
-      fmt::format("scans   {}; stamps {}, {:.4g} Hz", recording.scans, recording.stamps,
-                  1.0 / period_s),
-      fmt::format("points  {} in the first scan; {}", sensor.points,
-                  DescribeTimes(first, deskew, span)),
-      fmt::format("sensor  {}, {:.0f} to {:.0f} deg up, {:.0f} deg around, up to {:.0f} m; {}",
-                  sensor.rings > 0 ? fmt::format("{} rings", sensor.rings) : "no clear rings",
-                  sensor.lowest_deg, sensor.highest_deg, sensor.around_deg, sensor.farthest_m,
-                  DescribeConfig(fit, config_name))};
+  opening.lines = {fmt::format("scans   {}; stamps {}, {:.4g} Hz", recording.scans,
+                               recording.stamps, 1.0 / period_s)};
+  if (first.problem.empty()) {
+    opening.lines.push_back(fmt::format("points  {} in the first scan; {}", sensor.points,
+                                        DescribeTimes(first, deskew, span)));
+  }
+  if (sensor.farthest_m > 0.0) {
+    opening.lines.push_back(
+        fmt::format("sensor  {}, {:.0f} to {:.0f} deg up, {:.0f} deg around, up to {:.0f} m; {}",
+                    sensor.rings > 0 ? fmt::format("{} rings", sensor.rings) : "no clear rings",
+                    sensor.lowest_deg, sensor.highest_deg, sensor.around_deg, sensor.farthest_m,
+                    DescribeConfig(fit, config_name)));
+  }
   opening.fitting_config = fit.name;
   opening.doubts = recording.doubts;
   std::string unusable = first.problem;
@@ -242,6 +246,18 @@ OpeningLines DescribeOpening(const ScanSource& source, const FrameRange& range,
     opening.doubts.push_back(std::move(doubt));
   }
   return opening;
+}
+
+std::string DescribeAgainstDeskewing(const DeskewChoice& choice) {
+  const std::string what = choice.verdict == DeskewChoice::Verdict::kCompensated
+                               ? "scans are compensated for motion already"
+                               : "the points' times are understood wrongly, or are none";
+  if (choice.deskewed_m == 0.0) {
+    return what + ": scans are lost if deskewed by the points' times, and tracked as they are";
+  }
+  return fmt::format(
+      "{}: planes are {:.1f} mm thick if deskewed by the points' times, {:.1f} mm as they are",
+      what, 1e3 * choice.deskewed_m, 1e3 * choice.as_they_are_m);
 }
 
 }  // namespace lamina

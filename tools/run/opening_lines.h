@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "backend/mapping/deskew_choice.h"
 #include "config/config.h"
 #include "io/recording/scan_source.h"
 #include "tools/cli/common.h"
@@ -23,7 +24,8 @@ struct SensorGuess {
 SensorGuess GuessSensor(const std::vector<ScanPoint>& points);
 
 struct OpeningLines {
-  std::vector<std::string> lines;   // three
+  // Three; of scans that cannot be read, or hold no finite point, those that tell something.
+  std::vector<std::string> lines;
   std::vector<std::string> doubts;  // what contradicts, each with what to do
   // The shipped configuration that is for such a recording; empty if there is none.
   std::string fitting_config;
@@ -35,5 +37,8 @@ struct OpeningLines {
 // scans.
 OpeningLines DescribeOpening(const ScanSource& source, const FrameRange& range,
                              const LaminaConfig& config, const std::string& config_name);
+
+// What speaks against deskewing by the points' times, of a choice that is not to.
+std::string DescribeAgainstDeskewing(const DeskewChoice& choice);
 
 }  // namespace lamina

@@ -15,6 +15,7 @@
 
 #include "core/base/error.h"
 #include "io/file/disk_room.h"
+#include "io/points/scan_file.h"
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"
 #include "tools/results/output_folder.h"
@@ -98,6 +99,7 @@ std::string ConfigOf(const WatchArguments& a) {
 void RunDaemon(const WatchSetup& setup, const std::atomic<bool>& stop) {
   // Room may be there for a moment, again and again, too little to get on with.
   constexpr std::chrono::seconds kFirstWait{1}, kLongestWait{60};
+  bool last = false;
   for (std::chrono::seconds wait = kFirstWait;; wait = std::min(2 * wait, kLongestWait)) {
     try {
       WatchDaemon daemon(setup);
@@ -108,7 +110,9 @@ void RunDaemon(const WatchSetup& setup, const std::atomic<bool>& stop) {
       return;
     } catch (const DiskFullError& error) {
       spdlog::error("{}", error.what());
-      if (!WaitForRoom(setup.session, wait, stop)) throw;
+      if (last || !WaitForRoom(setup.session, wait, stop)) throw;
+      // A signal that came while it waited ends a session as any other does, where there is room.
+      last = stop;
     }
   }
 }
@@ -172,10 +176,10 @@ void AddWatchCommand(CLI::App* app, std::function<int()>* run) {
       "watch", "Map point files as they arrive in a folder, for days, and never lose what is done");
   command
       ->add_option("--inbox", a.inbox,
-                   "Folder into which files come: .bin, .pcd, .ply, .las or .laz, in it or in "
-                   "subfolders, one "
-                   "for each sequence, in the layouts that `run` knows; or .bag, .mcap, .pcap, "
-                   ".pcapng and ROS 2 bags, each a recording of its own")
+                   "Folder into which files come: " + FolderPatterns() +
+                       ", in it or in subfolders, one for each sequence, in the layouts that `run` "
+                       "knows; or .bag, .mcap, .pcap, .pcapng and ROS 2 bags, each a recording of "
+                       "its own")
       ->required();
   command
       ->add_option("--session", a.session,

@@ -53,6 +53,7 @@ WatchDaemon::WatchDaemon(WatchSetup setup)
     : setup_(std::move(setup)),
       files_(setup_.inbox, setup_.session, setup_.done),
       room_(setup_.session),
+      times_check_(setup_.config.scans),
       queries_([this] { Wake(); }),
       verdict_(setup_.config.frontend.matcher.max_iterations) {
   session_ = std::make_unique<Session>(MakeSessionSetup(), Hooks());
@@ -216,8 +217,10 @@ bool WatchDaemon::MapWaiting(const std::atomic<bool>& stop) {
     std::optional<InboxFile> file = inbox_->Next();
     if (!file) break;
     const bool of_recording = file->recording != nullptr;
+    times_check_.Add(scans_->size(), *file);
     scans_->Append(std::move(*file));
     ++taken;
+    if (times_check_.due()) CheckTimes(stop);
     if (of_recording && taken >= kBatchOfRecording) break;
   }
   if (taken > 0) session_->Process(scans_.get(), &stop);
@@ -228,6 +231,13 @@ bool WatchDaemon::MapWaiting(const std::atomic<bool>& stop) {
     session_->SetAside(notice.name, notice.reason);
   }
   return taken > 0;
+}
+
+void WatchDaemon::CheckTimes(const std::atomic<bool>& stop) {
+  NotifyWatchdog();
+  const auto warning = times_check_.Look(files_, setup_.config.Mapping(), stop);
+  if (warning) spdlog::warn("{}", *warning);
+  NotifyWatchdog();
 }
 
 void WatchDaemon::OnMapped(const MappedScan& report) {

@@ -48,7 +48,7 @@ bool WaitForRoom(const std::string& session, std::chrono::seconds at_least,
     NotifyWatchdog();
     SleepFor(std::chrono::seconds(1));
   }
-  return !stop;
+  return FreeBytes(session) >= needed;
 }
 
 }  // namespace lamina

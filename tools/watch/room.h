@@ -26,8 +26,8 @@ class WatchRoom {
 // A signal ends it.
 void SleepFor(std::chrono::milliseconds time);
 
-// Until the disk of a session has room to go on, and some time has gone by. False if `stop` came
-// first.
+// Until the disk of a session has room to go on, and some time has gone by, or `stop` comes.
+// Whether there is room.
 bool WaitForRoom(const std::string& session, std::chrono::seconds at_least,
                  const std::atomic<bool>& stop);
 

@@ -115,6 +115,20 @@ TEST_P(InboxArrivalTest, TruncatedFilesAreTakenWhenCompleted) {
   EXPECT_NO_THROW(ReadScanFile(In("3.ply"), scans_.point_time_unit));
 }
 
+TEST_P(InboxArrivalTest, EndingsInAnyCase) {
+  const std::string pcd = BinaryPcd(2);
+  Open();
+  Write("in/1.BIN", OnePoint());
+  Write("in/2.Pcd", pcd.substr(0, pcd.size() - 1));
+  Write("in/3.bin", OnePoint());
+  Settle();
+  EXPECT_THAT(Take(), IsEmpty());
+  EXPECT_EQ(inbox_->waiting(), 3U);
+  Write("in/2.Pcd", pcd);
+  Settle();
+  EXPECT_THAT(Take(), ElementsAre("1.BIN", "2.Pcd", "3.bin"));
+}
+
 TEST_P(InboxArrivalTest, WhatStaysIncompleteIsHandedOutInTheEnd) {
   Write("in/0.pcd", "VERSION .7\nFIELDS x y z\n");
   Write("in/1.pcd", BinaryPcd(1));

@@ -71,6 +71,27 @@ TEST(LazPointsTest, EveryFieldOfFormat6ComesBack) {
   }
 }
 
+// Points of a few scans in turns, each with the stamp of its scan: the bits of these are far apart
+// or near.
+TEST(LazPointsTest, TimesThatComeBackStayWhatTheyAre) {
+  std::mt19937 random(5);
+  for (const double start_s : {0.0, 5000.0, 1.3e9}) {
+    for (const unsigned scans : {2U, 3U, 5U, 9U}) {
+      SCOPED_TRACE(std::to_string(scans) + " scans from " + std::to_string(start_s));
+      std::string newer, older;
+      for (int i = 0; i < 20000; ++i) {
+        const double time = start_s + 0.1 * static_cast<double>(random() % scans);
+        const std::string head = Pack(i, 2 * i, 7, std::uint16_t{9}, std::uint8_t{0x11});
+        newer += head + std::string(7, '\0') + Pack(time);
+        older += head + std::string(5, '\0') + Pack(time);
+      }
+      const LazLayout layout = LazLayoutOfFormat6(kLazAnyPoints), layout1 = LazLayoutOfFormat1();
+      EXPECT_TRUE(Unpacked(layout, PackLazChunk(layout, newer), 20000) == newer);
+      EXPECT_TRUE(Unpacked(layout1, PackLazChunk(layout1, older), 20000) == older);
+    }
+  }
+}
+
 TEST(LazPointsTest, FieldsThatStayTheSameTakeNoBytes) {
   const LazLayout layout = LazLayoutOfFormat6(kLazAnyPoints);
   std::string records;

@@ -14,9 +14,11 @@
 #include <vector>
 
 #include "core/base/error.h"
+#include "io/las/laz_points.h"
 #include "io/map/map_io.h"
 #include "io/points/scan_file.h"
 #include "tests/support/files/io_test_files.h"
+#include "tests/support/peak_memory.h"
 
 namespace lamina {
 namespace {
@@ -134,8 +136,31 @@ TEST_F(LasScanTest, WhatContradictsIsAClearError) {
   for (std::size_t bytes = 0; bytes < good.size(); bytes += 7) {
     EXPECT_NE(MessageOfReading(good.substr(0, bytes)), "");
   }
-  EXPECT_EQ(DeclaredLasBytes(good), good.size());
-  EXPECT_FALSE(DeclaredLasBytes(good.substr(0, 300)));
+}
+
+TEST_F(LasScanTest, HeadersSayHowLongTheFileMustBe) {
+  for (const int minor : {0, 2, 4}) {
+    const std::string las = Las(minor, 1, {{1, 2, 3, 5.0}});
+    for (std::size_t bytes = 0; bytes <= las.size(); ++bytes) {
+      const auto declared = DeclaredLasBytes(std::string_view(las).substr(0, bytes));
+      EXPECT_EQ(declared && bytes >= *declared, bytes == las.size()) << minor << " " << bytes;
+    }
+  }
+  EXPECT_EQ(DeclaredLasBytes(Las(4, 6, points_).replace(25, 1, "\x05")), 0U);
+  CloudWriter writer(Path("c.laz"));
+  writer.Append({{{1, -2, 3}, 0.5F, 100.0}, {{4, 5, 6}, 1.0F, 100.05}});
+  writer.Commit();
+  std::string laz = Bytes(Path("c.laz"));
+  std::uint32_t points_at = 0;
+  laz.copy(reinterpret_cast<char*>(&points_at), sizeof(points_at), 96);
+  std::uint64_t table = 0;
+  laz.copy(reinterpret_cast<char*>(&table), sizeof(table), points_at);
+  EXPECT_EQ(DeclaredLasBytes(laz), table + 8);
+  EXPECT_FALSE(IsWholeScanFile(Write("half.laz", laz.substr(0, table)), table));
+  EXPECT_TRUE(IsWholeScanFile(Path("c.laz"), laz.size()));
+  // As it stands until the last chunk is written.
+  laz.replace(points_at, 8, std::string(8, '\xFF'));
+  EXPECT_FALSE(IsWholeScanFile(Write("open.LAZ", laz), laz.size()));
 }
 
 TEST_F(LasScanTest, PackedFilesGiveTheSamePoints) {
@@ -178,35 +203,100 @@ TEST_F(LasScanTest, PackedFilesGiveTheSamePoints) {
   }
 }
 
-TEST_F(LasScanTest, DamagedPackedFilesGiveErrorsOrOtherPointsAndNoCrash) {
-  CloudWriter writer(Path("c.laz"));
+// Of each kind that is written; the third is cut in nodes of an octree.
+TEST_F(LasScanTest, DamagedFilesGiveErrorsOrOtherPointsAndNoCrash) {
   std::vector<CloudPoint> points;
-  for (int i = 0; i < 300; ++i) points.push_back({{0.01 * i, 5.0, 0.1 * (i % 7)}, 3.0F, 0.001 * i});
-  writer.Append(points);
-  writer.Commit();
-  const std::string good = Bytes(Path("c.laz"));
-  EXPECT_EQ(ReadScanFile(Path("c.laz"), {}).points.size(), 300U);
-  const auto read = [&](const std::string& bytes) {
-    try {
-      EXPECT_LE(ReadScanFile(Write("d.laz", bytes), {}).points.size(), 20'000'000U);
-    } catch (const InputError&) {
+  for (int i = 0; i < 900; ++i) points.push_back({{0.01 * i, 5.0, 0.1 * (i % 7)}, 3.0F, 0.001 * i});
+  for (const std::string name : {"c.las", "c.laz", "c.copc.laz"}) {
+    SCOPED_TRACE(name);
+    CloudWriter writer(Path(name));
+    writer.Append(points);
+    writer.Commit();
+    const std::string good = Bytes(Path(name));
+    const ExpectBoundedMemory bounded;
+    EXPECT_EQ(ReadScanFile(Path(name), {}).points.size(), 900U);
+    // Behind the points of a COPC file are its hierarchy and its table, and no table is a clear
+    // end.
+    for (std::size_t cut = 0; cut < 100; ++cut) {
+      const std::string path = Write("d" + name, good.substr(0, good.size() * cut / 100));
+      try {
+        const std::size_t read = ReadScanFile(path, {}).points.size();
+        EXPECT_TRUE(name == "c.copc.laz" && read == 900U) << cut << " " << read;
+      } catch (const InputError& error) {
+        EXPECT_THAT(error.what(), HasSubstr(path));
+      }
     }
-  };
-  for (std::size_t bytes = 0; bytes < good.size(); bytes += 1 + good.size() / 100) {
-    EXPECT_THROW(ReadScanFile(Write("d.laz", good.substr(0, bytes)), {}), InputError) << bytes;
+    std::uint32_t random = 3;
+    for (int i = 0; i < 600; ++i) {
+      random = random * 1664525 + 1013904223;
+      std::string damaged = good;
+      // A third of them in the header and the records behind it.
+      const std::size_t within = i % 3 == 0 ? 500 : damaged.size();
+      damaged[(random >> 8) % within] ^= static_cast<char>(1U << (random >> 29));
+      const std::string path = Write("d" + name, damaged);
+      try {
+        EXPECT_LE(ReadScanFile(path, {}).points.size(), 2'000'000U);
+      } catch (const InputError& error) {
+        EXPECT_THAT(error.what(), HasSubstr(path));
+      }
+    }
   }
-  std::uint32_t random = 3;
-  for (int i = 0; i < 400; ++i) {
-    random = random * 1664525 + 1013904223;
-    std::string damaged = good;
-    damaged[(random >> 8) % damaged.size()] ^= static_cast<char>(1U << (random >> 29));
-    read(damaged);
+}
+
+class HostileLazTest : public LasScanTest {
+ protected:
+  // A file of 300 points, of which the header says that there are so many and the record of the
+  // compressor that a chunk has so many, with such a table of chunks.
+  std::string Laz(std::uint64_t points, std::uint32_t chunk_points,
+                  const std::string& table) const {
+    CloudWriter writer(Path("c.laz"));
+    for (int i = 0; i < 300; ++i)
+      writer.Append({{{0.01 * i, 5.0, 0.1 * (i % 7)}, 3.0F, 0.001 * i}});
+    writer.Commit();
+    std::string laz = Bytes(Path("c.laz"));
+    const std::size_t record = laz.find("laszip encoded") - 2 + 54;
+    laz.replace(record + 12, 4, Pack(chunk_points));
+    laz.replace(247, 8, Pack(points));
+    std::uint32_t points_at = 0;
+    laz.copy(reinterpret_cast<char*>(&points_at), sizeof(points_at), 96);
+    std::uint64_t table_at = 0;
+    laz.copy(reinterpret_cast<char*>(&table_at), sizeof(table_at), points_at);
+    return table.empty() ? laz : laz.substr(0, static_cast<std::size_t>(table_at)) + table;
   }
-  // Far more points than there can be, in no bytes.
-  std::string bomb = good;
-  bomb.replace(247, 8, Pack(std::uint64_t{20'000'001}));
-  EXPECT_THAT(MessageOf<InputError>([&] { ReadScanFile(Write("d.laz", bomb), {}); }),
-              HasSubstr("at most 20000000"));
+  std::string MessageOfLaz(const std::string& bytes) const {
+    const std::string path = Write("d.laz", bytes);
+    const ExpectBoundedMemory bounded;
+    return MessageOf<InputError>([&] { ReadScanFile(path, {}); });
+  }
+};
+
+TEST_F(HostileLazTest, CountsOfPointsAndChunksAreHeldAgainstTheFile) {
+  EXPECT_THAT(MessageOfLaz(Laz(20'000'001, 50'000, "")), HasSubstr("at most 20000000"));
+  EXPECT_THAT(MessageOfLaz(Laz(19'000'000, 50'000, "")), HasSubstr("cannot have 19000000 points"));
+  // Each point a chunk, of no bytes to speak of.
+  const std::string zeros(4000, '\0');
+  for (const std::uint32_t count : {0xFFFFFFFFU, 1'000'000U, 500U}) {
+    const std::string table = Pack(0U, count) + zeros;
+    EXPECT_THAT(MessageOfLaz(Laz(1'000'000, 1, table)),
+                HasSubstr("chunks of compressed points for"));
+    EXPECT_THAT(MessageOfLaz(Laz(1'000'000, 0xFFFFFFFFU, table)),
+                HasSubstr("chunks of compressed points for"));
+  }
+  // Fewer than there are points for, none, or none that tells its length.
+  EXPECT_THAT(MessageOfLaz(Laz(300, 50'000, Pack(0U, 0U))), HasSubstr("lacks some of its chunks"));
+  EXPECT_THAT(MessageOfLaz(Laz(300, 50'000, Pack(0U, 1U))), HasSubstr("end early"));
+  EXPECT_THAT(MessageOfLaz(Laz(300, 50'000, Pack(7U, 1U))), HasSubstr("is damaged"));
+  EXPECT_THAT(MessageOfLaz(Laz(300, 50'000, "abc")), HasSubstr("is damaged"));
+  // Chunks that are longer than the file, or of more points than there are.
+  LazLayout layout = LazLayoutOfFormat6(50'000);
+  LazChunk chunk;
+  chunk.bytes = 1U << 30;
+  EXPECT_THAT(MessageOfLaz(Laz(300, 50'000, LazChunkTable(layout, {chunk}))),
+              HasSubstr("longer than the file"));
+  layout.chunk_points = kLazAnyPoints;
+  chunk = {1U << 30, 100};
+  EXPECT_THAT(MessageOfLaz(Laz(300, kLazAnyPoints, LazChunkTable(layout, {chunk}))),
+              HasSubstr("more points than the header says"));
 }
 
 // More bytes than memory should be taken for, in a file of some hundred.

@@ -74,6 +74,34 @@ TEST_F(ScanFileTest, BinIsReadAsItStands) {
   EXPECT_EQ(scan.stamp_ns, 0);
 }
 
+TEST_F(ScanFileTest, EndingsInAnyCase) {
+  const std::string bin = KittiBin({{1, 2, 3, 0.5F}});
+  const std::string pcd = XyzHeader("1", "ascii") + "1 2 3\n";
+  const std::string ply =
+      "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+      "property float z\nend_header\n1 2 3\n";
+  const std::pair<const char*, std::string> files[] = {{"a.BIN", bin},
+                                                       {"a.Pcd", pcd},
+                                                       {"a.PLY", ply},
+                                                       {"a.CSV", "x,y,z\n1,2,3\n"},
+                                                       {"a.TXT", "1 2 3 0\n"}};
+  for (const auto& [name, bytes] : files) {
+    const Scan scan = Read(name, bytes);
+    ASSERT_EQ(scan.points.size(), 1U) << name;
+    EXPECT_EQ(scan.points[0].y, 2.0F) << name;
+    EXPECT_TRUE(IsScanFile(Path(name))) << name;
+    EXPECT_FALSE(IsScanFile(Path(std::string(".") + name))) << name;
+  }
+  EXPECT_EQ(KindOfName("1.LAZ"), ScanName::kPoints);
+  EXPECT_EQ(KindOfName("1.Las"), ScanName::kPoints);
+  EXPECT_EQ(KindOfName("1.TXT"), ScanName::kText);
+  for (const char* none : {"", ".BIN", ".1.bin", "1.bin.part", "1.csv", "bin", "1.", "1.bi"}) {
+    EXPECT_EQ(KindOfName(none), ScanName::kNone) << none;
+  }
+  EXPECT_EQ(ScanEndings(), ".bin, .pcd, .ply, .las, .laz, .csv or .txt");
+  EXPECT_EQ(FolderPatterns(), "*.bin, *.pcd, *.ply, *.las, *.laz");
+}
+
 TEST_F(ScanFileTest, BinLengthNotMultipleOf16) {
   EXPECT_THAT(ReadError("a.bin", std::string(33, 'x')),
               AllOf(HasSubstr("a.bin"), HasSubstr("33 bytes"), HasSubstr("multiple of 16")));

@@ -1,10 +1,12 @@
 // Sweeps of sensors whose packets were captured.
 #include <cstdlib>
+#include <fstream>
 
 #include "io/recording/scan_source.h"
 #include "tests/support/files/container_files.h"
 #include "tests/support/files/ouster_files.h"
 #include "tests/support/files/velodyne_files.h"
+#include "tests/support/peak_memory.h"
 
 namespace lamina {
 namespace {
@@ -76,47 +78,6 @@ TEST_F(CaptureScansTest, OneOfSeveralSensorsIsChosen) {
                     HasSubstr("--topic")));
   options.topic = "10.0.0.7:2368";
   EXPECT_THAT(OpenScans(path, options)->Read(1).points, SizeIs(kPoints * 4));
-}
-
-TEST_F(CaptureScansTest, OfACutFileThereIsWhatIsBeforeTheCut) {
-  const std::string whole = Pcap(40);
-  std::size_t before = 0;
-  for (std::size_t cut = 1; cut < 100; ++cut) {
-    const std::string path = Write("a.pcap", whole.substr(0, whole.size() * cut / 100));
-    try {
-      const auto scans = OpenScans(path, {});
-      EXPECT_GE(scans->size(), before);
-      before = scans->size();
-      for (std::size_t i = 0; i < scans->size(); ++i) scans->Read(i);
-    } catch (const InputError& error) {
-      EXPECT_EQ(before, 0U) << error.what();
-    }
-  }
-  EXPECT_EQ(before, 10U);
-  EXPECT_THAT(OpenScans(Path("a.pcap"), {})->Describe().doubts,
-              ElementsAre(HasSubstr("read as far as it goes")));
-}
-
-TEST_F(CaptureScansTest, FlippedBitsGiveErrorsAndNoCrash) {
-  std::string pcapng = PcapngHead();
-  for (std::size_t i = 0; i < 6; ++i) {
-    pcapng += PcapngPacket(StampOf(i), UdpFrame(Packet(i), 7));
-  }
-  std::uint32_t random = 7;
-  for (const std::string& bytes : {Pcap(6), pcapng}) {
-    for (int trial = 0; trial < 500; ++trial) {
-      random = random * 1664525 + 1013904223;
-      std::string damaged = bytes;
-      // Mostly in the heads.
-      const std::size_t at = (random >> 8) % (trial % 4 == 0 ? bytes.size() : 200);
-      damaged[at] = static_cast<char>(damaged[at] ^ (1 << (random >> 29)));
-      try {
-        const auto scans = OpenScans(Write("a.pcap", damaged), {});
-        for (std::size_t i = 0; i < scans->size(); ++i) scans->Read(i);
-      } catch (const InputError&) {
-      }
-    }
-  }
 }
 
 class OusterCaptureTest : public CaptureScansTest {
@@ -193,6 +154,106 @@ TEST_F(OusterCaptureTest, HostileFragmentsTakeNoMemoryAndCrashNothing) {
   EXPECT_THAT(MessageOfOpening(Write("a.pcap", bytes)), HasSubstr("holds no packets"));
   const std::string sound = Capture(4);
   EXPECT_EQ(OpenScans(Write("a.pcap", bytes + sound.substr(24)), {})->size(), 1U);
+}
+
+// Captures of every kind, of six sweeps, with what must lie beside them.
+class DamagedCaptureTest : public OusterCaptureTest {
+ protected:
+  static constexpr std::size_t kPackets = 24;
+  struct Kind {
+    std::string name, bytes;
+    std::size_t sweeps;
+  };
+
+  DamagedCaptureTest() {
+    Write("ouster.json", OusterMetadataText(kProfile, kChannels, true));
+    Write("hdl.xml", Hdl64eXml());
+    std::string next = PcapngHead(), hdl = PcapHead(false);
+    for (std::size_t i = 0; i < kPackets; ++i) {
+      std::string packet = CaptureScansTest::Packet(i);
+      next += PcapngPacket(StampOf(i), UdpFrame(packet, 7));
+      for (std::size_t b = 1; b < 12; b += 2) packet.replace(100 * b, 2, "\xFF\xDD");
+      hdl += PcapPacket(StampOf(i), UdpFrame(packet, 7), false);
+    }
+    kinds_ = {{"velodyne.pcap", Pcap(kPackets), 6},
+              {"velodyne.pcapng", next, 6},
+              {"hdl.pcap", hdl, 6},
+              {"ouster.pcap", Capture(kPackets), 6}};
+  }
+
+  // How many sweeps can be read of a file, and none where it cannot be opened.
+  std::size_t ReadAll(const std::string& name, const std::string& bytes) const {
+    std::size_t read = 0;
+    try {
+      const auto scans = OpenScans(Write(name, bytes), {});
+      for (std::size_t i = 0; i < scans->size(); ++i) {
+        try {
+          scans->Read(i);
+          ++read;
+        } catch (const InputError& error) {
+          EXPECT_THAT(error.what(), HasSubstr(name));
+        }
+      }
+    } catch (const InputError& error) {
+      EXPECT_THAT(error.what(), HasSubstr(name));
+    }
+    return read;
+  }
+
+  std::vector<Kind> kinds_;
+};
+
+TEST_F(DamagedCaptureTest, OfACutFileThereIsWhatIsBeforeTheCut) {
+  const ExpectBoundedMemory bounded;
+  for (const Kind& kind : kinds_) {
+    SCOPED_TRACE(kind.name);
+    ASSERT_EQ(ReadAll(kind.name, kind.bytes), kind.sweeps);
+    std::size_t before = 0;
+    for (std::size_t cut = 1; cut <= 100; ++cut) {
+      const std::string part = kind.bytes.substr(0, kind.bytes.size() * cut / 101);
+      const std::size_t read = ReadAll(kind.name, part);
+      EXPECT_GE(read, before) << cut;
+      before = read;
+    }
+    EXPECT_EQ(before, kind.sweeps);
+    EXPECT_THAT(OpenScans(Path(kind.name), {})->Describe().doubts,
+                ElementsAre(HasSubstr("read as far as it goes")));
+  }
+}
+
+TEST_F(DamagedCaptureTest, FlippedBitsGiveErrorsAndNoCrash) {
+  const ExpectBoundedMemory bounded;
+  std::uint32_t random = 7;
+  for (const Kind& kind : kinds_) {
+    for (int trial = 0; trial < 400; ++trial) {
+      random = random * 1664525 + 1013904223;
+      std::string damaged = kind.bytes;
+      // Mostly in the heads: of the file, of packets, of what is in them.
+      const std::size_t at = (random >> 8) % (trial % 4 == 0 ? damaged.size() : 200);
+      damaged[at] = static_cast<char>(damaged[at] ^ (1 << (random >> 29)));
+      EXPECT_LE(ReadAll(kind.name, damaged), kPackets) << kind.name << " " << trial;
+    }
+  }
+}
+
+// A frame that never ends: packets of one number, again and again.
+TEST_F(DamagedCaptureTest, ASweepOfMorePointsThanASensorMeasuresIsRefused) {
+  Write("bomb.json", OusterMetadataText(kProfile, 128, true));
+  const std::string packet =
+      OusterPacket(false, 5, 0, 128, [](int, int) { return Pack(5000U, 0U, 0U); });
+  {
+    std::ofstream file(Path("bomb.pcap"), std::ios::binary);
+    file << PcapHead(true);
+    for (std::uint16_t i = 0; i < 1200; ++i) {
+      for (const std::string& frame : UdpFragments(packet, 7, i)) {
+        file << PcapPacket(StampOf(i), frame, true);
+      }
+    }
+  }
+  const ExpectBoundedMemory bounded;
+  const auto scans = OpenScans(Path("bomb.pcap"), {});
+  EXPECT_THAT(MessageOf<InputError>([&] { scans->Read(0); }),
+              HasSubstr("bomb.pcap#0: more than 2000000 points"));
 }
 
 TEST_F(CaptureScansTest, AnHdl64eNeedsItsCalibration) {

@@ -8,6 +8,7 @@
 #include <zlib.h>
 #include <zstd.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <map>
 #include <string>
@@ -35,9 +36,15 @@ struct RecordedMessages {
 
 inline std::string Compressed(const std::string& bytes, const std::string& how) {
   std::string out;
-  if (how == "lz4") {
-    out.resize(LZ4F_compressFrameBound(bytes.size(), nullptr));
-    out.resize(LZ4F_compressFrame(out.data(), out.size(), bytes.data(), bytes.size(), nullptr));
+  if (how == "lz4" || how == "lz4 of ROS 1") {
+    LZ4F_preferences_t how_packed = {};
+    if (how != "lz4") {
+      // It reads no other: blocks on their own, and a checksum.
+      how_packed.frameInfo.blockMode = LZ4F_blockIndependent;
+      how_packed.frameInfo.contentChecksumFlag = LZ4F_contentChecksumEnabled;
+    }
+    out.resize(LZ4F_compressFrameBound(bytes.size(), &how_packed));
+    out.resize(LZ4F_compressFrame(out.data(), out.size(), bytes.data(), bytes.size(), &how_packed));
   } else if (how == "zstd") {
     out.resize(ZSTD_compressBound(bytes.size()));
     out.resize(ZSTD_compress(out.data(), out.size(), bytes.data(), bytes.size(), 3));
@@ -77,7 +84,10 @@ inline std::string Op(int op) { return {static_cast<char>(op)}; }
 inline std::string BagConnection(std::uint32_t number, const RecordedTopic& topic) {
   std::string data;
   for (const auto& [name, value] : std::vector<std::pair<std::string, std::string>>{
-           {"topic", topic.name}, {"type", topic.type}, {"md5sum", "*"}}) {
+           {"topic", topic.name},
+           {"type", topic.type},
+           {"md5sum", "abd5d1e9c3ac157a0df3ba27b65d3384"},
+           {"message_definition", "float32 x\n"}}) {
     data += Counted(name + "=" + value);
   }
   return BagRecord({{"op", Op(7)}, {"conn", Pack(number)}, {"topic", topic.name}}, data);
@@ -118,10 +128,11 @@ inline std::string BagBytes(const RecordedMessages& recorded, const BagOptions& 
     }
     std::string counts;
     const std::uint64_t place = bag.size();
-    bag += BagRecord({{"op", Op(5)},
-                      {"compression", options.compression},
-                      {"size", Pack(static_cast<std::uint32_t>(chunk.size()))}},
-                     Compressed(chunk, options.compression));
+    bag += BagRecord(
+        {{"op", Op(5)},
+         {"compression", options.compression},
+         {"size", Pack(static_cast<std::uint32_t>(chunk.size()))}},
+        Compressed(chunk, options.compression == "lz4" ? "lz4 of ROS 1" : options.compression));
     for (const auto& [connection, entries] : indices) {
       const auto count = static_cast<std::uint32_t>(entries.size() / 12);
       counts += Pack(connection, count);
@@ -185,10 +196,13 @@ inline std::string McapBytes(const RecordedMessages& recorded, const McapOptions
                                      recorded.messages.size());
     std::string chunk = begin == 0 && options.messages_a_chunk > 0 ? channels : "";
     std::map<std::uint16_t, std::string> indices;
+    std::uint64_t first_log = UINT64_MAX, last_log = 0;
     for (; begin < end; ++begin) {
       const RecordedMessage& message = recorded.messages[begin];
       const auto channel = static_cast<std::uint16_t>(message.topic + 1);
       const auto log = static_cast<std::uint64_t>(message.log_ns);
+      first_log = std::min(first_log, log);
+      last_log = std::max(last_log, log);
       indices[channel] += Pack(log, static_cast<std::uint64_t>(chunk.size()));
       ++count_of[channel];
       chunk += McapRecord(5, Pack(channel, std::uint32_t{0}, log, log) + message.bytes);
@@ -199,23 +213,22 @@ inline std::string McapBytes(const RecordedMessages& recorded, const McapOptions
     }
     const std::string packed = Compressed(chunk, options.compression);
     const std::uint64_t place = file.size();
-    file += McapRecord(
-        6, Pack(std::uint64_t{0}, std::uint64_t{0}, static_cast<std::uint64_t>(chunk.size()),
-                options.crc ? Crc(chunk) : 0U) +
-               Counted(options.compression) + Pack(static_cast<std::uint64_t>(packed.size())) +
-               packed);
+    file += McapRecord(6, Pack(first_log, last_log, static_cast<std::uint64_t>(chunk.size()),
+                               options.crc ? Crc(chunk) : 0U) +
+                              Counted(options.compression) +
+                              Pack(static_cast<std::uint64_t>(packed.size())) + packed);
     const std::uint64_t chunk_end = file.size();
     std::string places;
     for (const auto& [channel, entries] : indices) {
       places += Pack(channel, static_cast<std::uint64_t>(file.size()));
       if (options.summary) file += McapRecord(7, Pack(channel) + Counted(entries));
     }
-    chunk_indices += McapRecord(
-        8, Pack(std::uint64_t{0}, std::uint64_t{0}, place, chunk_end - place) + Counted(places) +
-               Pack(static_cast<std::uint64_t>(file.size()) - chunk_end) +
-               Counted(options.compression) +
-               Pack(static_cast<std::uint64_t>(packed.size()),
-                    static_cast<std::uint64_t>(chunk.size())));
+    chunk_indices +=
+        McapRecord(8, Pack(first_log, last_log, place, chunk_end - place) + Counted(places) +
+                          Pack(static_cast<std::uint64_t>(file.size()) - chunk_end) +
+                          Counted(options.compression) +
+                          Pack(static_cast<std::uint64_t>(packed.size()),
+                               static_cast<std::uint64_t>(chunk.size())));
     ++chunks;
   }
   file += McapRecord(15, Pack(std::uint32_t{0}));

@@ -266,6 +266,21 @@ class ModuleTest(unittest.TestCase):
                 members = {n for n in vars(thing) if not n.startswith("_")}
                 self.assertEqual(members, {n for n in told[name] if not n.startswith("_")}, name)
 
+    def test_help_tells_what_things_are(self):
+        self.assertIn("p_world = T @ p_lidar", lamina.__doc__)
+        for name in (n for n in dir(lamina) if not n.startswith("_")):
+            thing = getattr(lamina, name)
+            described = {name: thing}
+            if isinstance(thing, type) and not issubclass(thing, Exception):
+                described.update((f"{name}.{n}", member) for n, member in vars(thing).items()
+                                 if not n.startswith("_"))
+            for what, member in described.items():
+                # Of functions behind their signature.
+                text = re.sub(r"^\w+\(.*\) -> .*$", "", member.__doc__ or "", flags=re.M)
+                self.assertRegex(text, r"\w.* .*\w", what)
+                self.assertNotIn("::", member.__doc__, what)
+        self.assertIn("times (N,) in seconds", lamina.Mapping.add.__doc__)
+
 
 if __name__ == "__main__":
     unittest.main(argv=sys.argv[:1])

@@ -23,20 +23,6 @@ using testing::Not;
 
 constexpr double kEpochS = 1.7e9;
 
-// A PCD file of x, y, z (float) and a double `timestamp`, `per_s` of which are a second, `shift_s`
-// later.
-std::string TimedPcd(const Scan& scan, double shift_s, double per_s = 1.0) {
-  const std::string count = std::to_string(scan.points.size());
-  std::string bytes =
-      "VERSION 0.7\nFIELDS x y z timestamp\nSIZE 4 4 4 8\nTYPE F F F F\nCOUNT 1 1 1 1\nWIDTH " +
-      count + "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS " + count + "\nDATA binary\n";
-  for (std::size_t i = 0; i < scan.points.size(); ++i) {
-    const ScanPoint& p = scan.points[i];
-    bytes += Pack(p.x, p.y, p.z, shift_s + per_s * static_cast<double>(scan.time_s[i]));
-  }
-  return bytes;
-}
-
 const SweptDrive& LongDrive(bool compensated) {
   static const SweptDrive swept(20, false), still(20, true);
   return compensated ? still : swept;

@@ -128,6 +128,22 @@ TEST_F(WatchFaultsTest, AWaitForRoomCanBeEnded) {
   ExpectSameResults("session", "whole");
 }
 
+// The signal comes before the wait is over, and after there is room.
+TEST_F(WatchFaultsTest, AWaitForRoomThatIsEndedWhenThereIsRoomIsNoFailure) {
+  DropScans(Street(8), 0, 4);
+  const SmallDisk disk(Path("session"), 64 << 20);
+  if (!disk.mounted()) GTEST_SKIP() << "only root can mount";
+  Once();
+  disk.Fill();
+  DropScans(Street(8), 4, 8);
+  const pid_t daemon = StartWatch();
+  ASSERT_TRUE(WaitUntil(daemon, [&] { return Said("the disk is full"); }));
+  disk.Empty();
+  EXPECT_EQ(Terminate(daemon).code, 0);
+  Once();
+  EXPECT_EQ(Summary("session")["frames"], 8);
+}
+
 // The disk fills up in the midst of everything, each time at another point.
 TEST_F(WatchFaultsTest, WhereverTheDiskFillsUpTheResultIsTheSame) {
   const Arguments often{"--set",  "session.checkpoint_every_scans=4",

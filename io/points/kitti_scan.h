@@ -1,0 +1,19 @@
+// Points as the KITTI data sets write them: four numbers each, x y z intensity, without times.
+//
+// Private to io/points.
+#pragma once
+
+#include <string>
+
+#include "core/geometry/scan.h"
+#include "io/points/point_times.h"
+
+namespace lamina {
+
+// `.bin`: float32, little-endian, no header. `.txt`: a line for each point. Unit and times, which
+// every reader of points takes, have no meaning here. Throw InputError naming file and, for text,
+// line; also for a file of no points.
+Scan ReadKittiBin(const std::string& path, PointTimeUnit unit, PointTimeField* times);
+Scan ReadKittiText(const std::string& path, PointTimeUnit unit, PointTimeField* times);
+
+}  // namespace lamina

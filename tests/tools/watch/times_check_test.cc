@@ -1,0 +1,55 @@
+// What a session says of points' times that mislead.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <string>
+
+#include "tests/support/program/watch_scenes.h"
+#include "tests/support/scenes/swept_drive.h"
+
+namespace lamina {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
+
+class WatchTimesTest : public WatchTest {
+ protected:
+  // What a session of these scans says, whose times are `per_s` a second.
+  std::string Watch(const SweptDrive& drive, double per_s, const Arguments& more = {}) {
+    std::filesystem::remove_all(Path("in"));
+    std::filesystem::remove_all(Path("session"));
+    for (std::size_t i = 0; i < drive.size(); ++i) {
+      Write("in/" + std::to_string(i) + ".pcd", TimedPcd(drive.Read(i), 0.0, per_s));
+    }
+    Arguments arguments{"--set", "scans.point_time_unit=s"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return Once(arguments).err;
+  }
+};
+
+TEST_F(WatchTimesTest, AreToldAndUsedAllTheSame) {
+  const SweptDrive drive(22, false);
+  EXPECT_THAT(Watch(drive, 1.0), Not(HasSubstr("This session deskews")));
+  // A unit that is none: each sweep seems to be half a second long.
+  EXPECT_THAT(Watch(drive, 5.0),
+              AllOf(HasSubstr("times are understood wrongly"), HasSubstr("mm as they are"),
+                    HasSubstr("preparation.deskew=off, or tell the unit")));
+  const std::string told = Bytes(Path("session/trajectory_tum.txt"));
+  EXPECT_THAT(Once().err, Not(HasSubstr("This session deskews"))) << "once is enough";
+  // Nothing is decided by it: not to look gives the same bytes.
+  EXPECT_THAT(Watch(drive, 5.0, {"--set", "preparation.deskew=time"}),
+              Not(HasSubstr("This session deskews")));
+  EXPECT_TRUE(Bytes(Path("session/trajectory_tum.txt")) == told);
+}
+
+TEST_F(WatchTimesTest, OfCompensatedCloudsAreTold) {
+  EXPECT_THAT(Watch(SweptDrive(22, true), 1.0, {"--done", "move"}),
+              AllOf(HasSubstr("compensated for motion already"),
+                    HasSubstr("begin another one with --set preparation.deskew=off")));
+}
+
+}  // namespace
+}  // namespace lamina
