@@ -7,9 +7,13 @@
 
 #include "core/base/angle.h"
 #include "frontend/matching/degeneracy.h"
+#include "frontend/matching/direction_profile.h"
 
 namespace lamina {
 namespace {
+
+// As far as matching reaches: a pose that is open by less is in the right minimum.
+constexpr double kReachM = 0.5;
 
 // Information in a match's covariance (scaled) but for the prediction's share.
 Matrix6d MeasuredInformation(const MatchResult& match) {
@@ -19,6 +23,19 @@ Matrix6d MeasuredInformation(const MatchResult& match) {
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(left);
   return solver.eigenvectors() * solver.eigenvalues().cwiseMax(0.0).asDiagonal() *
          solver.eigenvectors().transpose();
+}
+
+// Whether there are other minima beside the one that a match has found, along the direction that
+// is open most or along the one that the match knows least.
+bool MayBeElsewhere(const OdometryFrame& frame, const std::vector<PointCluster>& deskewed,
+                    const VoxelMap& map, const ScanMatcherOptions& options,
+                    const Vector6d& most_open) {
+  const auto open = [&](const Vector6d& v) {
+    const DirectionProfile profile(deskewed, map, frame.T_world_lidar, v, options.noise_floor_m);
+    const DirectionProfile::Posterior posterior = profile.With(0.0, kReachM);
+    return std::hypot(posterior.mean_m, posterior.sigma_m) > options.max_direction_sigma_m;
+  };
+  return open(most_open) || open(frame.match.weakest_direction);
 }
 
 }  // namespace
@@ -79,9 +96,11 @@ void DegenerateStretch::Compare(const OdometryFrame& frame,
                                 const Matrix6d& measured) {
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(covariance_.topLeftCorner<6, 6>());
   const Matrix6d& directions = solver.eigenvectors();
-  const DirectionEvidence evidence = matcher_.EvidenceOfOlder(
-      DeskewClusters(clusters, frame.sweep), frame.T_world_lidar, map, directions, first_keyframe_);
+  const std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.sweep);
   const ScanMatcherOptions& o = matcher_.options();
+  if (SigmaM() > kReachM && MayBeElsewhere(frame, deskewed, map, o, directions.col(5))) return;
+  const DirectionEvidence evidence =
+      matcher_.EvidenceOfOlder(deskewed, frame.T_world_lidar, map, directions, first_keyframe_);
   Matrix6d information = Matrix6d::Zero();
   for (int k = 0; k < 6; ++k) {
     // The fewer clusters, the likelier it is that all of them are wrong.

@@ -18,6 +18,13 @@ constexpr double kProfileBlockM = 4.0;
 constexpr double kHalfInformation = 400.0;
 constexpr double kKernelSigma = 2.0;
 constexpr double kMostPoints = 4.0;
+// Clusters of a block that make half an edge, and frames that a plane needs to have one.
+constexpr double kHalfEdge = 4.0;
+constexpr int kEdgeFrames = 3;
+// Edges are as broad as planes are known.
+constexpr double kEdgeStepM = 0.05;
+// A column or a ring alone is a line, which is met again where the sensor takes the next one.
+constexpr double kBroadM = 0.05;
 
 // Of a residual with this scaled row, along the direction, per weight.
 double CountingAlong(const Surface& surface, const Eigen::Vector3d& normal_lidar,
@@ -31,6 +38,69 @@ double CountingAlong(const Surface& surface, const Eigen::Vector3d& normal_lidar
   const double counting = along * along - leak2;
   return counting < kLeast ? 0.0 : counting;
 }
+
+// rho of a cluster at p.
+double KernelLoss(const PointCluster& cluster, const Surface& surface,
+                  const Eigen::Vector3d& normal_lidar, const Eigen::Vector3d& p, double floor2) {
+  const double variance = DistanceVariance(cluster, normal_lidar, surface, floor2);
+  const double distance = surface.normal.cast<double>().dot(p - surface.mean);
+  const double e2 = distance * distance / (kKernelSigma * kKernelSigma * variance);
+  return e2 / (1.0 + e2);
+}
+
+// Middle eigenvalue of a cluster's covariance.
+double Breadth2(const PointCluster& cluster) {
+  Eigen::Vector3d l = EigenDecompose(cluster.Covariance()).l;
+  std::sort(l.data(), l.data() + 3);
+  return l.y();
+}
+
+// Whether a cluster fits the plane around it while it is moved in steps smaller than a leaf. Planes
+// are looked up, and what they make of the cluster is worked out, once for each leaf.
+class MovedCluster {
+ public:
+  MovedCluster(const PointCluster& cluster, const VoxelMap& map, const Vector6d& direction,
+               double floor2)
+      : cluster_(cluster), map_(map), direction_(direction), floor2_(floor2) {}
+
+  // 1 - c (1 - rho) on a plane that has edges and does not face the direction, else 0.
+  double Misfit(const Eigen::Matrix3d& R, const Eigen::Vector3d& t) {
+    const Eigen::Vector3d p = R * cluster_.mean + t;
+    if (!map_.CanHold(p)) return 0.0;
+    const LeafPlace place = map_.PlaceOf(p);
+    if (!any_ || !(place == place_)) Meet(R, p);
+    place_ = place;
+    any_ = true;
+    if (plane_ == nullptr) return 0.0;
+    const double distance = plane_->normal.cast<double>().dot(p - plane_->mean);
+    const double e2 = distance * distance * inverse_variance_;
+    return 1.0 - sight_ / (1.0 + e2);
+  }
+
+ private:
+  void Meet(const Eigen::Matrix3d& R, const Eigen::Vector3d& p) {
+    plane_ = PlaneAt(map_, p);
+    if (plane_ == nullptr) return;
+    const Eigen::Vector3d normal_lidar = R.transpose() * plane_->normal.cast<double>();
+    if (plane_->frames < kEdgeFrames ||
+        CountingAlong(*plane_, normal_lidar, cluster_.mean, direction_) != 0.0) {
+      plane_ = nullptr;
+      return;
+    }
+    sight_ = SightWeight(*plane_, normal_lidar, cluster_.mean);
+    inverse_variance_ = 1.0 / (kKernelSigma * kKernelSigma *
+                               DistanceVariance(cluster_, normal_lidar, *plane_, floor2_));
+  }
+
+  const PointCluster& cluster_;
+  const VoxelMap& map_;
+  const Vector6d& direction_;
+  double floor2_;
+  bool any_ = false;
+  LeafPlace place_;
+  const Surface* plane_ = nullptr;
+  double sight_ = 0.0, inverse_variance_ = 0.0;
+};
 
 }  // namespace
 
@@ -51,18 +121,15 @@ DirectionProfile::Loss DirectionProfile::LossAt(const std::vector<PointCluster>&
     const Eigen::Vector3d p = R * cluster.mean + T.t;
     const Surface* surface = PlaneAt(map_, p);
     if (surface == nullptr) continue;
-    const Eigen::Vector3d normal = surface->normal.cast<double>();
-    const Eigen::Vector3d normal_lidar = R.transpose() * normal;
+    const Eigen::Vector3d normal_lidar = R.transpose() * surface->normal.cast<double>();
     const double counting = CountingAlong(*surface, normal_lidar, cluster.mean, direction_);
     if (counting == 0.0) continue;
     const double variance = DistanceVariance(cluster, normal_lidar, *surface, floor2_);
-    const double distance = normal.dot(p - surface->mean);
-    const double e2 = distance * distance / (kKernelSigma * kKernelSigma * variance);
     const double weight = SightWeight(*surface, normal_lidar, cluster.mean) * counting *
                           std::min(cluster.count, kMostPoints) / variance;
     Block& block = index.Gather(VoxelKeyOf(cluster.mean, 1.0 / kProfileBlockM), &blocks);
     block.weight += weight;
-    block.loss += weight * (e2 / (1.0 + e2) - 0.5);
+    block.loss += weight * (KernelLoss(cluster, *surface, normal_lidar, p, floor2_) - 0.5);
   }
   Loss sum;
   for (const Block& block : blocks) {
@@ -94,21 +161,61 @@ std::vector<PointCluster> DirectionProfile::Facing(double from_m, double to_m) c
   return facing;
 }
 
+std::vector<double> DirectionProfile::EdgeLosses(double from_m, double to_m, int steps) const {
+  const std::size_t places = static_cast<std::size_t>(steps) + 1;
+  struct Place {
+    Eigen::Matrix3d R;
+    Eigen::Vector3d t;
+  };
+  std::vector<Place> at;
+  for (int k = 0; k <= steps; ++k) {
+    const SE3 T = At(from_m + k * (to_m - from_m) / steps);
+    at.push_back({T.R(), T.t});
+  }
+  VoxelIndex index(64);
+  std::vector<std::vector<double>> fits;  // F of each block at each place
+  for (const PointCluster& cluster : clusters_) {
+    if (Breadth2(cluster) < kBroadM * kBroadM) continue;
+    std::vector<double>& fit = index.Gather(VoxelKeyOf(cluster.mean, 1.0 / kProfileBlockM), &fits);
+    if (fit.empty()) fit.assign(places, 0.0);
+    MovedCluster moved(cluster, map_, direction_, floor2_);
+    for (std::size_t k = 0; k < places; ++k) fit[k] -= moved.Misfit(at[k].R, at[k].t);
+  }
+  // As many of them as the pose has parameters are fitted, whatever it is.
+  constexpr double kFitted = 6.0;
+  const double blocks = static_cast<double>(fits.size());
+  const double counts = kKappa * std::max(0.0, blocks - kFitted) / std::max(1.0, blocks);
+  std::vector<double> losses(places, 0.0);
+  for (const std::vector<double>& fit : fits) {
+    const double best = *std::max_element(fit.begin(), fit.end());
+    for (std::size_t k = 0; k < places; ++k) {
+      const double missing = best - fit[k];
+      losses[k] += counts * missing / (kHalfEdge + missing);
+    }
+  }
+  return losses;
+}
+
 DirectionProfile::Posterior DirectionProfile::With(double predicted_m,
                                                    double predicted_sigma_m) const {
   constexpr double kStepM = 0.01, kSigmas = 3.0, kBesideM = 0.1, kMostM = 1.0;
-  constexpr int kMostSteps = 200;
+  constexpr int kMostSteps = 100;
   const double reach_m = std::min(kSigmas * predicted_sigma_m + kBesideM, kMostM);
   const double from_m = std::min(-kBesideM, predicted_m - reach_m);
   const double to_m = std::max(kBesideM, predicted_m + reach_m);
   const int steps = std::min(kMostSteps, static_cast<int>(std::ceil((to_m - from_m) / kStepM)));
   const std::vector<PointCluster> facing = Facing(from_m, to_m);
+  const int edge_steps = static_cast<int>(std::ceil((to_m - from_m) / kEdgeStepM));
+  const std::vector<double> edges = EdgeLosses(from_m, to_m, edge_steps);
   std::vector<double> places, costs;
   for (int i = 0; i <= steps; ++i) {
     const double s = from_m + i * (to_m - from_m) / steps;
     const double off = (s - predicted_m) / predicted_sigma_m;
+    const double at = static_cast<double>(i) * edge_steps / steps;
+    const std::size_t k = static_cast<std::size_t>(std::min(static_cast<int>(at), edge_steps - 1));
+    const double edge = edges[k] + (at - static_cast<double>(k)) * (edges[k + 1] - edges[k]);
     places.push_back(s);
-    costs.push_back(LossAt(facing, s).loss + 0.5 * off * off);
+    costs.push_back(LossAt(facing, s).loss + edge + 0.5 * off * off);
   }
   const double least = *std::min_element(costs.begin(), costs.end());
   double sum = 0.0, first = 0.0, second = 0.0;

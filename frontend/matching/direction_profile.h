@@ -6,11 +6,24 @@
 // surface err together. Curvature tells nothing of that. Here the whole profile along the direction
 // is looked at, each block of 4 m counting as one observation, however many clusters it has:
 //
-//     L(s) = sum_b  kappa a_b (l_b(s) - 1/2),     l_b = sum_i w_i rho_i / sum_i w_i,
+//     L(s) = sum_b  kappa a_b (l_b(s) - 1/2)  +  (B - 6)/B sum_b  kappa d_b(s) / (d_0 + d_b(s)),
+//
+//     l_b = sum_i w_i rho_i / sum_i w_i,     d_b(s) = max_s' F_b(s') - F_b(s),
 //
 // with w_i the information of cluster i that counts along the direction (degeneracy.h), rho_i in
 // [0, 1) its kernel's loss at the place that is s away, and a_b = w_b / (w_b + w_0), which fades
-// out blocks that hardly face the direction. With the prediction (mean m, standard deviation p) the
+// out blocks that hardly face the direction. The second sum is of clusters on planes that do not
+// face it: they tell where these planes end. Moved past the edge of a plane a cluster meets another
+// one, which it does not fit, and
+//
+//     F_b(s) = -sum_i (1 - c_i (1 - rho_i)),    c_i of line_of_sight.h,
+//
+// counts those of a block that do not fit at the place s. A cluster that meets no plane says
+// nothing, and so do planes of fewer than three frames, which end where the points of these do, and
+// clusters of one ring or column alone.
+// d_0 = 4 clusters are half an edge. Of all B blocks six are fitted by the pose, whatever it is: a
+// narrow view of a few walls has no edges to spare. With the prediction (mean m, standard deviation
+// p) the
 // posterior is
 //
 //     P(s) ~ exp(-L(s) - (s - m)^2 / (2 p^2)),
@@ -59,6 +72,8 @@ class DirectionProfile {
   Loss LossAt(const std::vector<PointCluster>& clusters, double s_m) const;
   // Those that may meet a plane which faces the direction between the two places.
   std::vector<PointCluster> Facing(double from_m, double to_m) const;
+  // The second sum of L at steps + 1 places from the one to the other, evenly.
+  std::vector<double> EdgeLosses(double from_m, double to_m, int steps) const;
 
   const std::vector<PointCluster>& clusters_;
   const VoxelMap& map_;

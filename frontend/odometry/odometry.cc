@@ -37,12 +37,6 @@ constexpr double kAlike = 0.01;
 // Standard deviations of the prediction within which a lost sensor is looked for.
 constexpr double kLikelySigmas = 2.0;
 
-// What is known better than this, or more blocks face, has no second minimum near by.
-constexpr double kWellKnownM = 0.003, kManyBlocks = 20.0;
-
-// A prediction that leaves more open says nothing of which minimum is the right one.
-constexpr double kSteadyM = 0.12;
-
 // Largest standard deviation over all directions of the scaled tangent, metres.
 double WorstSigma(const Matrix6d& covariance) {
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(TimesArm(covariance),
@@ -150,75 +144,6 @@ void Odometry::MatchDeskewed(const std::vector<TimedCluster>& clusters,
   }
   SettleWeakest(clusters, prediction, map, passes, deskewed, frame);
   frame->match.covariance += unsteady.pose_covariance;
-}
-
-void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
-                             const PosePrediction& prediction, const VoxelMap& map, int passes,
-                             std::vector<PointCluster>* deskewed, OdometryFrame* frame) const {
-  const double dt = motion_.Gap(frame->stamp_ns);
-  const MatchResult& match = frame->match;
-  if (match.status == MatchResult::Status::kTooFewMatches || match.worst_sigma_m < kWellKnownM ||
-      lost_ || dt <= 0.0 || Unbridged(prediction, match))
-    return;
-  const Vector6d v = match.weakest_direction;
-  const double open_m = 1.0 / std::sqrt(prediction.Information(v));
-  const DirectionProfile profile(*deskewed, map, match.T_world_lidar, v,
-                                 options_.matcher.noise_floor_m);
-  if (profile.Blocks() > kManyBlocks) return;
-  const Vector6d scaled = TimesArm(motion_.Drift(frame->stamp_ns)) * v;
-  const double sigma_m = std::hypot(open_m, std::sqrt(std::max(0.0, v.dot(scaled))));
-  if (!motion_.moving_known() || sigma_m > kSteadyM) {
-    DoubtWeakest(profile, frame);
-    return;
-  }
-  const Vector6d off = TimesArm(LocalDelta(match.T_world_lidar, prediction.T_world_lidar));
-  const DirectionProfile::Posterior posterior = profile.With(v.dot(off), sigma_m);
-  const SE3 T = profile.At(posterior.mean_m);
-  if (passes > 0) {
-    frame->sweep = SweepTo(T, frame->sweep.acceleration, dt);
-    DeskewClusters(clusters, frame->sweep, deskewed);
-  }
-  frame->match = matcher_.MatchKnown(*deskewed, T, {v, posterior.sigma_m}, prediction, map);
-  // The rest of what is known there is the planes'.
-  const double known = 1.0 / (posterior.sigma_m * posterior.sigma_m);
-  const double predicted = std::min(known, 1.0 / (sigma_m * sigma_m));
-  frame->match.prior_information += (predicted - known) * v * v.transpose();
-}
-
-bool Odometry::Unbridged(const PosePrediction& prediction, const MatchResult& match) const {
-  return motion_.moving_known() &&
-         1.0 / std::sqrt(prediction.Information(match.weakest_direction)) > kSteadyM;
-}
-
-void Odometry::DoubtUnbridged(const PosePrediction& prediction,
-                              const std::vector<PointCluster>& deskewed, const VoxelMap& map,
-                              OdometryFrame* frame) const {
-  const MatchResult& match = frame->match;
-  if (frame->status != OdometryFrame::Status::kTracked || lost_ ||
-      motion_.Gap(frame->stamp_ns) <= options_.vouched_gap_s || match.worst_sigma_m < kWellKnownM ||
-      !Unbridged(prediction, match))
-    return;
-  const DirectionProfile profile(deskewed, map, match.T_world_lidar, match.weakest_direction,
-                                 options_.matcher.noise_floor_m);
-  if (profile.Blocks() <= kManyBlocks) DoubtWeakest(profile, frame);
-}
-
-void Odometry::DoubtWeakest(const DirectionProfile& profile, OdometryFrame* frame) const {
-  MatchResult* const match = &frame->match;
-  // What lies farther off a search would have found.
-  constexpr double kBesideM = 0.5;
-  // What planes hold better was the right minimum in generated scenes, all but those of few points.
-  constexpr double kDoubtfulM = 0.006;
-  const DirectionProfile::Posterior posterior = profile.With(0.0, kBesideM);
-  const double sigma_m = std::hypot(posterior.sigma_m, posterior.mean_m);
-  frame->open_m = sigma_m;
-  const Vector6d along = DividedByArm(Vector6d(sigma_m * match->weakest_direction));
-  match->covariance += along * along.transpose();
-  if (sigma_m > options_.matcher.max_direction_sigma_m && match->worst_sigma_m > kDoubtfulM &&
-      match->degenerate == 0) {
-    match->degenerate = 1;
-    match->degenerate_directions.col(0) = match->weakest_direction;
-  }
 }
 
 void Odometry::Rematch(const std::vector<TimedCluster>& clusters, const VoxelMap& map,

@@ -22,9 +22,24 @@ World WithBoards(const std::vector<double>& at_x, double moved_m) {
   return world;
 }
 
+// Walls along x on both sides that step back and forth every four metres, and a floor: no surface
+// faces x, where the steps are tells it.
+World WithSteps() {
+  World world;
+  for (int i = -5; i < 5; ++i) {
+    const double x = 4.0 * i + 2.3, step = i % 2 == 0 ? 0.6 : 0.0;
+    world.facets.push_back({{x, 2.45 + step, 0}, {2, 0, 0}, {0, 0, 1.5}});
+    world.facets.push_back({{x, -2.45 - step, 0}, {2, 0, 0}, {0, 0, 1.5}});
+  }
+  world.facets.push_back({{0.3, 0.2, -1.5}, {20, 0, 0}, {0, 3.3, 0}});
+  return world;
+}
+
 class DirectionProfileTest : public testing::Test {
  protected:
-  void Map(const World& world) { FillMap(world, 5, 3000, 0.005, &draws_, &map_); }
+  void Map(const World& world, int frames = 5) {
+    FillMap(world, frames, 3000, 0.005, &draws_, &map_);
+  }
   std::vector<PointCluster> Scan(const World& world) {
     return DeskewClusters(
         ScanFrom(SE3(), world.Sample(2000, 0.005, &draws_), map_.options().LeafSize()),
@@ -75,6 +90,33 @@ TEST_F(DirectionProfileTest, WhereNothingFacesItThePredictionIsAllThatIsKnown) {
   const auto posterior = Posterior(Scan(World::Corridor()), 0.0, 0.04, 0.05);
   EXPECT_NEAR(posterior.mean_m, 0.04, 0.01);
   EXPECT_NEAR(posterior.sigma_m, 0.05, 0.015);
+}
+
+TEST_F(DirectionProfileTest, EdgesOfPlanesTellWhereNoneFacesIt) {
+  const World world = WithSteps();
+  Map(world);
+  for (const double at_m : {0.0, 0.3}) {
+    const auto posterior = Posterior(Scan(world), at_m, 0.0, 0.5);
+    EXPECT_LT(posterior.sigma_m, 0.35) << at_m;
+    EXPECT_LT(std::abs(at_m + posterior.mean_m), 2.5 * posterior.sigma_m) << at_m;
+  }
+}
+
+TEST_F(DirectionProfileTest, PlanesOfFewFramesEndNowhere) {
+  const World world = WithSteps();
+  Map(world, 2);
+  EXPECT_GT(Posterior(Scan(world), 0.0, 0.0, 0.5).sigma_m, 0.4);
+}
+
+TEST_F(DirectionProfileTest, AViewOfFewWallsHasNoEdgesToSpare) {
+  const World world = WithSteps();
+  Map(world);
+  std::vector<PointCluster> few;
+  for (const PointCluster& cluster : Scan(world)) {
+    const Eigen::Vector3d& p = cluster.mean;
+    if (p.x() > 0.0 && p.x() < 8.0 && p.y() > 0.0 && p.z() < 0.0) few.push_back(cluster);
+  }
+  EXPECT_GT(Posterior(few, 0.0, 0.0, 0.5).sigma_m, 0.4);
 }
 
 }  // namespace

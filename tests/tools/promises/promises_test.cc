@@ -200,6 +200,18 @@ INSTANTIATE_TEST_SUITE_P(Few, AdverseShortForm,
                            return name;
                          });
 
+// Few surfaces of a small room face each direction; where floor, walls and furniture end tells it.
+TEST(AdverseRoom, IsNotDegenerateForASensorOfFewRings) {
+  const Verdict verdict = Tried("room-vlp16", 2);
+  EXPECT_TRUE(verdict.kept) << verdict.broken;
+}
+
+// Two scans 4.5 m apart: the descent passes by the minimum that the prediction is in.
+TEST(AdversePicked, TheProfileSeesTheMinimumThatTheDescentPassesBy) {
+  const Verdict verdict = Tried("picked", 3);
+  EXPECT_LT(verdict.worst_m, 0.1) << verdict.broken;
+}
+
 // Vans drive about the sensor. With these seeds two scans fit one of them better than what stands.
 TEST(AdverseCarPark, IsTrackedWhereTwoScansAreMistaken) {
   for (const int seed : {2, 7}) {
