@@ -12,8 +12,8 @@
 namespace lamina {
 namespace {
 
-// As far as matching reaches: a pose that is open by less is in the right minimum.
-constexpr double kReachM = 0.5;
+// As wide as a minimum is: a pose that is open by less is in the right one.
+constexpr double kMinimumM = 0.15;
 
 // Information in a match's covariance (scaled) but for the prediction's share.
 Matrix6d MeasuredInformation(const MatchResult& match) {
@@ -30,9 +30,10 @@ Matrix6d MeasuredInformation(const MatchResult& match) {
 bool MayBeElsewhere(const OdometryFrame& frame, const std::vector<PointCluster>& deskewed,
                     const VoxelMap& map, const ScanMatcherOptions& options,
                     const Vector6d& most_open) {
+  constexpr double kBesideM = 0.5;
   const auto open = [&](const Vector6d& v) {
     const DirectionProfile profile(deskewed, map, frame.T_world_lidar, v, options.noise_floor_m);
-    const DirectionProfile::Posterior posterior = profile.With(0.0, kReachM);
+    const DirectionProfile::Posterior posterior = profile.With(0.0, kBesideM);
     return std::hypot(posterior.mean_m, posterior.sigma_m) > options.max_direction_sigma_m;
   };
   return open(most_open) || open(frame.match.weakest_direction);
@@ -98,7 +99,7 @@ void DegenerateStretch::Compare(const OdometryFrame& frame,
   const Matrix6d& directions = solver.eigenvectors();
   const std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.sweep);
   const ScanMatcherOptions& o = matcher_.options();
-  if (SigmaM() > kReachM && MayBeElsewhere(frame, deskewed, map, o, directions.col(5))) return;
+  if (SigmaM() > kMinimumM && MayBeElsewhere(frame, deskewed, map, o, directions.col(5))) return;
   const DirectionEvidence evidence =
       matcher_.EvidenceOfOlder(deskewed, frame.T_world_lidar, map, directions, first_keyframe_);
   Matrix6d information = Matrix6d::Zero();

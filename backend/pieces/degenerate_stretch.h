@@ -14,9 +14,9 @@
 // a being the sensor's acceleration (MotionOptions) and F what a turned pose makes of the way to
 // the next one. A match tells of v' dt what its covariance says without the prediction's share,
 // M = C^-1 - (prior information); along directions that planes older than the stretch determine it
-// tells of x' as well. Where x is open by more than matching reaches, the match may have found a
-// wrong one of several minima: then it tells of x' only if the profile (direction_profile.h) shows
-// no other beside it.
+// tells of x' as well. Where x is open by more than a minimum is wide, the match may have found
+// a wrong one: then it tells of x' only if the profile (direction_profile.h) shows no other beside
+// it.
 #pragma once
 
 #include <cstdint>

@@ -220,6 +220,25 @@ TEST(AdverseCarPark, IsTrackedWhereTwoScansAreMistaken) {
   }
 }
 
+// All that a room holds lies in a few blocks of 4 m. The direction that it determines least turns
+// the sensor, and no row of like things can be mistaken along it.
+TEST(AdverseRooms, AreDeterminedThoughTheyAreSmall) {
+  // A few at the start are not: its speed is unknown.
+  const Verdict stairs = Tried("stairs-mid360", 2);
+  EXPECT_LT(stairs.degenerate, 10u) << stairs.broken;
+  EXPECT_LT(stairs.worst_m, 0.05);
+  const Verdict room = Tried("room-vlp16", 2);
+  EXPECT_TRUE(room.kept) << room.broken;
+}
+
+// For a second this sensor sees hardly more than one wall: where it was before that, it must be
+// found by more than a match that fits.
+TEST(AdverseRooms, AreNotMistakenForOneAnotherAfterABlindStretch) {
+  const Verdict verdict = Tried("room-avia", 1);
+  EXPECT_LT(verdict.worst_m, 0.15);
+  EXPECT_LT(verdict.degenerate, 130u);
+}
+
 // In foliage the sheets that beams sweep are planes which move along with the sensor: with this
 // seed they had it stand still while it walked.
 TEST(AdverseForest, WalksOnBetweenPlanesOfItsOwnBeams) {
