@@ -20,19 +20,11 @@ double SigmasApart(const PosePrediction& prediction, const MatchResult& match) {
   return std::sqrt(std::max(0.0, delta.dot(both.ldlt().solve(delta))));
 }
 
-// Standard deviation of the position, along the direction that is known worst.
-double SigmaM(const PosePrediction& prediction) {
-  return std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
-}
-
 // 0 if there are none.
 double MedianOf(const std::deque<double>& values) {
   std::vector<double> copy(values.begin(), values.end());
   return copy.empty() ? 0.0 : UpperMedian(&copy);
 }
-
-// Differences in evidence that say nothing.
-constexpr double kAlike = 0.01;
 
 // Standard deviations of the prediction within which a lost sensor is looked for.
 constexpr double kLikelySigmas = 2.0;
@@ -81,14 +73,8 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
   const int passes = DeskewPasses(stamp_ns, clusters);
   frame.match = passes > 0 ? matcher_.MatchPose(deskewed, prediction, map)
                            : matcher_.Match(deskewed, prediction, map);
-  if (!lost_ && Surprising(frame.match, prediction)) {
-    // Wide kernels may carry a match over to the next of several minima in a row.
-    const MatchResult narrow = narrow_matcher_.MatchPose(deskewed, prediction, map);
-    if (!Surprising(narrow, prediction) && narrow.evidence() > frame.match.evidence() - kAlike)
-      frame.match = passes > 0
-                        ? narrow
-                        : narrow_matcher_.Match(deskewed, prediction, narrow.T_world_lidar, map);
-  }
+  if (!lost_ && Surprising(frame.match, prediction))
+    SettleSurprise(deskewed, prediction, map, passes, &frame.match);
   const bool starting = !lost_ && !map_is_older && !motion_.moving_known();
   PoseHypotheses hypotheses;
   if (options_.search.enabled && (map_is_older || NeedsSearch(frame.match, prediction))) {
@@ -252,13 +238,6 @@ bool Odometry::NeedsSearch(const MatchResult& match, const PosePrediction& predi
   return match.inlier_share < o.trigger_inlier_ratio * RecentInliers();
 }
 
-bool Odometry::Surprising(const MatchResult& match, const PosePrediction& prediction) const {
-  constexpr double kLeastM = 0.1;
-  if (match.status == MatchResult::Status::kTooFewMatches || !motion_.moving_known()) return false;
-  const double off = (prediction.T_world_lidar.t - match.T_world_lidar.t).norm();
-  return off > std::max(kLeastM, options_.max_prediction_sigmas * SigmaM(prediction));
-}
-
 bool Odometry::Leaps(const MatchResult& match, const PosePrediction& prediction) const {
   const SE3& a = prediction.T_world_lidar;
   const SE3& b = match.T_world_lidar;
@@ -310,7 +289,6 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
 }
 
 void Odometry::Accept(const OdometryFrame& frame) {
-  constexpr std::size_t kRecent = 15;
   const bool tracked = frame.status == OdometryFrame::Status::kTracked;
   // The first scan of a map follows another one where the motion is known from elsewhere.
   const bool follows = tracked || (frame.status == OdometryFrame::Status::kFirst && started());
@@ -321,8 +299,8 @@ void Odometry::Accept(const OdometryFrame& frame) {
   if (tracked) {
     recent_inliers_.push_back(frame.match.inlier_share);
     recent_fits_.push_back(frame.match.fit());
-    if (recent_inliers_.size() > kRecent) recent_inliers_.pop_front();
-    if (recent_fits_.size() > kRecent) recent_fits_.pop_front();
+    if (recent_inliers_.size() > kRecentScans) recent_inliers_.pop_front();
+    if (recent_fits_.size() > kRecentScans) recent_fits_.pop_front();
   } else {
     recent_inliers_.clear();
     recent_fits_.clear();

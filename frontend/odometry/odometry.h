@@ -128,6 +128,10 @@ class Odometry {
   double RecentInliers() const;  // the median; 0 if there are none
   // Whether a match is farther from the prediction than its uncertainty explains.
   bool Surprising(const MatchResult& match, const PosePrediction& prediction) const;
+  // Puts a match near the prediction in the place of such a one if planes say as much for it, and
+  // one from another start if they say more.
+  void SettleSurprise(const std::vector<PointCluster>& deskewed, const PosePrediction& prediction,
+                      const VoxelMap& map, int passes, MatchResult* match) const;
   // Whether a match is farther from the prediction than matching alone may carry it.
   bool Leaps(const MatchResult& match, const PosePrediction& prediction) const;
   // Whether the prediction is as near as matching alone can bridge.
@@ -178,6 +182,7 @@ class Odometry {
   PoseSearch search_;
   MotionModel motion_;
   RecentAccelerations accelerations_;
+  static constexpr std::size_t kRecentScans = 15;
   std::deque<double> recent_inliers_, recent_fits_;
   bool lost_ = false;  // since the last accepted frame
 };

@@ -38,8 +38,13 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
                              std::vector<PointCluster>* deskewed, OdometryFrame* frame) const {
   const double dt = motion_.Gap(frame->stamp_ns);
   const MatchResult& match = frame->match;
-  if (match.status == MatchResult::Status::kTooFewMatches || match.worst_sigma_m < kWellKnownM ||
-      lost_ || dt <= 0.0 || (dt > options_.vouched_gap_s && Unbridged(prediction, match)))
+  // Things that set off together with the sensor hold it among them as well as those that stand
+  // hold it there, until the way since the last scan puts the two apart.
+  const double way_m = (match.T_world_lidar.t - motion_.T_world_last().t).norm();
+  const bool setting_off = recent_inliers_.size() < kRecentScans && way_m < kBesideM;
+  if (match.status == MatchResult::Status::kTooFewMatches || lost_ ||
+      (!setting_off && match.worst_sigma_m < kWellKnownM) || dt <= 0.0 ||
+      (dt > options_.vouched_gap_s && Unbridged(prediction, match)))
     return;
   const Vector6d v = match.weakest_direction;
   const double open_m = 1.0 / std::sqrt(prediction.Information(v));
@@ -53,7 +58,7 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
   if (expected && match.degenerate == 0 && TurnsNearby(v)) return;
   const DirectionProfile profile(*deskewed, map, match.T_world_lidar, v,
                                  options_.matcher.noise_floor_m);
-  if (profile.Blocks() > kManyBlocks) return;
+  if (!setting_off && profile.Blocks() > kManyBlocks) return;
   // Of a pose that is unsure itself its scan has made the map that this one meets.
   if (!motion_.moving_known() || (!open && sigma_m > kSteadyM)) {
     DoubtWeakest(profile, frame);

@@ -220,6 +220,22 @@ TEST(AdverseCarPark, IsTrackedWhereTwoScansAreMistaken) {
   }
 }
 
+// The vans set off when the sensor does, and return nearly as much of what faces the way.
+TEST(AdverseCarPark, DoesNotGoAlongWithWhatSetsOffTogether) {
+  const Verdict start = Tried("carpark-start", 1);
+  EXPECT_TRUE(start.kept) << start.broken;
+  const Verdict swept = Tried("carpark-start-vlp16", 1);
+  EXPECT_LT(swept.worst_m, 0.10);
+}
+
+// A turn that was not foreseen lets the next row of cars, or the vans, fit first.
+TEST(AdverseCarPark, IsTrackedWhereTheSensorShakes) {
+  for (const int seed : {1, 3}) {
+    const Verdict verdict = Tried("carpark-shake", seed);
+    EXPECT_LT(verdict.worst_m, 0.10) << verdict.broken;
+  }
+}
+
 // All that a room holds lies in a few blocks of 4 m. The direction that it determines least turns
 // the sensor, and no row of like things can be mistaken along it.
 TEST(AdverseRooms, AreDeterminedThoughTheyAreSmall) {

@@ -1,0 +1,41 @@
+// Odometry where a match is farther from the prediction than the prediction is unsure.
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "frontend/odometry/odometry.h"
+
+namespace lamina {
+
+bool Odometry::Surprising(const MatchResult& match, const PosePrediction& prediction) const {
+  constexpr double kLeastM = 0.1;
+  if (match.status == MatchResult::Status::kTooFewMatches || !motion_.moving_known()) return false;
+  const double off = (prediction.T_world_lidar.t - match.T_world_lidar.t).norm();
+  return off > std::max(kLeastM, options_.max_prediction_sigmas * SigmaM(prediction));
+}
+
+void Odometry::SettleSurprise(const std::vector<PointCluster>& deskewed,
+                              const PosePrediction& prediction, const VoxelMap& map, int passes,
+                              MatchResult* match) const {
+  // Differences in evidence that say nothing.
+  constexpr double kAlike = 0.01;
+  const auto take = [&](const MatchResult& other) {
+    const double more = other.evidence() - match->evidence();
+    if (more <= -kAlike || (more <= kAlike && Surprising(other, prediction))) return false;
+    *match = other;
+    return true;
+  };
+  // A turn that was not foreseen moves what is far off over to other surfaces; once it is known,
+  // the minimum of the way that was foreseen lies near.
+  const SE3 turned(match->T_world_lidar.q, prediction.T_world_lidar.t);
+  // A wide kernel may carry a match over to the next of several minima in a row.
+  const MatchResult narrow = narrow_matcher_.MatchPose(deskewed, prediction, map);
+  bool pose_only = take(narrow);
+  if (Surprising(*match, prediction) &&
+      take(narrow_matcher_.Match(deskewed, prediction, turned, map)))
+    pose_only = false;
+  if (pose_only && passes == 0)
+    *match = narrow_matcher_.Match(deskewed, prediction, match->T_world_lidar, map);
+}
+
+}  // namespace lamina
