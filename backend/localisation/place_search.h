@@ -52,9 +52,8 @@ class PlaceSearch {
   std::int64_t looks_ = 0;
   std::string reason_;
   std::vector<PlaceCandidate> candidates_;
-  // Of the last look that was believed.
-  bool seen_ = false;
-  FoundPlace last_;
+  // Of the last look that was believed: the best pose, and those in other pieces that are the same.
+  std::vector<FoundPlace> last_;
   std::int64_t last_keyframe_ = -1;
   Eigen::Vector3d sensor_ = Eigen::Vector3d::Zero();  // in the own piece
 };
