@@ -271,16 +271,20 @@ std::vector<Sighting> PlaceIndex::Find(const Submap& whole, const std::vector<Fi
   if (!best.reason.empty()) return sightings;
   for (std::size_t i = 1; i < sightings.size(); ++i) {
     Sighting& other = sightings[i];
-    if (!IsRival(other, best)) continue;
-    other.same_as_best = AreOnePlace(other, best, query.up, image.middle(), map);
-    if (!other.same_as_best) best.reason = "others fit as well";
+    if (IsRival(other, best))
+      other.same_as_best = AreOnePlace(other, best, query.up, image.middle(), map);
+  }
+  if (!NoRival(sightings)) {
+    best.reason = "others fit as well";
+  } else if (map.Ambiguous(best.piece)) {
+    best.reason = "what is there fits elsewhere as well";
   }
   return sightings;
 }
 
 bool PlaceIndex::AreOnePlace(const Sighting& a, const Sighting& b, const Eigen::Vector3d& up,
                              const Eigen::Vector3d& middle, const PlaceSource& map) const {
-  if (a.piece == b.piece) return false;
+  if (!map.MayBeOne(a.piece, b.piece)) return false;
   const auto around = [&](const Sighting& sighting) {
     const std::size_t place = Nearest(sighting.piece, sighting.T_piece_submap * middle);
     return std::make_pair(place, lamina::Around(At(place, map), HeldM(options_)));

@@ -11,7 +11,9 @@
 //     no rival    no pose elsewhere, also not on another level of the same place, contradicts the
 //                 map about as little. A pose in another piece is not elsewhere if the two pieces
 //                 are one place by it: what one has around there lies in the other, by the same
-//                 gates, so that both poses are the same
+//                 gates, so that both poses are the same. Where storeys or houses repeat, what one
+//                 has lies in several places of the other, and such a piece tells nothing: it stays
+//                 a rival, and nothing is believed to lie in it
 //
 // What is believed once may still be an alias: PlaceSearch asks again after more of the way.
 #pragma once

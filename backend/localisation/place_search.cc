@@ -60,7 +60,9 @@ std::optional<FoundPlace> PlaceSearch::Look(const std::vector<FinalKeyframe>& wi
   candidates_.clear();
   if (submap.keyframes.empty()) return std::nullopt;
   const SE3 T_submap_own = submap.T_world_submap.Inverse();
-  for (const Sighting& sighting : places.Find(submap, window, map)) {
+  const std::vector<Sighting> sightings = places.Find(submap, window, map);
+  ambiguous_ = Repeats(sightings).value_or(ambiguous_);
+  for (const Sighting& sighting : sightings) {
     candidates_.push_back({{sighting.piece, sighting.T_piece_submap * T_submap_own},
                            sighting.match,
                            sighting.met,
@@ -110,8 +112,8 @@ bool PlaceSearch::Agrees(const FoundPlace& found, const Eigen::Vector3d& sensor,
 
 void PlaceSearch::Archive(StateArchive& a) {
   bool complete = complete_.has_value();
-  a(&builder_, &complete, &keyframes_since_look_, &looks_, &reason_, &last_, &last_keyframe_,
-    &sensor_);
+  a(&builder_, &complete, &keyframes_since_look_, &looks_, &ambiguous_, &reason_, &last_,
+    &last_keyframe_, &sensor_);
   if (a.reading()) complete_ = complete ? std::make_optional<Submap>() : std::nullopt;
   if (complete) a(&*complete_);
 }

@@ -50,4 +50,43 @@ bool IsRival(const Sighting& other, const Sighting& best) {
                                           least + (beside ? kBesideMore : kRivalMore));
 }
 
+namespace {
+
+// The first one and its rivals.
+std::vector<const Sighting*> Likely(const std::vector<Sighting>& sightings) {
+  std::vector<const Sighting*> likely = {&sightings.front()};
+  for (const Sighting& sighting : sightings) {
+    if (&sighting != likely.front() && IsRival(sighting, *likely.front()))
+      likely.push_back(&sighting);
+  }
+  return likely;
+}
+
+// Whether two of them are poses of one piece, and not the same.
+bool TwoOfOnePiece(const std::vector<const Sighting*>& sightings) {
+  for (std::size_t i = 0; i < sightings.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      if (sightings[i]->piece == sightings[j]->piece &&
+          !SamePose(sightings[i]->T_piece_submap, sightings[j]->T_piece_submap))
+        return true;
+    }
+  }
+  return false;
+}
+
+}  // namespace
+
+bool NoRival(const std::vector<Sighting>& sightings) {
+  const std::vector<const Sighting*> likely = Likely(sightings);
+  return !TwoOfOnePiece(likely) &&
+         std::all_of(likely.begin() + 1, likely.end(),
+                     [](const Sighting* sighting) { return sighting->same_as_best; });
+}
+
+std::optional<bool> Repeats(const std::vector<Sighting>& sightings) {
+  const Sighting& best = sightings.front();
+  if (!best.match.converged || best.met < kMet || best.gone > kMostGone) return std::nullopt;
+  return TwoOfOnePiece(Likely(sightings));
+}
+
 }  // namespace lamina

@@ -10,7 +10,9 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
+#include <vector>
 
 #include "backend/submaps/submap_registration.h"
 #include "core/geometry/se3.h"
@@ -45,5 +47,12 @@ std::string StrictRefusal(const Sighting& sighting, const VerificationOptions& l
 // Whether another pose contradicts the map about as little as the best one and is not the same pose
 // of the same piece.
 bool IsRival(const Sighting& other, const Sighting& best);
+
+// Whether all rivals of the first one are the same as it. No two poses of one piece are.
+bool NoRival(const std::vector<Sighting>& sightings);
+
+// Whether one of the pieces has two poses among the first one and its rivals: the surroundings
+// repeat there. Nothing if the first one has not what stands here, so that they say nothing.
+std::optional<bool> Repeats(const std::vector<Sighting>& sightings);
 
 }  // namespace lamina

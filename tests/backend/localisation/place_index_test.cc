@@ -178,11 +178,13 @@ class PieceIndexTest : public PlaceIndexTest {
       builder.Add(last.back());
       if (last.size() > kLast) last.erase(last.begin());
     }
-    return index_->Find(builder.Current(), last, PlaceSource(source_, VoxelMapOptions()));
+    return index_->Find(builder.Current(), last,
+                        PlaceSource(source_, VoxelMapOptions(), ambiguous_));
   }
 
   std::vector<MappedDrive> pieces_;
   PlaceSource::Pieces source_;
+  std::set<std::int64_t> ambiguous_;
 };
 
 TEST_F(PieceIndexTest, PiecesOfOnePlaceAreNoRivals) {
@@ -202,6 +204,41 @@ TEST_F(PieceIndexTest, PiecesOfOnePlaceAreNoRivals) {
     EXPECT_LT((sighting.T_piece_submap.t - expected.t).norm(), 0.1) << sighting.piece;
   }
   EXPECT_EQ(pieces.size(), 2U);
+}
+
+TEST_F(PieceIndexTest, APieceWhoseOwnPlaceIsNotSureIsARival) {
+  const Town town(1);
+  AddPiece(town, Drive({{-60, -60}, {60, -60}, {60, 60}}), 3);
+  AddPiece(town, Drive({{50, -60}, {-50, -60}}), 4);
+  ambiguous_ = {1};
+  EXPECT_EQ(Look(town, Drive({{-20, -60}, {10, -60}}), 10).front().reason, "others fit as well");
+}
+
+TEST_F(PieceIndexTest, InAPieceWhoseOwnPlaceIsNotSureNothingIsBelieved) {
+  const Town town(1);
+  AddPiece(town, Drive({{-60, -60}, {60, -60}}), 3);
+  const std::vector<SE3> visit = Drive({{-20, -60}, {10, -60}});
+  EXPECT_EQ(Look(town, visit, 10).front().reason, "");
+  ambiguous_ = {0};
+  EXPECT_EQ(Look(town, visit, 10).front().reason, "what is there fits elsewhere as well");
+}
+
+TEST(Sightings, TwoPosesOfOnePieceAreNeverTheSame) {
+  Sighting best;
+  best.match.converged = true;
+  best.met = 1.0;
+  Sighting first = best;
+  first.piece = 1;
+  first.same_as_best = true;
+  Sighting second = first;
+  second.T_piece_submap.t.z() = 3.0;
+  EXPECT_TRUE(NoRival({best, first}));
+  EXPECT_EQ(Repeats({best, first}), false);
+  EXPECT_FALSE(NoRival({best, first, second}));
+  EXPECT_EQ(Repeats({best, first, second}), true);
+  // What does not meet the map says nothing.
+  best.met = 0.5;
+  EXPECT_EQ(Repeats({best, first, second}), std::nullopt);
 }
 
 // A street along x of houses that are the same in all, and behind them others.
