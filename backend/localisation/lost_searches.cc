@@ -1,6 +1,7 @@
 #include "backend/localisation/lost_searches.h"
 
 #include <utility>
+#include <vector>
 
 namespace lamina {
 namespace {
@@ -24,6 +25,12 @@ void LostSearches::Begin(std::int64_t piece, const std::vector<std::int64_t>& am
   searches_.insert_or_assign(piece, Search{among, PlaceSearch(options_, map_.LeafSize()), nullptr});
 }
 
+void LostSearches::End(std::int64_t piece) {
+  const PlaceSearch* const search = Find(piece);
+  if (search != nullptr && search->ambiguous()) ambiguous_.insert(piece);
+  searches_.erase(piece);
+}
+
 PlaceSearch* LostSearches::Find(std::int64_t piece) {
   const auto found = searches_.find(piece);
   return found == searches_.end() ? nullptr : &found->second.search;
@@ -36,7 +43,7 @@ std::optional<FoundPlace> LostSearches::Look(std::int64_t piece,
   const PlaceSource::Pieces pieces = PiecesOf(search.among, loops);
   if (search.places == nullptr)
     search.places = std::make_unique<PlaceIndex>(options_, matcher_, pieces, map_);
-  return search.search.Look(window, *search.places, PlaceSource(pieces, map_));
+  return search.search.Look(window, *search.places, PlaceSource(pieces, map_, ambiguous_));
 }
 
 void LostSearches::Archive(StateArchive& a) {
@@ -44,6 +51,9 @@ void LostSearches::Archive(StateArchive& a) {
     if (a.reading()) Begin(piece, {});
     return &searches_.at(piece);
   });
+  std::vector<std::int64_t> ambiguous(ambiguous_.begin(), ambiguous_.end());
+  a(&ambiguous);
+  ambiguous_ = std::set<std::int64_t>(ambiguous.begin(), ambiguous.end());
 }
 
 }  // namespace lamina

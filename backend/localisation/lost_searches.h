@@ -11,6 +11,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "backend/localisation/place_search.h"
@@ -25,7 +26,7 @@ class LostSearches {
 
   // Looks for a piece in these from now on; none of them may change before End().
   void Begin(std::int64_t piece, const std::vector<std::int64_t>& among);
-  void End(std::int64_t piece) { searches_.erase(piece); }
+  void End(std::int64_t piece);
   // Null if the piece is not looked for.
   PlaceSearch* Find(std::int64_t piece);
   // T_piece_own of what it finds is in the frame of the map, as corrected by loops.
@@ -47,6 +48,7 @@ class LostSearches {
   ScanMatcherOptions matcher_;
   VoxelMapOptions map_;
   std::map<std::int64_t, Search> searches_;
+  std::set<std::int64_t> ambiguous_;  // pieces that have ended, and what they have repeats
 };
 
 }  // namespace lamina

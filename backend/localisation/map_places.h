@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <map>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -45,15 +46,23 @@ class PlaceSource {
   using Pieces = std::map<std::int64_t, const LoopClosure*>;
 
   PlaceSource(const VoxelMap& map) : map_(&map), options_(map.options()) {}  // NOLINT: a view
-  PlaceSource(Pieces pieces, const VoxelMapOptions& options)
-      : pieces_(std::move(pieces)), options_(options) {}
+  // `ambiguous`: pieces of which what they have lies in more than one place of another piece.
+  PlaceSource(Pieces pieces, const VoxelMapOptions& options, std::set<std::int64_t> ambiguous = {})
+      : pieces_(std::move(pieces)), ambiguous_(std::move(ambiguous)), options_(options) {}
 
   const VoxelMapOptions& options() const { return options_; }
+  bool Ambiguous(std::int64_t piece) const { return ambiguous_.count(piece) > 0; }
+  // Whether two pieces may turn out to have the same place. Those of a finished map are apart
+  // because joining found no reason to join them.
+  bool MayBeOne(std::int64_t a, std::int64_t b) const {
+    return map_ == nullptr && a != b && !Ambiguous(a) && !Ambiguous(b);
+  }
   Submap Around(const MapPlace& place, double radius_m) const;
 
  private:
   const VoxelMap* map_ = nullptr;
   Pieces pieces_;
+  std::set<std::int64_t> ambiguous_;
   VoxelMapOptions options_;
 };
 

@@ -15,13 +15,8 @@
 namespace lamina {
 namespace {
 
-// What a submap must show beyond the gates of loops: planes that agree as rarely as in a wood are
-// made up for by all else.
-constexpr double kOverlap = 0.85, kStructure = 0.75, kFactor = 1.5;
-constexpr double kMet = 0.9, kMostGone = 0.1;
-constexpr double kRoughOverlap = 0.3, kRoughMet = 0.97, kRoughMostGone = 0.03;
-// Poses that are one and the same; before registration, and after.
-constexpr double kNearM = 4.0, kNearDeg = 15.0, kSameM = 0.7, kSameDeg = 3.0;
+// Poses that are one and the same before registration.
+constexpr double kNearM = 4.0, kNearDeg = 15.0;
 constexpr double kSettledM = 0.1, kSettledDeg = 0.5;
 // Of a pose that is looked at again, the one or the other.
 constexpr double kLeastOverlap = 0.5, kLeastMet = 0.8;
@@ -38,10 +33,6 @@ constexpr double kStepM = 0.5, kStepDeg = 8.0;
 constexpr int kEachPose = 2;
 // Registrations, times those of a loop.
 constexpr int kRegistrationsFactor = 3;
-// What contradicts a rival, of what contradicts the best: as a factor, and more. A pose so near
-// that the descent should have come from one to the other must be as good.
-constexpr double kRivalFactor = 2.5, kRivalMore = 0.04;
-constexpr double kBesideM = 2.5, kBesideDeg = 10.0, kBesideFactor = 1.3, kBesideMore = 0.02;
 // Of what an image reaches, a place holds so much: what is farther a sensor there sees thinly.
 constexpr double kRadiusShare = 0.9, kSpacingShare = 0.25;
 
@@ -52,26 +43,6 @@ double RadiusM(const LoopOptions& options) {
 // What is so near to a sensor the nearest place holds as well, wherever between two of them it is.
 double HeldM(const LoopOptions& options) {
   return RadiusM(options) - PlaceIndex::SpacingM(options);
-}
-
-bool Same(const SE3& a, const SE3& b, double most_m, double most_deg) {
-  return (a.t - b.t).norm() <= most_m && RotationAngle(a, b) <= Radians(most_deg);
-}
-
-// What one of query and map has standing and the other has not, as shares.
-double Contradiction(const Sighting& sighting) { return 1.0 - sighting.met + sighting.gone; }
-
-bool IsRival(const Sighting& other, const Sighting& best) {
-  if (!other.match.converged) return false;
-  const auto same = [&](double most_m, double most_deg) {
-    return other.piece == best.piece &&
-           Same(other.T_piece_submap, best.T_piece_submap, most_m, most_deg);
-  };
-  if (same(kSameM, kSameDeg)) return false;
-  const bool beside = same(kBesideM, kBesideDeg);
-  const double least = Contradiction(best);
-  return Contradiction(other) <= std::max((beside ? kBesideFactor : kRivalFactor) * least,
-                                          least + (beside ? kBesideMore : kRivalMore));
 }
 
 // What lies within a radius of the middle of its way.
@@ -97,18 +68,6 @@ Submap Thinned(const Submap& place) {
   for (std::size_t i = 0; i < place.leaves.size(); i += stride)
     some.leaves.push_back(place.leaves[i]);
   return some;
-}
-
-std::string StrictRefusal(const Sighting& sighting, const VerificationOptions& least) {
-  const bool rough = sighting.met >= kRoughMet && sighting.gone <= kRoughMostGone;
-  VerificationOptions strict = least;
-  strict.min_planes = static_cast<int>(kFactor * least.min_planes);
-  strict.min_facing *= kFactor;
-  strict.min_overlap = rough ? kRoughOverlap : std::max(least.min_overlap, kOverlap);
-  strict.min_structure = std::max(least.min_structure, kStructure);
-  if (sighting.met < kMet) return "the map has not what stands here";
-  if (sighting.gone > kMostGone) return "what the map has does not stand here";
-  return Refusal(sighting.match, strict);
 }
 
 }  // namespace
@@ -175,7 +134,7 @@ std::vector<PlaceIndex::Hypothesis> PlaceIndex::Hypotheses(const PlaceImage& ima
     const Hypothesis next = HypothesisOf(views_[found.other], found.T_other_query, found.score);
     const auto alike = std::count_if(hypotheses.begin(), hypotheses.end(), [&](const auto& other) {
       return places_[other.place].piece == places_[next.place].piece &&
-             Same(InPiece(other), InPiece(next), kNearM, kNearDeg);
+             SamePose(InPiece(other), InPiece(next), kNearM, kNearDeg);
     });
     if (alike < kEachPose) hypotheses.push_back(next);
   }
@@ -281,7 +240,7 @@ std::vector<PlaceIndex::Hypothesis> PlaceIndex::OfNearest(const std::vector<Sigh
     next.T_place_submap = T_piece_place_[next.place].Inverse() * sighting.T_piece_submap;
     const bool known = std::any_of(nearest.begin(), nearest.end(), [&](const Hypothesis& other) {
       return other.place == next.place &&
-             Same(other.T_place_submap, next.T_place_submap, kSettledM, kSettledDeg);
+             SamePose(other.T_place_submap, next.T_place_submap, kSettledM, kSettledDeg);
     });
     if (!known) nearest.push_back(next);
   }
@@ -310,10 +269,48 @@ std::vector<Sighting> PlaceIndex::Find(const Submap& whole, const std::vector<Fi
   }
   Sighting& best = sightings.front();
   if (!best.reason.empty()) return sightings;
-  if (std::any_of(sightings.begin() + 1, sightings.end(),
-                  [&](const Sighting& other) { return IsRival(other, best); }))
+  for (std::size_t i = 1; i < sightings.size(); ++i) {
+    Sighting& other = sightings[i];
+    if (IsRival(other, best))
+      other.same_as_best = AreOnePlace(other, best, query.up, image.middle(), map);
+  }
+  if (!NoRival(sightings)) {
     best.reason = "others fit as well";
+  } else if (map.Ambiguous(best.piece)) {
+    best.reason = "what is there fits elsewhere as well";
+  }
   return sightings;
+}
+
+bool PlaceIndex::AreOnePlace(const Sighting& a, const Sighting& b, const Eigen::Vector3d& up,
+                             const Eigen::Vector3d& middle, const PlaceSource& map) const {
+  if (!map.MayBeOne(a.piece, b.piece)) return false;
+  const auto around = [&](const Sighting& sighting) {
+    const std::size_t place = Nearest(sighting.piece, sighting.T_piece_submap * middle);
+    return std::make_pair(place, lamina::Around(At(place, map), HeldM(options_)));
+  };
+  auto [place_a, submap_a] = around(a);
+  auto [place_b, submap_b] = around(b);
+  const bool a_is_less = submap_a.leaves.size() < submap_b.leaves.size();
+  const Sighting &less = a_is_less ? a : b, &more = a_is_less ? b : a;
+  const Submap& submap = a_is_less ? submap_a : submap_b;
+  const std::size_t place_less = a_is_less ? place_a : place_b;
+  const std::size_t place_more = a_is_less ? place_b : place_a;
+
+  const SE3 T_more_less = more.T_piece_submap * less.T_piece_submap.Inverse();
+  const SE3& T_less_place = T_piece_place_[place_less];
+  const SubmapQuery query = MakeQuery(submap, LeafPlanes(submap),
+                                      T_less_place.q.conjugate() * less.T_piece_submap.q * up);
+  std::vector<Sighting> found = Register(
+      query, {{place_more, T_piece_place_[place_more].Inverse() * T_more_less * T_less_place, 0.0}},
+      false, map);
+  FinalKeyframe seen;
+  seen.T_world_lidar = submap.keyframes.front().T_submap_lidar;
+  for (const SubmapLeaf& leaf : submap.leaves) seen.clusters.push_back(submap.Cluster(leaf));
+  Judge(query, SightLines({seen}, submap.leaf_size_m), SE3(), map, &found);
+  const SE3 T_again = found.front().T_piece_submap * T_less_place.Inverse();
+  return found.front().reason.empty() &&
+         SamePose(T_again * less.T_piece_submap, more.T_piece_submap);
 }
 
 PlaceIndex::Nearby PlaceIndex::NearbyOf(std::int64_t piece, const Eigen::Vector3d& at,
@@ -345,8 +342,8 @@ std::optional<SE3> PlaceIndex::Lie(const std::vector<FinalKeyframe>& keyframes,
       match.overlap() < kLastOverlap || nearby.leaves.Met(points, match.T_world_lidar) < kMet)
     return std::nullopt;
   const SE3 T = T_piece_place * match.T_world_lidar;
-  const bool near =
-      coarse ? Same(T, T_piece_lidar, kNearM, kNearDeg) : Same(T, T_piece_lidar, kStepM, kStepDeg);
+  const bool near = coarse ? SamePose(T, T_piece_lidar, kNearM, kNearDeg)
+                           : SamePose(T, T_piece_lidar, kStepM, kStepDeg);
   if (!near) return std::nullopt;
   return T * T_lidar_own;
 }

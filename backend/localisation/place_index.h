@@ -9,7 +9,11 @@
 //     compared    what stands in one stands in the other, as far as it would show
 //                 (place_evidence.h)
 //     no rival    no pose elsewhere, also not on another level of the same place, contradicts the
-//                 map about as little
+//                 map about as little. A pose in another piece is not elsewhere if the two pieces
+//                 are one place by it: what one has around there lies in the other, by the same
+//                 gates, so that both poses are the same. Where storeys or houses repeat, what one
+//                 has lies in several places of the other, and such a piece tells nothing: it stays
+//                 a rival, and nothing is believed to lie in it
 //
 // What is believed once may still be an alias: PlaceSearch asks again after more of the way.
 #pragma once
@@ -22,23 +26,13 @@
 #include "backend/localisation/map_places.h"
 #include "backend/localisation/place_evidence.h"
 #include "backend/localisation/place_report.h"
+#include "backend/localisation/sighting.h"
 #include "backend/loops/loop_options.h"
 #include "backend/places/place_image.h"
 #include "backend/submaps/submap_registration.h"
 #include "frontend/matching/scan_matcher.h"
 
 namespace lamina {
-
-// Where a submap seems to lie in the map.
-struct Sighting {
-  std::size_t place = 0;  // that it was registered against
-  std::int64_t piece = 0;
-  SE3 T_piece_submap;
-  SubmapMatch match;             // T_other_query is of the place
-  double score = 0.0;            // of the images
-  double met = 0.0, gone = 0.0;  // place_evidence.h
-  std::string reason;            // why it is not to be believed; empty if it is
-};
 
 // Immutable; thread-safe.
 class PlaceIndex {
@@ -91,6 +85,10 @@ class PlaceIndex {
   // What the map has and the sensor does not see, the reason of each, and their order.
   void Judge(const SubmapQuery& query, const SightLines& sight, const SE3& T_own_query,
              const PlaceSource& map, std::vector<Sighting>* sightings) const;
+  // Whether two poses of a submap in two pieces are the same: what the piece that has less has
+  // around lies in the other, as both say. `up`, `middle`: of the submap, in its frame.
+  bool AreOnePlace(const Sighting& a, const Sighting& b, const Eigen::Vector3d& up,
+                   const Eigen::Vector3d& middle, const PlaceSource& map) const;
   std::vector<Sighting> Register(const SubmapQuery& query,
                                  const std::vector<Hypothesis>& hypotheses, bool coarse,
                                  const PlaceSource& map) const;

@@ -10,12 +10,15 @@
 
 #include "backend/submaps/submap_registration.h"
 #include "core/geometry/se3.h"
+#include "core/geometry/state_archive.h"
 
 namespace lamina {
 
 struct FoundPlace {
   std::int64_t piece = 0;  // of the map
   SE3 T_piece_own;         // from the frame of the sensor's own piece to that of the map's
+
+  void Archive(StateArchive& a) { a(&piece, &T_piece_own); }
 };
 
 // Where the piece might be as well.
@@ -24,6 +27,7 @@ struct PlaceCandidate {
   SubmapMatch match;
   double met = 0.0, gone = 0.0;  // place_evidence.h
   std::string reason;            // why it is not to be believed; empty if it is
+  bool same_as_best = false;     // sighting.h
 };
 
 struct PlaceReport {

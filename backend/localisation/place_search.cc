@@ -60,12 +60,15 @@ std::optional<FoundPlace> PlaceSearch::Look(const std::vector<FinalKeyframe>& wi
   candidates_.clear();
   if (submap.keyframes.empty()) return std::nullopt;
   const SE3 T_submap_own = submap.T_world_submap.Inverse();
-  for (const Sighting& sighting : places.Find(submap, window, map)) {
+  const std::vector<Sighting> sightings = places.Find(submap, window, map);
+  ambiguous_ = Repeats(sightings).value_or(ambiguous_);
+  for (const Sighting& sighting : sightings) {
     candidates_.push_back({{sighting.piece, sighting.T_piece_submap * T_submap_own},
                            sighting.match,
                            sighting.met,
                            sighting.gone,
-                           sighting.reason});
+                           sighting.reason,
+                           sighting.same_as_best});
   }
   reason_ = candidates_.front().reason;
   if (!reason_.empty()) return std::nullopt;
@@ -82,8 +85,12 @@ std::optional<FoundPlace> PlaceSearch::Look(const std::vector<FinalKeyframe>& wi
   if (agrees && moved) return found;
   // A look from where the last one was says nothing new.
   if (!agrees) sensor_ = sensor;
-  seen_ = true;
-  last_ = found;
+  last_ = {found};
+  for (const PlaceCandidate& candidate : candidates_) {
+    if (!candidate.same_as_best) continue;
+    if (const auto T = places.Settle(candidate.place, window, map))
+      last_.push_back({candidate.place.piece, *T});
+  }
   last_keyframe_ = window.empty() ? -1 : window.back().id;
   return std::nullopt;
 }
@@ -91,19 +98,22 @@ std::optional<FoundPlace> PlaceSearch::Look(const std::vector<FinalKeyframe>& wi
 bool PlaceSearch::Agrees(const FoundPlace& found, const Eigen::Vector3d& sensor,
                          const std::vector<FinalKeyframe>& window, const PlaceIndex& places,
                          const PlaceSource& map) const {
-  if (!seen_ || found.piece != last_.piece) return false;
+  const auto last = std::find_if(last_.begin(), last_.end(), [&](const FoundPlace& place) {
+    return place.piece == found.piece;
+  });
+  if (last == last_.end()) return false;
   std::vector<FinalKeyframe> since;
   std::copy_if(window.begin(), window.end(), std::back_inserter(since),
                [&](const FinalKeyframe& keyframe) { return keyframe.id > last_keyframe_; });
-  const std::optional<SE3> followed = places.Follow(last_, since, map);
+  const std::optional<SE3> followed = places.Follow(*last, since, map);
   return followed && (found.T_piece_own * sensor - *followed * sensor).norm() <= kAgreeM &&
          RotationAngle(found.T_piece_own, *followed) <= Radians(kAgreeDeg);
 }
 
 void PlaceSearch::Archive(StateArchive& a) {
   bool complete = complete_.has_value();
-  a(&builder_, &complete, &keyframes_since_look_, &looks_, &reason_, &seen_, &last_.piece,
-    &last_.T_piece_own, &last_keyframe_, &sensor_);
+  a(&builder_, &complete, &keyframes_since_look_, &looks_, &ambiguous_, &reason_, &last_,
+    &last_keyframe_, &sensor_);
   if (a.reading()) complete_ = complete ? std::make_optional<Submap>() : std::nullopt;
   if (complete) a(&*complete_);
 }

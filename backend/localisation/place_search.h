@@ -30,6 +30,8 @@ class PlaceSearch {
   // Looks, with the keyframes that are in the window.
   std::optional<FoundPlace> Look(const std::vector<FinalKeyframe>& window, const PlaceIndex& places,
                                  const PlaceSource& map);
+  // Whether what it has gathered lies in more than one place of a piece, as far as it has met any.
+  bool ambiguous() const { return ambiguous_; }
   // What came of the last look, for a log line; empty before the first, and when it was believed.
   const std::string& reason() const { return reason_; }
   // What was compared for that look; not part of the state that is archived.
@@ -50,11 +52,11 @@ class PlaceSearch {
   std::optional<Submap> complete_;  // the newest that is
   int keyframes_since_look_ = 0;
   std::int64_t looks_ = 0;
+  bool ambiguous_ = false;
   std::string reason_;
   std::vector<PlaceCandidate> candidates_;
-  // Of the last look that was believed.
-  bool seen_ = false;
-  FoundPlace last_;
+  // Of the last look that was believed: the best pose, and those in other pieces that are the same.
+  std::vector<FoundPlace> last_;
   std::int64_t last_keyframe_ = -1;
   Eigen::Vector3d sensor_ = Eigen::Vector3d::Zero();  // in the own piece
 };

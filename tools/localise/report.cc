@@ -88,17 +88,18 @@ std::string WindowsCsv(const std::vector<LocalisationTrial>& trials) {
 std::string LooksCsv(const std::vector<LocalisationTrial>& trials) {
   std::string text =
       "case,seed,window,kind,after_s,error_m,error_deg,converged,planes,overlap,structure,facing,"
-      "residual_sigmas,met,gone,reason\n";
+      "residual_sigmas,met,gone,piece,same_as_best,reason\n";
   for (const LocalisationTrial& trial : trials) {
     for (std::size_t i = 0; i < trial.windows.size(); ++i) {
       for (const ComparedPose& pose : trial.windows[i].compared) {
         const SubmapMatch& match = pose.candidate.match;
         text += fmt::format(
-            "{},{},{},{},{:.1f},{:.3f},{:.2f},{},{},{:.4f},{:.4f},{:.1f},{:.3f},{:.4f},{:.4f},{}\n",
+            "{},{},{},{},{:.1f},{:.3f},{:.2f},{},{},{:.4f},{:.4f},{:.1f},{:.3f},{:.4f},{:.4f},{},{}"
+            ",{}\n",
             trial.name, trial.seed, i, ToString(trial.windows[i].kind), pose.after_s, pose.error_m,
             pose.error_deg, match.converged ? 1 : 0, match.planes, match.overlap, match.structure,
             match.facing, match.residual_sigmas, pose.candidate.met, pose.candidate.gone,
-            pose.candidate.reason);
+            pose.candidate.place.piece, pose.candidate.same_as_best ? 1 : 0, pose.candidate.reason);
       }
     }
   }

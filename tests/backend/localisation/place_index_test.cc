@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -153,6 +154,129 @@ TEST_F(PlaceIndexTest, AmongEqualStoreysNoneIsBelieved) {
   index_ = std::make_unique<PlaceIndex>(options_, ScanMatcherOptions(), places, *map_);
   EXPECT_FALSE(Visit(town, Drive({{-30, -60}, {30, -60}}), 7).has_value());
   EXPECT_NE(reasons_.find("others fit as well"), std::string::npos) << reasons_;
+}
+
+// Pieces of one recording, which nothing has joined yet.
+class PieceIndexTest : public PlaceIndexTest {
+ protected:
+  void AddPiece(const Town& town, const std::vector<SE3>& drive, unsigned seed) {
+    pieces_.push_back(MapDrive(town, drive, seed, 0.0));
+    source_[static_cast<std::int64_t>(pieces_.size()) - 1] = pieces_.back().loops.get();
+    index_ =
+        std::make_unique<PlaceIndex>(options_, ScanMatcherOptions(), source_, VoxelMapOptions());
+  }
+  // What a short drive has gathered, looked for by all of its keyframes.
+  std::vector<Sighting> Look(const Town& town, const std::vector<SE3>& drive, unsigned seed) {
+    constexpr std::size_t kLast = 4;
+    Draws draws(seed);
+    const double leaf_m = VoxelMapOptions().LeafSize();
+    SubmapBuilder builder({1e4, 1000}, leaf_m);
+    std::vector<FinalKeyframe> last;
+    for (std::size_t i = 0; i < drive.size(); ++i) {
+      last.push_back(KeyframeOf(town, static_cast<std::int64_t>(i), drive[i],
+                                drive[0].Inverse() * drive[i], leaf_m, &draws, range_m_));
+      builder.Add(last.back());
+      if (last.size() > kLast) last.erase(last.begin());
+    }
+    return index_->Find(builder.Current(), last,
+                        PlaceSource(source_, VoxelMapOptions(), ambiguous_));
+  }
+
+  std::vector<MappedDrive> pieces_;
+  PlaceSource::Pieces source_;
+  std::set<std::int64_t> ambiguous_;
+};
+
+TEST_F(PieceIndexTest, PiecesOfOnePlaceAreNoRivals) {
+  const Town town(1);
+  AddPiece(town, Drive({{-60, -60}, {60, -60}, {60, 60}}), 3);
+  AddPiece(town, Drive({{50, -60}, {-50, -60}}), 4);
+  const std::vector<SE3> visit = Drive({{-20, -60}, {10, -60}});
+  const std::vector<Sighting> sightings = Look(town, visit, 10);
+  const Sighting& best = sightings.front();
+  EXPECT_EQ(best.reason, "");
+  std::set<std::int64_t> pieces = {best.piece};
+  for (const Sighting& sighting : sightings) {
+    if (!sighting.same_as_best) continue;
+    pieces.insert(sighting.piece);
+    const SE3 expected =
+        pieces_[static_cast<std::size_t>(sighting.piece)].truth[0].Inverse() * visit[0];
+    EXPECT_LT((sighting.T_piece_submap.t - expected.t).norm(), 0.1) << sighting.piece;
+  }
+  EXPECT_EQ(pieces.size(), 2U);
+}
+
+TEST_F(PieceIndexTest, APieceWhoseOwnPlaceIsNotSureIsARival) {
+  const Town town(1);
+  AddPiece(town, Drive({{-60, -60}, {60, -60}, {60, 60}}), 3);
+  AddPiece(town, Drive({{50, -60}, {-50, -60}}), 4);
+  ambiguous_ = {1};
+  EXPECT_EQ(Look(town, Drive({{-20, -60}, {10, -60}}), 10).front().reason, "others fit as well");
+}
+
+TEST_F(PieceIndexTest, InAPieceWhoseOwnPlaceIsNotSureNothingIsBelieved) {
+  const Town town(1);
+  AddPiece(town, Drive({{-60, -60}, {60, -60}}), 3);
+  const std::vector<SE3> visit = Drive({{-20, -60}, {10, -60}});
+  EXPECT_EQ(Look(town, visit, 10).front().reason, "");
+  ambiguous_ = {0};
+  EXPECT_EQ(Look(town, visit, 10).front().reason, "what is there fits elsewhere as well");
+}
+
+TEST(Sightings, TwoPosesOfOnePieceAreNeverTheSame) {
+  Sighting best;
+  best.match.converged = true;
+  best.met = 1.0;
+  Sighting first = best;
+  first.piece = 1;
+  first.same_as_best = true;
+  Sighting second = first;
+  second.T_piece_submap.t.z() = 3.0;
+  EXPECT_TRUE(NoRival({best, first}));
+  EXPECT_EQ(Repeats({best, first}), false);
+  EXPECT_FALSE(NoRival({best, first, second}));
+  EXPECT_EQ(Repeats({best, first, second}), true);
+  // What does not meet the map says nothing.
+  best.met = 0.5;
+  EXPECT_EQ(Repeats({best, first, second}), std::nullopt);
+}
+
+// A street along x of houses that are the same in all, and behind them others.
+Town StreetWithOthersBehind(unsigned behind) {
+  std::vector<Facet> facets;
+  for (double x = -140.0; x < 140.0; x += 10.0) {
+    for (double y = -40.0; y < 40.0; y += 10.0)
+      facets.push_back({{x + 5, y + 5, 0}, {5, 0, 0}, {0, 5, 0}});
+  }
+  const auto add_row = [&](double from_m, double to_m, double side, Draws* draws) {
+    for (double x = -138.0; x < 138.0; x += 11.0) {
+      const double y = side * draws->Uniform(from_m, to_m), half = draws->Uniform(1.5, 3.5);
+      const double at = x + draws->Uniform(0.0, 4.0), height = draws->Uniform(1.5, 3.0);
+      facets.push_back({{at, y, height}, {half, 0, 0}, {0, 0, height}});
+      facets.push_back({{at + half, y + 2 * side, height}, {0, 2, 0}, {0, 0, height}});
+      facets.push_back({{at - half, y + 2 * side, height}, {0, 2, 0}, {0, 0, height}});
+    }
+  };
+  Draws same(1), other(behind);
+  for (const double side : {-1.0, 1.0}) {
+    add_row(6.0, 9.0, side, &same);
+    add_row(20.0, 26.0, side, &other);
+  }
+  return Town(facets);
+}
+
+TEST_F(PieceIndexTest, APieceThatIsAnotherPlaceIsARivalThoughTheSensorSeesNoDifference) {
+  range_m_ = 16.0;
+  const std::vector<SE3> way = Drive({{-60, 0}, {60, 0}}), visit = Drive({{-20, 0}, {10, 0}});
+  const Town first = StreetWithOthersBehind(2), second = StreetWithOthersBehind(3);
+  AddPiece(first, way, 3);
+  EXPECT_EQ(Look(first, visit, 10).front().reason, "");
+  AddPiece(second, way, 4);
+  EXPECT_EQ(Look(first, visit, 10).front().reason, "others fit as well");
+  // Where behind the houses there is the same as well, the two are one place.
+  pieces_.pop_back();
+  AddPiece(first, way, 4);
+  EXPECT_EQ(Look(first, visit, 10).front().reason, "");
 }
 
 TEST_F(PlaceIndexTest, PlacesAreTheSameInMemoryAndInTheStore) {
