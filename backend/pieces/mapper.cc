@@ -68,7 +68,9 @@ bool Mapper::EndsPiece(const MapperScan& scan, const OdometryFrame& frame, bool 
 
 bool Mapper::FollowStart(const MapperScan& scan, OdometryFrame* frame) {
   // Only as long as all that the scans have left can be taken back.
-  if (window_.full() || open_.size() != start_.scans().size()) start_.Clear();
+  const bool whole = !window_.full() && open_.size() == start_.scans().size();
+  // Ways are told apart by how steady they are.
+  if (!whole || frame->sweep.of_scan) start_.Clear();
   if (!start_.open()) return false;
   start_.Add(*frame, scan.stamp_made_up, *scan.clusters);
   const bool overruled = start_.overruled();
@@ -131,8 +133,9 @@ OdometryFrame Mapper::Register(const MapperScan& scan) {
                                           /*map_is_older=*/false);
   if (was_lost) return frame;
   const auto refine = [&] {
-    return frame.status == OdometryFrame::Status::kTracked &&
-           RefineLastTwist(stamp_ns, frame.T_world_lidar);
+    if (frame.status != OdometryFrame::Status::kTracked) return false;
+    if (frame.sweep.of_scan && open_.NextKeyframe() == 1) return SplitShake(frame);
+    return RefineLastTwist(stamp_ns, frame.T_world_lidar);
   };
   if (open_.NextKeyframe() != 1) {
     refine();
@@ -182,6 +185,15 @@ bool Mapper::IsKeyframe(const SE3& T) const {
   const SE3& last = open_.newest_keyframe();
   return (T.t - last.t).norm() >= options_.backend.keyframe_translation_m ||
          RotationAngle(last, T) >= Radians(options_.backend.keyframe_rotation_deg);
+}
+
+bool Mapper::SplitShake(const OdometryFrame& second) {
+  const WindowFrame& first = window_.frames().front();
+  if (first.measured.empty()) return false;
+  const double dt = SecondsBetween(first.stamp_ns, second.stamp_ns);
+  const Vector6d mean = TwistLog(first.T_world_lidar.Inverse() * second.T_world_lidar) / dt;
+  window_.Move(0, first.T_world_lidar, FirstOfTwo(mean, dt, first.sweep, second.sweep));
+  return true;
 }
 
 bool Mapper::RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar) {

@@ -109,6 +109,9 @@ class Mapper {
   void MoveToStart(OdometryFrame* frame);
   // Where the first scan was in the middle of its sweep, under this motion.
   SE3 FirstMiddle(const SweepMotion& sweep) const;
+  // Of the first two scans, the second being this one of a sensor that is shaken, only the
+  // difference of their motions is known so far: splits it between them.
+  bool SplitShake(const OdometryFrame& second);
   // Deskews the last keyframe again, now that the motion after it is known too. False if it makes
   // no difference.
   bool RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar);

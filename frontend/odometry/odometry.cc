@@ -65,7 +65,8 @@ Odometry::Odometry(const OdometryOptions& options)
       narrow_matcher_(WithNarrowKernel(options.matcher)),
       search_(options.search, &matcher_),
       motion_(options.motion),
-      accelerations_(options.motion) {
+      accelerations_(options.motion),
+      shaken_(options.matcher, options.motion) {
   CheckOptions(options, "frontend");
 }
 
@@ -130,6 +131,7 @@ void Odometry::MatchDeskewed(const std::vector<TimedCluster>& clusters,
                              std::vector<PointCluster>* deskewed, OdometryFrame* frame) const {
   const double dt = motion_.Gap(frame->stamp_ns);
   SweepAcceleration& unsteady = frame->acceleration;
+  const SweepMotion before = frame->sweep;
   for (int pass = 0; pass < passes; ++pass) {
     frame->sweep = SweepTo(frame->match.T_world_lidar, Vector6d::Zero(), dt);
     DeskewClusters(clusters, frame->sweep, deskewed);
@@ -142,8 +144,44 @@ void Odometry::MatchDeskewed(const std::vector<TimedCluster>& clusters,
     }
     frame->match = narrow_matcher_.Match(*deskewed, prediction, frame->match.T_world_lidar, map);
   }
+  if (passes > 0) MatchShaken(clusters, prediction, map, before, deskewed, frame);
   SettleWeakest(clusters, prediction, map, passes, deskewed, frame);
   frame->match.covariance += unsteady.pose_covariance;
+}
+
+void Odometry::MatchShaken(const std::vector<TimedCluster>& clusters,
+                           const PosePrediction& prediction, const VoxelMap& map,
+                           const SweepMotion& before, std::vector<PointCluster>* deskewed,
+                           OdometryFrame* frame) const {
+  const bool expected = shaken_scans_ > 0 || before.of_scan;
+  const ShakenScan scan{clusters,
+                        map,
+                        prediction,
+                        motion_.T_world_last(),
+                        motion_.Gap(frame->stamp_ns),
+                        !motion_.moving_known(),
+                        expected};
+  if (!shaken_.Suspected(scan, frame->match)) return;
+  SweepMotion sweep = before.of_scan ? before : frame->sweep;
+  Matrix6d pose_covariance;
+  if (!shaken_.Find(scan, deskewed, &frame->match, &sweep, &pose_covariance)) {
+    DeskewClusters(clusters, frame->sweep, deskewed);
+    return;
+  }
+  frame->sweep = sweep;
+  frame->acceleration = SweepAcceleration();
+  frame->acceleration.pose_covariance = pose_covariance;
+}
+
+SweepMotion Odometry::SweepAt(const SE3& T_world_lidar, const OdometryFrame& frame) const {
+  const double dt = motion_.Gap(frame.stamp_ns);
+  if (!frame.sweep.of_scan) return SweepTo(T_world_lidar, frame.sweep.acceleration, dt);
+  const SE3 T_last_world = motion_.T_world_last().Inverse();
+  SweepMotion sweep = frame.sweep;
+  sweep.twist += (TwistLog(T_last_world * T_world_lidar) -
+                  TwistLog(T_last_world * frame.match.T_world_lidar)) /
+                 dt;
+  return sweep;
 }
 
 void Odometry::Rematch(const std::vector<TimedCluster>& clusters, const VoxelMap& map,
@@ -317,6 +355,8 @@ void Odometry::Accept(const OdometryFrame& frame) {
   motion_.Accept(frame.stamp_ns, frame.T_world_lidar, follows, frame.match.covariance);
   if (!follows) accelerations_ = RecentAccelerations(options_.motion);
   if (!frame.acceleration.covariance.isZero()) accelerations_.Add(frame.acceleration);
+  constexpr int kShakenScans = 10;
+  shaken_scans_ = frame.sweep.of_scan ? kShakenScans : std::max(0, shaken_scans_ - 1);
   lost_ = false;
   if (tracked) {
     recent_inliers_.push_back(frame.match.inlier_share);
@@ -332,6 +372,7 @@ void Odometry::Accept(const OdometryFrame& frame) {
 void Odometry::StartOver() {
   motion_ = MotionModel(options_.motion);
   accelerations_ = RecentAccelerations(options_.motion);
+  shaken_scans_ = 0;
   recent_inliers_.clear();
   recent_fits_.clear();
   lost_ = false;
@@ -344,6 +385,7 @@ void Odometry::Accept(StampNs stamp_ns, const SE3& T_world_lidar) {
 void Odometry::GoOnFrom(const Odometry& before) {
   motion_ = before.motion_;
   accelerations_ = before.accelerations_;
+  shaken_scans_ = before.shaken_scans_;
   recent_inliers_ = before.recent_inliers_;
   recent_fits_ = before.recent_fits_;
 }
@@ -354,7 +396,7 @@ void Odometry::StartAt(const SE3& T_world_lidar) {
 }
 
 void Odometry::Archive(StateArchive& a) {
-  a(&motion_, &accelerations_, &recent_inliers_, &recent_fits_, &lost_);
+  a(&motion_, &accelerations_, &shaken_scans_, &recent_inliers_, &recent_fits_, &lost_);
 }
 
 }  // namespace lamina

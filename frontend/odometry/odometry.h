@@ -23,6 +23,7 @@
 #include "frontend/matching/scan_matcher.h"
 #include "frontend/odometry/lost_track.h"
 #include "frontend/odometry/motion_model.h"
+#include "frontend/odometry/shaken_sweep.h"
 #include "frontend/odometry/sweep_acceleration.h"
 #include "frontend/scan/scan_clusters.h"
 
@@ -152,6 +153,13 @@ class Odometry {
   void MatchDeskewed(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
                      const VoxelMap& map, int passes, std::vector<PointCluster>* deskewed,
                      OdometryFrame* frame) const;
+  // The same for a sensor that is shaken (shaken_sweep.h), where it seems to be. `before`: the
+  // motion under which the frame was matched before, if any.
+  void MatchShaken(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
+                   const VoxelMap& map, const SweepMotion& before,
+                   std::vector<PointCluster>* deskewed, OdometryFrame* frame) const;
+  // The motion during the frame's scan if it was at this pose instead.
+  SweepMotion SweepAt(const SE3& T_world_lidar, const OdometryFrame& frame) const;
   // The motion during a scan at this pose, `dt` after the last one, with that acceleration.
   SweepMotion SweepTo(const SE3& T_world_lidar, const Vector6d& acceleration, double dt) const;
   // Where few surfaces face the direction that the match knows least: puts the pose where these and
@@ -178,6 +186,8 @@ class Odometry {
   PoseSearch search_;
   MotionModel motion_;
   RecentAccelerations accelerations_;
+  ShakenSweep shaken_;
+  int shaken_scans_ = 0;  // for how many more it is expected
   std::deque<double> recent_inliers_, recent_fits_;
   bool lost_ = false;  // since the last accepted frame
 };
