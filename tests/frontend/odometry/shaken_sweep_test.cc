@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "core/base/angle.h"
-#include "tests/support/scenes/random_rooms.h"
+#include "tests/support/random_rooms.h"
 
 namespace lamina {
 namespace {
@@ -119,7 +119,7 @@ TEST_F(ShakenSweepTest, OfAScanThatMeetsNothingIsNone) {
   elsewhere.t.x() = 500.0;
   PosePrediction prediction;
   prediction.T_world_lidar = elsewhere;
-  const ShakenSweep shaken(ScanMatcherOptions(), MotionOptions());
+  const ShakenSweep shaken{ScanMatcherOptions(), MotionOptions()};
   const ShakenScan scan{timed, map_, prediction, elsewhere, ShakenSensor::kGapS, false, false};
   std::vector<PointCluster> deskewed;
   MatchResult match;
