@@ -106,6 +106,11 @@ class Odometry {
   bool lost() const { return lost_; }
   // The last pose moves: T -> correction * T.
   void Correct(const SE3& correction) { motion_.Correct(correction); }
+  // Where the motion is not known yet, a sensor is taken for shaken only if this says so: with the
+  // first scan deskewed by its motion as well, the ordinary way may explain the second one.
+  void MayBeShaken(bool may_be) { may_be_shaken_ = may_be; }
+  // Whether a frame at the start, as the ordinary way has it, leaves room for that.
+  bool SeemsShaken(const OdometryFrame& frame) const;
   // Whether stamps are measured. Before a scan.
   void TrustClock(bool trusted) { motion_.TrustClock(trusted); }
   // A body twist of the last frame that is known better than from the way since the frame before.
@@ -187,7 +192,7 @@ class Odometry {
   MotionModel motion_;
   RecentAccelerations accelerations_;
   ShakenSweep shaken_;
-  int shaken_scans_ = 0;  // for how many more it is expected
+  bool may_be_shaken_ = false;  // at the start of a map; not archived: set anew for each scan
   std::deque<double> recent_inliers_, recent_fits_;
   bool lost_ = false;  // since the last accepted frame
 };

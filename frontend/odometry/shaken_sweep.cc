@@ -6,8 +6,11 @@
 
 #include "core/base/angle.h"
 #include "core/base/parallel.h"
+#include "core/map/voxel_key.h"
+#include "frontend/matching/block_votes.h"
 #include "frontend/matching/degeneracy.h"
 #include "frontend/matching/map_residuals.h"
+#include "frontend/matching/plane_score.h"
 #include "frontend/odometry/sweep_acceleration.h"
 #include "frontend/scan/scan_clusters.h"
 
@@ -17,6 +20,52 @@ namespace {
 // Scales of the kernel, in standard deviations: from far off on a part of the clusters, and on.
 constexpr double kFromAfar[] = {60.0, 60.0, 60.0, 30.0, 30.0, 20.0, 12.0, 12.0, 6.0, 6.0};
 constexpr double kNear[] = {12.0, 6.0, 4.0, 2.0, 2.0, 2.0};
+
+// How the clusters of a scan lie on a map.
+struct Explanation {
+  const std::vector<PointCluster>& deskewed;
+  const SE3& T_world_lidar;
+};
+
+// Whether `ours` is so much better that it is neither chance nor a thing that moves.
+bool ClearlyBetter(const Explanation& ours, const Explanation& theirs,
+                   const std::vector<TimedCluster>& timed, const VoxelMap& map, double scale_m) {
+  // The mean of weights in [0, 1] that a scan gains, and how sure that is. Hand-held sensors gain
+  // up to 0.06 by a motion that they do not have, in rooms of a dozen blocks by up to 3.3 standard
+  // deviations, since the votes are those of the clusters that were fitted.
+  constexpr double kLeastGain = 0.1, kLeastSigmas = 3.0;
+  const PlaneScore our_score(ours.T_world_lidar, map, scale_m);
+  const PlaneScore their_score(theirs.T_world_lidar, map, scale_m);
+  const auto evidence = [](double fit) {
+    return fit > PlaneScore::kNone ? fit - MatchResult::kChanceFit : 0.0;
+  };
+  VoxelIndex index(256);
+  std::vector<double> differences;
+  double sum = 0.0;
+  int met = 0;
+  for (std::size_t i = 0; i < timed.size(); ++i) {
+    const double a = our_score.Of(ours.deskewed[i]), b = their_score.Of(theirs.deskewed[i]);
+    if (!(std::max(a, b) > PlaneScore::kNone)) continue;
+    const double difference = evidence(a) - evidence(b);
+    index.Gather(VoxelKeyOf(timed[i].points.mean, 1.0 / BlockVotes::kTogetherM), &differences) +=
+        difference;
+    sum += difference;
+    ++met;
+  }
+  BlockVotes votes;
+  for (const double difference : differences) votes.Add(difference);
+  return met > 0 && sum > kLeastGain * met && votes.Sigmas() > kLeastSigmas;
+}
+
+// Seconds between the clusters' times.
+double SweepLength(const std::vector<TimedCluster>& timed) {
+  double first = 0.0, last = 0.0;
+  for (const TimedCluster& cluster : timed) {
+    first = std::min(first, cluster.mean_time_s);
+    last = std::max(last, cluster.mean_time_s);
+  }
+  return last - first;
+}
 
 // Normal equations of pose (scaled tangent) and [a; b] (body).
 struct JointEquations {
@@ -65,15 +114,16 @@ ShakenSweep::ShakenSweep(const ScanMatcherOptions& matcher, const MotionOptions&
   sigma << Eigen::Vector3d::Constant(kShaken * Radians(motion.turn_acceleration_sigma_deg_s2)),
       Eigen::Vector3d::Constant(kShaken * motion.acceleration_sigma_m_s2);
   information_ << sigma.cwiseAbs2().cwiseInverse(), (kChange * sigma).cwiseAbs2().cwiseInverse();
+  const Vector6d expected = (sigma / kShaken).cwiseAbs2();
+  ordinary_ << expected, (2.0 / 36.0) * expected;
 }
 
 bool ShakenSweep::Suspected(const ShakenScan& scan, const MatchResult& match) const {
-  constexpr double kGoodFit = 0.85, kOffRad = Radians(0.5);
-  if (!(scan.gap_s > 0.0)) return false;
-  if (scan.expected) return true;
-  return match.fit() < kGoodFit &&
-         (scan.starting ||
-          RotationAngle(match.T_world_lidar, scan.prediction.T_world_lidar) > kOffRad);
+  constexpr double kGoodFit = 0.85, kOffRad = Radians(0.5), kMostGaps = 1.2;
+  if (!(scan.gap_s > 0.0) || match.fit() > kGoodFit) return false;
+  if (!scan.starting && RotationAngle(match.T_world_lidar, scan.prediction.T_world_lidar) < kOffRad)
+    return false;
+  return SweepLength(scan.clusters) < kMostGaps * scan.gap_s;
 }
 
 SweepMotion ShakenSweep::MotionOf(const ShakenScan& scan, const State& state) const {
@@ -157,6 +207,15 @@ ShakenSweep::State ShakenSweep::BestOf(const ShakenScan& scan,
                                        scores.begin())];
 }
 
+bool ShakenSweep::Unexpected(const State& state) const {
+  // Far beyond the distribution of chi^2 with 12 degrees of freedom; and what even a shake is not.
+  constexpr double kLeast = 30.0, kMost = 60.0;
+  Matrix12d covariance = state.covariance;
+  covariance.diagonal() += ordinary_;
+  const double off2 = state.unsteady.dot(covariance.ldlt().solve(state.unsteady));
+  return off2 > kLeast && state.unsteady.dot(information_.cwiseProduct(state.unsteady)) < kMost;
+}
+
 Matrix6d ShakenSweep::Unmodelled(const ShakenScan& scan, const State& state) const {
   constexpr double kShare = 0.05;
   const double t2 = scan.gap_s * scan.gap_s;
@@ -170,8 +229,7 @@ Matrix6d ShakenSweep::Unmodelled(const ShakenScan& scan, const State& state) con
 
 bool ShakenSweep::Find(const ShakenScan& scan, std::vector<PointCluster>* deskewed,
                        MatchResult* match, SweepMotion* sweep, Matrix6d* pose_covariance) const {
-  // 18 numbers fit a little better than six do, whatever the sensor does.
-  constexpr double kClearlyBetter = 0.05;
+  const std::vector<PointCluster> ordinary = *deskewed;
   State state;
   if (sweep->of_scan) {
     state.T_world_lidar = match->T_world_lidar;
@@ -190,10 +248,14 @@ bool ShakenSweep::Find(const ShakenScan& scan, std::vector<PointCluster>* deskew
   const MatchResult found =
       matcher_.Match(*deskewed, scan.prediction, state.T_world_lidar, scan.map);
   if (found.status == MatchResult::Status::kTooFewMatches) return false;
-  const double least = scan.expected || sweep->of_scan ? 0.0 : kClearlyBetter;
-  if (match->status != MatchResult::Status::kTooFewMatches &&
-      found.evidence() < match->evidence() + least)
-    return false;
+  if (sweep->of_scan) {
+    if (found.evidence() < match->evidence()) return false;
+  } else {
+    const double scale_m = options_.kernel_end_sigma * options_.noise_floor_m;
+    const Explanation ours{*deskewed, found.T_world_lidar}, theirs{ordinary, match->T_world_lidar};
+    if (!Unexpected(state) || !ClearlyBetter(ours, theirs, scan.clusters, scan.map, scale_m))
+      return false;
+  }
   *match = found;
   *sweep = motion;
   *pose_covariance = state.pose_covariance + Unmodelled(scan, state);

@@ -21,6 +21,24 @@
 // sigma a few times the acceleration of the motion options, since this is not to be expected. c is
 // the share of the information that counts (sweep_acceleration.h). What a motion within half a
 // period has beyond its second order stays; a part of the motion found adds to the covariance.
+//
+// So many numbers fit a scan a little better whatever the sensor did, and worse known ones do harm.
+// The motion found stands only if all of this speaks for it:
+//   - The clusters lie better on planes than they do the ordinary way (the mean velocity, and the
+//     acceleration of sweep_acceleration.h), not by a little, and by the votes of so many blocks of
+//     space (block_votes.h) that neither chance nor a thing that moves explains it.
+//   - It is none that is expected. By the motion options accelerations are of the standard
+//   deviation
+//     s, each scan's its own; between two, the acceleration changing evenly by sqrt(2) s, the
+//     velocity ends t sqrt(2) s / 6 away from m + t a / 2. With S of both and the covariance C of
+//     what was found,
+//
+//         [a; b]' (S + C)^-1 [a; b]
+//
+//     is too large for 12 degrees of freedom, while |a|^2 / sigma_a^2 + |b|^2 / sigma_b^2 is not.
+//   - The sweep is no longer than the gap: a motion of the second order, between two poses, says
+//     nothing of times beyond them, and times that are none of this scan's are not to be made up
+//     for by a motion.
 #pragma once
 
 #include <Eigen/Core>
@@ -43,7 +61,6 @@ struct ShakenScan {
   const SE3& T_world_last;  // the last pose,
   double gap_s;             // so long ago
   bool starting;            // nothing is known of the motion yet
-  bool expected;            // scans before it were shaken
 };
 
 // Stateless; thread-safe while the map is only read. Same bits at any number of threads.
@@ -51,14 +68,15 @@ class ShakenSweep {
  public:
   ShakenSweep(const ScanMatcherOptions& matcher, const MotionOptions& motion);
 
-  // Whether a match that was found under the mean velocity leaves room for another motion: it fits
-  // badly, and the sensor did not move as predicted, or nothing was predicted.
+  // Whether a match that was found the ordinary way leaves room for another motion: it fits badly,
+  // and the sensor did not move as predicted, or nothing was predicted.
   bool Suspected(const ShakenScan& scan, const MatchResult& match) const;
 
   // The pose and the motion under which the scan fits best, from several starts, or, if *sweep was
-  // found here before, from that. True, and *deskewed, *match, *sweep and *pose_covariance (what
-  // is unknown of the motion adds to that of the pose) set, if the scan fits clearly better than
-  // *match has it.
+  // found here before, from that. *deskewed is the scan as *match has it. True, and *deskewed,
+  // *match, *sweep and *pose_covariance (what is unknown of the motion adds to that of the pose)
+  // set, if it is a shake, or, if *sweep was one, fits no worse than *match; otherwise only
+  // *deskewed is another.
   bool Find(const ShakenScan& scan, std::vector<PointCluster>* deskewed, MatchResult* match,
             SweepMotion* sweep, Matrix6d* pose_covariance) const;
 
@@ -79,12 +97,15 @@ class ShakenSweep {
   std::vector<SE3> Starts(const ShakenScan& scan, const MatchResult& match) const;
   // The best of the starts, by a part of the clusters.
   State BestOf(const ShakenScan& scan, const std::vector<SE3>& starts) const;
+  // Whether what was found is a shake, and none of what is expected.
+  bool Unexpected(const State& state) const;
   // Of what the motion is beyond its second order.
   Matrix6d Unmodelled(const ShakenScan& scan, const State& state) const;
 
   ScanMatcherOptions options_;
-  ScanMatcher matcher_;  // from where a descent has ended
-  Vector12d information_;
+  ScanMatcher matcher_;    // from where a descent has ended
+  Vector12d information_;  // of [a; b] where the sensor is shaken,
+  Vector12d ordinary_;     // and the variance where it is not
 };
 
 }  // namespace lamina

@@ -27,13 +27,14 @@ class ShakenSensor {
   }
 
   // The points of a sweep about t = 0, each from where the sensor was at its time.
-  std::vector<TimedCluster> Sweep(const Points& world, double leaf_size_m) const {
+  std::vector<TimedCluster> Sweep(const Points& world, double leaf_size_m,
+                                  double per_s = 1.0) const {
     std::vector<TimedPoint> points;
     for (const Eigen::Vector3d& p : world) {
       const Eigen::Vector3d seen = At(0.0).Inverse() * p;
       const double tau = kGapS * (-std::atan2(seen.y(), seen.x()) / (2.0 * M_PI));
       const Eigen::Vector3f q = (At(tau).Inverse() * p).cast<float>();
-      points.push_back({q.x(), q.y(), q.z(), static_cast<float>(tau)});
+      points.push_back({q.x(), q.y(), q.z(), static_cast<float>(per_s * tau)});
     }
     return BuildScanClusters(points, leaf_size_m);
   }
@@ -54,8 +55,10 @@ class ShakenSweepTest : public ::testing::Test {
   };
 
   // By odometry's way to the scan: deskewed and matched by the mean velocity since the last pose.
-  Found Find(const ShakenSensor& sensor) {
-    const auto timed = sensor.Sweep(world_.Sample(2000, 0.003, &draws_), map_.options().LeafSize());
+  // The points' times, `per_s` a second.
+  Found Find(const ShakenSensor& sensor, double per_s = 1.0) {
+    const auto timed =
+        sensor.Sweep(world_.Sample(2000, 0.003, &draws_), map_.options().LeafSize(), per_s);
     const SE3 T_last = sensor.At(-ShakenSensor::kGapS);
     const Vector6d before =
         TwistLog(sensor.At(-2.0 * ShakenSensor::kGapS).Inverse() * T_last) / ShakenSensor::kGapS;
@@ -72,7 +75,7 @@ class ShakenSweepTest : public ::testing::Test {
     found.plain = matcher.Match(deskewed, prediction, found.plain.T_world_lidar, map_);
     found.match = found.plain;
     const ShakenSweep shaken(matcher.options(), MotionOptions());
-    const ShakenScan scan{timed, map_, prediction, T_last, ShakenSensor::kGapS, false, false};
+    const ShakenScan scan{timed, map_, prediction, T_last, ShakenSensor::kGapS, false};
     found.suspected = shaken.Suspected(scan, found.plain);
     found.better = shaken.Find(scan, &deskewed, &found.match, &found.sweep, &found.pose_covariance);
     return found;
@@ -112,6 +115,24 @@ TEST_F(ShakenSweepTest, OfASteadySensorIsNotSuspected) {
   EXPECT_EQ(found.match.T_world_lidar.t, found.plain.T_world_lidar.t);
 }
 
+// What a hand does, or a brake: expected by the motion options, and the ordinary way's to find.
+TEST_F(ShakenSweepTest, AnAccelerationThatIsExpectedIsNone) {
+  for (const double phase : {0.0, 0.8, 1.6, 2.4}) {
+    const Found found = Find(ShakenSensor(3.0 * kDegree, 1.0, phase));
+    EXPECT_FALSE(found.better) << phase;
+    EXPECT_FALSE(found.sweep.of_scan) << phase;
+    EXPECT_EQ(found.match.T_world_lidar.t, found.plain.T_world_lidar.t) << phase;
+  }
+}
+
+// A sweep that seems to last for two gaps: points' times that are none of this scan's, which a
+// motion could make up for.
+TEST_F(ShakenSweepTest, TimesBeyondTheGapAreNotSuspected) {
+  const ShakenSensor sensor(1.5 * kDegree, 5.0, 0.8);
+  EXPECT_TRUE(Find(sensor).suspected);
+  EXPECT_FALSE(Find(sensor, 2.0).suspected);
+}
+
 TEST_F(ShakenSweepTest, OfAScanThatMeetsNothingIsNone) {
   const ShakenSensor sensor(1.5 * kDegree, 5.0, 0.0);
   const auto timed = sensor.Sweep(world_.Sample(500, 0.003, &draws_), map_.options().LeafSize());
@@ -120,7 +141,7 @@ TEST_F(ShakenSweepTest, OfAScanThatMeetsNothingIsNone) {
   PosePrediction prediction;
   prediction.T_world_lidar = elsewhere;
   const ShakenSweep shaken{ScanMatcherOptions(), MotionOptions()};
-  const ShakenScan scan{timed, map_, prediction, elsewhere, ShakenSensor::kGapS, false, false};
+  const ShakenScan scan{timed, map_, prediction, elsewhere, ShakenSensor::kGapS, false};
   std::vector<PointCluster> deskewed;
   MatchResult match;
   match.T_world_lidar = elsewhere;
