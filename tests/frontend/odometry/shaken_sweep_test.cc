@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "core/base/angle.h"
-#include "tests/support/random_rooms.h"
+#include "tests/support/scenes/random_rooms.h"
 
 namespace lamina {
 namespace {
