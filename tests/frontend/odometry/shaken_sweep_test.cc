@@ -89,20 +89,23 @@ class ShakenSweepTest : public ::testing::Test {
 // At 5 Hz a sweep lasts half a period: the poses before and after it do not tell how the sensor
 // moved meanwhile, and the prediction is off by up to four times the amplitude.
 TEST_F(ShakenSweepTest, IsFoundWhereThePosesAboutItDoNotTellIt) {
-  for (const double hertz : {2.0, 3.5, 5.0}) {
-    for (const double phase : {0.0, 0.8, 1.6, 2.4}) {
-      SCOPED_TRACE(testing::Message() << hertz << " Hz, phase " << phase);
-      const ShakenSensor sensor(1.5 * kDegree * 5.0 / hertz, hertz, phase);
-      const Found found = Find(sensor);
-      ASSERT_TRUE(found.better);
-      EXPECT_TRUE(found.sweep.of_scan);
-      EXPECT_LT(RotationAngle(found.match.T_world_lidar, sensor.At(0.0)), 0.15 * kDegree);
-      EXPECT_LT((found.match.T_world_lidar.t - sensor.At(0.0).t).norm(), 0.02);
-      EXPECT_GT(found.match.fit(), found.plain.fit());
-      for (const double tau : {-0.04, -0.02, 0.02, 0.04}) {
-        const SE3 truth = sensor.At(0.0).Inverse() * sensor.At(tau);
-        EXPECT_LT(RotationAngle(found.sweep.PoseAt(tau), truth), 0.35 * kDegree) << tau;
-      }
+  for (const double phase : {0.0, 0.8, 1.6, 2.4}) {
+    SCOPED_TRACE(testing::Message() << "phase " << phase);
+    const ShakenSensor sensor(1.5 * kDegree, 5.0, phase);
+    const Found found = Find(sensor);
+    ASSERT_TRUE(found.better);
+    EXPECT_TRUE(found.suspected);
+    EXPECT_TRUE(found.sweep.of_scan);
+    const SE3 truth = sensor.At(0.0);
+    EXPECT_LT(RotationAngle(found.match.T_world_lidar, truth), 0.35 * kDegree);
+    EXPECT_LT(RotationAngle(found.match.T_world_lidar, truth),
+              RotationAngle(found.plain.T_world_lidar, truth));
+    EXPECT_LT((found.match.T_world_lidar.t - truth.t).norm(), 0.02);
+    EXPECT_GT(found.match.fit(), found.plain.fit());
+    for (const double tau : {-0.04, -0.02, 0.02, 0.04}) {
+      EXPECT_LT(RotationAngle(found.sweep.PoseAt(tau), truth.Inverse() * sensor.At(tau)),
+                0.65 * kDegree)
+          << tau;
     }
   }
 }
