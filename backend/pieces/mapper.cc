@@ -68,7 +68,9 @@ bool Mapper::EndsPiece(const MapperScan& scan, const OdometryFrame& frame, bool 
 
 bool Mapper::FollowStart(const MapperScan& scan, OdometryFrame* frame) {
   // Only as long as all that the scans have left can be taken back.
-  if (window_.full() || open_.size() != start_.scans().size()) start_.Clear();
+  const bool whole = !window_.full() && open_.size() == start_.scans().size();
+  // Ways are told apart by how steady they are.
+  if (!whole || frame->sweep.of_scan) start_.Clear();
   if (!start_.open()) return false;
   start_.Add(*frame, scan.stamp_made_up, *scan.clusters);
   const bool overruled = start_.overruled();
@@ -125,32 +127,55 @@ OdometryFrame Mapper::First(const MapperScan& scan) {
 
 OdometryFrame Mapper::Register(const MapperScan& scan) {
   if (open_.NextKeyframe() == 0) return First(scan);
-  const StampNs stamp_ns = scan.stamp_ns + scan.middle_ns;
   const bool was_lost = tracker_.lost();
-  OdometryFrame frame = tracker_.Register(stamp_ns, scan.stamp_made_up, *scan.clusters, map_,
-                                          /*map_is_older=*/false);
-  if (was_lost) return frame;
-  const auto refine = [&] {
-    return frame.status == OdometryFrame::Status::kTracked &&
-           RefineLastTwist(stamp_ns, frame.T_world_lidar);
-  };
-  if (open_.NextKeyframe() != 1) {
-    refine();
-    return frame;
-  }
-  // The first scan was put into the map as if the sensor stood still: one scan later its motion is
-  // known, so both are brought to agree before anything is built on them.
-  constexpr int kRounds = 4;
-  for (int i = 0; i < kRounds && refine(); ++i) {
-    MoveToStart(&frame);
-    map_->Refresh();
-    // The first scan is deskewed now: this one must be from the beginning, or lies off by the way
-    // of half a sweep where the stamp is at its start.
-    tracker_.odometry().Rematch(*scan.clusters, *map_, &frame);
-  }
+  if (open_.NextKeyframe() == 1 && !was_lost && !window_.frames().empty())
+    return RegisterSecond(scan);
+  OdometryFrame frame = Track(scan);
+  if (!was_lost) RefineFirstOrLast(frame);
   return frame;
 }
 
+OdometryFrame Mapper::Track(const MapperScan& scan) {
+  return tracker_.Register(scan.stamp_ns + scan.middle_ns, scan.stamp_made_up, *scan.clusters, map_,
+                           /*map_is_older=*/false);
+}
+
+OdometryFrame Mapper::RegisterSecond(const MapperScan& scan) {
+  Odometry& odometry = tracker_.odometry();
+  const SweepMotion first = window_.frames().front().sweep;
+  OdometryFrame frame = Track(scan);
+  AgreeWithFirst(scan, &frame);
+  if (!AnyTimed(*scan.clusters) || !odometry.SeemsShaken(frame)) return frame;
+  if (frame.status == OdometryFrame::Status::kTracked) {
+    window_.Move(0, window_.frames().front().T_world_lidar, first);
+    MoveToStart(&frame);
+    map_->Refresh();
+  }
+  odometry.MayBeShaken(true);
+  frame = Track(scan);
+  AgreeWithFirst(scan, &frame);
+  odometry.MayBeShaken(false);
+  return frame;
+}
+
+void Mapper::AgreeWithFirst(const MapperScan& scan, OdometryFrame* frame) {
+  // The first scan was put into the map as if the sensor stood still: one scan later its motion is
+  // known, so both are brought to agree before anything is built on them.
+  constexpr int kRounds = 4;
+  for (int i = 0; i < kRounds && RefineFirstOrLast(*frame); ++i) {
+    MoveToStart(frame);
+    map_->Refresh();
+    // The first scan is deskewed now: this one must be from the beginning, or lies off by the way
+    // of half a sweep where the stamp is at its start.
+    tracker_.odometry().Rematch(*scan.clusters, *map_, frame);
+  }
+}
+
+bool Mapper::RefineFirstOrLast(const OdometryFrame& frame) {
+  if (frame.status != OdometryFrame::Status::kTracked) return false;
+  if (frame.sweep.of_scan && open_.NextKeyframe() == 1) return SplitShake(frame);
+  return RefineLastTwist(frame.stamp_ns, frame.T_world_lidar);
+}
 SE3 Mapper::FirstMiddle(const SweepMotion& sweep) const {
   return T_world_start_ * AtStamp(sweep, open_.FirstMiddleNs()).Inverse();
 }
@@ -182,6 +207,15 @@ bool Mapper::IsKeyframe(const SE3& T) const {
   const SE3& last = open_.newest_keyframe();
   return (T.t - last.t).norm() >= options_.backend.keyframe_translation_m ||
          RotationAngle(last, T) >= Radians(options_.backend.keyframe_rotation_deg);
+}
+
+bool Mapper::SplitShake(const OdometryFrame& second) {
+  const WindowFrame& first = window_.frames().front();
+  if (!first.alone || first.measured.empty()) return false;
+  const double dt = SecondsBetween(first.stamp_ns, second.stamp_ns);
+  const Vector6d mean = TwistLog(first.T_world_lidar.Inverse() * second.T_world_lidar) / dt;
+  window_.Move(0, first.T_world_lidar, FirstOfTwo(mean, dt, first.sweep, second.sweep));
+  return true;
 }
 
 bool Mapper::RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar) {

@@ -91,6 +91,11 @@ class Mapper {
  private:
   OdometryFrame Register(const MapperScan& scan);
   OdometryFrame First(const MapperScan& scan);
+  OdometryFrame Track(const MapperScan& scan);
+  // The second scan, and with it the motion of the first one; as that of a sensor that is shaken if
+  // the two do not agree otherwise (shaken_sweep.h).
+  OdometryFrame RegisterSecond(const MapperScan& scan);
+  void AgreeWithFirst(const MapperScan& scan, OdometryFrame* frame);
   // Follows what may end the piece: its start, degenerate scans, losses. True if this scan is to
   // begin another (RegisteredScan::to_restart, and goes_on).
   bool EndsPiece(const MapperScan& scan, const OdometryFrame& frame, bool may_restart,
@@ -109,6 +114,12 @@ class Mapper {
   void MoveToStart(OdometryFrame* frame);
   // Where the first scan was in the middle of its sweep, under this motion.
   SE3 FirstMiddle(const SweepMotion& sweep) const;
+  // Of the first two scans, the second being this one of a sensor that is shaken, only the
+  // difference of their motions is known so far: splits it between them.
+  bool SplitShake(const OdometryFrame& second);
+  // One of the two ways to deskew the last keyframe anew, now that this frame is known. False if it
+  // makes no difference.
+  bool RefineFirstOrLast(const OdometryFrame& frame);
   // Deskews the last keyframe again, now that the motion after it is known too. False if it makes
   // no difference.
   bool RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar);

@@ -9,7 +9,7 @@ namespace lamina {
 
 void OpenPoses::Add(const MapperScan& scan, const OdometryFrame& frame) {
   frames_.push_back({scan.number, scan.stamp_ns, scan.middle_ns, Frame::kNoKeyframe,
-                     frame.T_world_lidar, AtStamp(frame.sweep, scan.middle_ns)});
+                     frame.T_world_lidar, AtStamp(frame.sweep, scan.middle_ns), false});
   if (any_keyframe()) Set(frames_.size() - 1, frame.T_world_lidar, frame.sweep);
   if (frames_.size() < 2 || frame.status != OdometryFrame::Status::kTracked) return;
   Trajectory poses;
@@ -17,6 +17,7 @@ void OpenPoses::Add(const MapperScan& scan, const OdometryFrame& frame) {
   for (std::size_t k = begin; k < frames_.size(); ++k) poses.push_back(MiddleOf(frames_[k]));
   const auto settle = [&](std::size_t k) {
     SweepMotion motion;
+    if (frames_[k].of_scan) return;
     if (MotionThrough(poses, k - begin, SlidingWindow::kMaxTwistGapS, &motion))
       frames_[k].T_middle_stamp = AtStamp(motion, frames_[k].middle_ns);
   };
@@ -30,6 +31,7 @@ void OpenPoses::Set(std::size_t i, const SE3& T_world_lidar, const SweepMotion& 
   frame.keyframe_id = NextKeyframe() - 1;
   frame.T_keyframe_lidar = newest_keyframe().Inverse() * T_world_lidar;
   frame.T_middle_stamp = AtStamp(sweep, frame.middle_ns);
+  frame.of_scan = sweep.of_scan;
 }
 
 StampedPose OpenPoses::MiddleOf(const Frame& frame) const {
@@ -67,7 +69,7 @@ void OpenPoses::Archive(StateArchive& a) {
   frames_.resize(a.Size(frames_.size(), 1));
   for (Frame& frame : frames_) {
     a(&frame.scan, &frame.stamp_ns, &frame.middle_ns, &frame.keyframe_id, &frame.T_keyframe_lidar,
-      &frame.T_middle_stamp);
+      &frame.T_middle_stamp, &frame.of_scan);
   }
 }
 

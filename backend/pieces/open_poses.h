@@ -62,6 +62,7 @@ class OpenPoses {
     std::int64_t keyframe_id = kNoKeyframe;
     SE3 T_keyframe_lidar;  // in the middle of the sweep
     SE3 T_middle_stamp;    // what the sensor moved between
+    bool of_scan = false;  // SweepMotion
   };
 
   // In the middle of its sweep, and at its stamp.

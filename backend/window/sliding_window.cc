@@ -266,8 +266,8 @@ void SlidingWindow::Archive(StateArchive& a) {
   frames_.resize(a.Size(frames_.size(), 1));
   for (WindowFrame& frame : frames_) {
     a(&frame.id, &frame.stamp_ns, &frame.T_world_lidar, &frame.sweep.twist,
-      &frame.sweep.acceleration, &frame.held, &frame.held_information, &frame.T_previous_this,
-      &frame.alone, &frame.weights, &frame.measured);
+      &frame.sweep.acceleration, &frame.sweep.of_scan, &frame.held, &frame.held_information,
+      &frame.T_previous_this, &frame.alone, &frame.weights, &frame.measured);
     // What follows from other members is made again.
     if (frame.measured.empty()) {
       a(&frame.deskewed);

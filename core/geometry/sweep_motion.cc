@@ -14,6 +14,7 @@ Vector6d Velocity(const StampedPose& a, const StampedPose& b, double max_gap_s, 
 }  // namespace
 
 bool MotionThrough(const Trajectory& poses, std::size_t i, double max_gap_s, SweepMotion* motion) {
+  if (motion->of_scan) return true;
   double before_s = 0.0, after_s = 0.0;
   Vector6d before = Vector6d::Zero(), after = Vector6d::Zero();
   if (i > 0) before = Velocity(poses[i - 1], poses[i], max_gap_s, &before_s);
@@ -32,6 +33,15 @@ bool MotionThrough(const Trajectory& poses, std::size_t i, double max_gap_s, Swe
     *motion = {(after_s * before + before_s * after) / both_s, 2.0 * (after - before) / both_s};
   }
   return true;
+}
+
+SweepMotion FirstOfTwo(const Vector6d& mean, double seconds, const SweepMotion& first,
+                       const SweepMotion& second) {
+  const Vector6d change = second.acceleration - first.acceleration;
+  SweepMotion motion(mean + 0.125 * seconds * change - 0.5 * (second.twist - first.twist),
+                     -0.5 * change);
+  motion.of_scan = true;
+  return motion;
 }
 
 }  // namespace lamina

@@ -17,6 +17,9 @@ namespace lamina {
 struct SweepMotion {
   Vector6d twist = Vector6d::Zero();
   Vector6d acceleration = Vector6d::Zero();
+  // Found from the scan itself, because the poses before and after it do not tell it: the sensor
+  // was shaken.
+  bool of_scan = false;
 
   SweepMotion() = default;
   // A steady motion; a twist alone is one.
@@ -41,7 +44,19 @@ struct SweepMotion {
 //
 // Where one of them is missing, or stamps do not increase or lie more than max_gap_s apart, through
 // the other, and the acceleration stays as it is, or is that at the pose after it if it is the one
-// before that is missing. False, and *motion untouched, if there is none.
+// before that is missing. False, and *motion untouched, if there is none. One that is of the scan
+// itself stays as it is.
 bool MotionThrough(const Trajectory& poses, std::size_t i, double max_gap_s, SweepMotion* motion);
+
+// The motions during two scans of which only the difference is known, as at the start of a map: one
+// that is made of a scan bent by its motion bends the next scan's motion along. With the mean
+// velocity m over the time t between the stamps, D and A the differences of twist and acceleration
+// (second less first), and the scans' motions meeting half-way in time,
+//
+//     xi_1 = m + t A / 8 - D / 2,    a_1 = -A / 2,    xi_2 = xi_1 + D,    a_2 = a_1 + A:
+//
+// as likely as any, since both may be shaken alike. Returns the first one's.
+SweepMotion FirstOfTwo(const Vector6d& mean, double seconds, const SweepMotion& first,
+                       const SweepMotion& second);
 
 }  // namespace lamina

@@ -57,7 +57,8 @@ Odometry::Odometry(const OdometryOptions& options)
       narrow_matcher_(WithNarrowKernel(options.matcher)),
       search_(options.search, &matcher_),
       motion_(options.motion),
-      accelerations_(options.motion) {
+      accelerations_(options.motion),
+      shaken_(options.matcher, options.motion) {
   CheckOptions(options, "frontend");
 }
 
@@ -116,6 +117,7 @@ void Odometry::MatchDeskewed(const std::vector<TimedCluster>& clusters,
                              std::vector<PointCluster>* deskewed, OdometryFrame* frame) const {
   const double dt = motion_.Gap(frame->stamp_ns);
   SweepAcceleration& unsteady = frame->acceleration;
+  const SweepMotion before = frame->sweep;
   for (int pass = 0; pass < passes; ++pass) {
     frame->sweep = SweepTo(frame->match.T_world_lidar, Vector6d::Zero(), dt);
     DeskewClusters(clusters, frame->sweep, deskewed);
@@ -128,8 +130,47 @@ void Odometry::MatchDeskewed(const std::vector<TimedCluster>& clusters,
     }
     frame->match = narrow_matcher_.Match(*deskewed, prediction, frame->match.T_world_lidar, map);
   }
+  if (passes > 0) MatchShaken(clusters, prediction, map, before, deskewed, frame);
   SettleWeakest(clusters, prediction, map, passes, deskewed, frame);
   frame->match.covariance += unsteady.pose_covariance;
+}
+
+void Odometry::MatchShaken(const std::vector<TimedCluster>& clusters,
+                           const PosePrediction& prediction, const VoxelMap& map,
+                           const SweepMotion& before, std::vector<PointCluster>* deskewed,
+                           OdometryFrame* frame) const {
+  const bool starting = !motion_.moving_known();
+  if (starting && !may_be_shaken_) return;
+  const ShakenScan scan{
+      clusters, map, prediction, motion_.T_world_last(), motion_.Gap(frame->stamp_ns), starting};
+  if (!before.of_scan && !shaken_.Suspected(scan, frame->match)) return;
+  SweepMotion sweep = before.of_scan ? before : frame->sweep;
+  Matrix6d pose_covariance;
+  if (!shaken_.Find(scan, deskewed, &frame->match, &sweep, &pose_covariance)) {
+    DeskewClusters(clusters, frame->sweep, deskewed);
+    return;
+  }
+  frame->sweep = sweep;
+  frame->acceleration = SweepAcceleration();
+  frame->acceleration.pose_covariance = pose_covariance;
+}
+
+bool Odometry::SeemsShaken(const OdometryFrame& frame) const {
+  // In generated rooms by hand it is 0.80 and more, of a car shaken at 5 Hz below 0.45.
+  constexpr double kPoorFit = 0.7;
+  return !motion_.moving_known() &&
+         (frame.status == OdometryFrame::Status::kLost || frame.match.fit() < kPoorFit);
+}
+
+SweepMotion Odometry::SweepAt(const SE3& T_world_lidar, const OdometryFrame& frame) const {
+  const double dt = motion_.Gap(frame.stamp_ns);
+  if (!frame.sweep.of_scan) return SweepTo(T_world_lidar, frame.sweep.acceleration, dt);
+  const SE3 T_last_world = motion_.T_world_last().Inverse();
+  SweepMotion sweep = frame.sweep;
+  sweep.twist += (TwistLog(T_last_world * T_world_lidar) -
+                  TwistLog(T_last_world * frame.match.T_world_lidar)) /
+                 dt;
+  return sweep;
 }
 
 void Odometry::Rematch(const std::vector<TimedCluster>& clusters, const VoxelMap& map,

@@ -23,6 +23,7 @@
 #include "frontend/matching/scan_matcher.h"
 #include "frontend/odometry/lost_track.h"
 #include "frontend/odometry/motion_model.h"
+#include "frontend/odometry/shaken_sweep.h"
 #include "frontend/odometry/sweep_acceleration.h"
 #include "frontend/scan/scan_clusters.h"
 
@@ -105,6 +106,11 @@ class Odometry {
   bool lost() const { return lost_; }
   // The last pose moves: T -> correction * T.
   void Correct(const SE3& correction) { motion_.Correct(correction); }
+  // Where the motion is not known yet, a sensor is taken for shaken only if this says so: with the
+  // first scan deskewed by its motion as well, the ordinary way may explain the second one.
+  void MayBeShaken(bool may_be) { may_be_shaken_ = may_be; }
+  // Whether a frame at the start, as the ordinary way has it, leaves room for that.
+  bool SeemsShaken(const OdometryFrame& frame) const;
   // Whether stamps are measured. Before a scan.
   void TrustClock(bool trusted) { motion_.TrustClock(trusted); }
   // A body twist of the last frame that is known better than from the way since the frame before.
@@ -156,6 +162,13 @@ class Odometry {
   void MatchDeskewed(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
                      const VoxelMap& map, int passes, std::vector<PointCluster>* deskewed,
                      OdometryFrame* frame) const;
+  // The same for a sensor that is shaken (shaken_sweep.h), where it seems to be. `before`: the
+  // motion under which the frame was matched before, if any.
+  void MatchShaken(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
+                   const VoxelMap& map, const SweepMotion& before,
+                   std::vector<PointCluster>* deskewed, OdometryFrame* frame) const;
+  // The motion during the frame's scan if it was at this pose instead.
+  SweepMotion SweepAt(const SE3& T_world_lidar, const OdometryFrame& frame) const;
   // The motion during a scan at this pose, `dt` after the last one, with that acceleration.
   SweepMotion SweepTo(const SE3& T_world_lidar, const Vector6d& acceleration, double dt) const;
   // Where few surfaces face the direction that the match knows least: puts the pose where these and
@@ -183,6 +196,8 @@ class Odometry {
   MotionModel motion_;
   RecentAccelerations accelerations_;
   static constexpr std::size_t kRecentScans = 15;
+  ShakenSweep shaken_;
+  bool may_be_shaken_ = false;  // at the start of a map; not archived: set anew for each scan
   std::deque<double> recent_inliers_, recent_fits_;
   bool lost_ = false;  // since the last accepted frame
 };

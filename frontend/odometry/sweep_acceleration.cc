@@ -12,19 +12,18 @@ namespace {
 
 constexpr double kLeast = 1e-9;
 
-// From the body's directions to the scaled tangent's.
-Matrix6d BodyToTangent(const SE3& T_world_lidar) {
-  Matrix6d to_tangent = kRotationArmM * Matrix6d::Identity();
-  to_tangent.bottomRightCorner<3, 3>() = T_world_lidar.R();
-  return to_tangent;
-}
-
 Matrix6d InverseOf(const Matrix6d& m) {
   const Matrix6d regular = m + kLeast * Matrix6d::Identity();
   return regular.ldlt().solve(Matrix6d::Identity());
 }
 
 }  // namespace
+
+Matrix6d BodyToTangent(const SE3& T_world_lidar) {
+  Matrix6d to_tangent = kRotationArmM * Matrix6d::Identity();
+  to_tangent.bottomRightCorner<3, 3>() = T_world_lidar.R();
+  return to_tangent;
+}
 
 SweepAcceleration EstimateAcceleration(const ScanMatcherOptions& options,
                                        const std::vector<PointCluster>& deskewed,

@@ -31,6 +31,9 @@
 
 namespace lamina {
 
+// From the body's directions, rad and m, to the scaled tangent's (degeneracy.h).
+Matrix6d BodyToTangent(const SE3& T_world_lidar);
+
 struct SweepAcceleration {
   Vector6d acceleration = Vector6d::Zero();     // of the body twist [w; v], per second
   Matrix6d covariance = Matrix6d::Zero();       // of it

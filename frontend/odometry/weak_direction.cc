@@ -72,7 +72,7 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
     return;
   const SE3 T = profile.At(posterior.mean_m);
   if (passes > 0) {
-    frame->sweep = SweepTo(T, frame->sweep.acceleration, dt);
+    frame->sweep = SweepAt(T, *frame);
     DeskewClusters(clusters, frame->sweep, deskewed);
   }
   frame->match = matcher_.MatchKnown(*deskewed, T, {v, posterior.sigma_m}, prediction, map);

@@ -4,20 +4,19 @@
 #include <vector>
 
 #include "core/map/voxel_key.h"
-#include "frontend/start/block_votes.h"
+#include "frontend/matching/block_votes.h"
 #include "frontend/start/start_track.h"
 
 namespace lamina {
 
 double StartTrack::Better(const Hypothesis& a, const Hypothesis& b) const {
-  constexpr double kTogetherM = 4.0;
   VoxelIndex index(64);
   std::vector<double> differences;
   std::size_t i = 0;
   for (std::size_t k = 1; k < scans_.size(); ++k) {
     for (const TimedCluster& cluster : scans_[k].clusters) {
       if (a.fits[i] >= 0.0F && b.fits[i] >= 0.0F) {
-        index.Gather(VoxelKeyOf(cluster.points.mean, 1.0 / kTogetherM), &differences) +=
+        index.Gather(VoxelKeyOf(cluster.points.mean, 1.0 / BlockVotes::kTogetherM), &differences) +=
             static_cast<double>(a.fits[i] - b.fits[i]);
       }
       ++i;

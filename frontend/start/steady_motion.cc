@@ -12,7 +12,7 @@
 #include "core/base/median.h"
 #include "core/base/parallel.h"
 #include "core/map/voxel_key.h"
-#include "frontend/start/block_votes.h"
+#include "frontend/matching/block_votes.h"
 
 namespace lamina {
 namespace {

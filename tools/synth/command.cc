@@ -143,6 +143,11 @@ void AddMotionOptions(CLI::App* command, SynthArguments* a) {
   command->add_option("--gap-s", o.gap_s, "gaps: how long each lasts; 0: 0.5 to 3 s")
       ->capture_default_str();
   command->add_option("--turn-deg", o.turn_deg, "spin: degrees a scan")->capture_default_str();
+  command->add_option("--shake-deg", o.shake_deg, "shake: degrees to either side, about each axis")
+      ->capture_default_str();
+  command->add_option("--shake-m", o.shake_m, "shake: metres to either side, along each axis")
+      ->capture_default_str();
+  command->add_option("--shake-hz", o.shake_hz, "shake: times a second")->capture_default_str();
   command->add_flag("--untimed", a->options.untimed, "write no times.txt: no stamps were recorded");
 }
 

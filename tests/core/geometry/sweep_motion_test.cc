@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
@@ -60,6 +62,38 @@ TEST(SweepMotion, KnowsNoneAcrossALongGapOrBackwards) {
   }
   EXPECT_FALSE(MotionThrough({{0, SE3()}}, 0, kMaxGapS, &motion));
   EXPECT_EQ(motion.twist, Vector6d(Vector6d::Ones()));
+}
+
+TEST(SweepMotion, OfAScanItselfStaysAsItIs) {
+  const Trajectory poses{{0, SE3()}, {100000000, SE3(Eigen::Quaterniond::Identity(), {1, 0, 0})}};
+  SweepMotion motion(Vector6d::Ones());
+  motion.of_scan = true;
+  ASSERT_TRUE(MotionThrough(poses, 1, kMaxGapS, &motion));
+  EXPECT_EQ(motion.twist, Vector6d::Ones());
+  motion.of_scan = false;
+  ASSERT_TRUE(MotionThrough(poses, 1, kMaxGapS, &motion));
+  EXPECT_NE(motion.twist, Vector6d::Ones());
+}
+
+// A sensor that turns to and fro once in two scans. The second scan's motion is found relative to
+// that of the first, as if this one had stood still.
+TEST(SweepMotion, OfTheFirstOfTwoScansIsHalfOfWhatTheyDifferBy) {
+  constexpr double kRate = 10.0 * M_PI, kGapS = 0.1, kAmplitude = 0.026;
+  for (const double phase : {0.0, 0.7, 1.5}) {
+    const auto at = [&](double t) { return kAmplitude * std::sin(kRate * t + phase); };
+    const auto rate = [&](double t) { return kAmplitude * kRate * std::cos(kRate * t + phase); };
+    const auto motion = [&](double t) {
+      return SweepMotion(rate(t) * Vector6d::Unit(2), -kRate * kRate * at(t) * Vector6d::Unit(2));
+    };
+    const Vector6d mean = (at(kGapS) - at(0.0)) / kGapS * Vector6d::Unit(2);
+    SweepMotion second = motion(kGapS);
+    second.twist -= motion(0.0).twist;
+    second.acceleration -= motion(0.0).acceleration;
+    const SweepMotion first = FirstOfTwo(mean, kGapS, SweepMotion(), second);
+    EXPECT_TRUE(first.of_scan);
+    EXPECT_NEAR(first.acceleration(2), motion(0.0).acceleration(2), 1e-9) << phase;
+    EXPECT_NEAR(first.twist(2), motion(0.0).twist(2), 0.25 * kAmplitude * kRate) << phase;
+  }
 }
 
 }  // namespace

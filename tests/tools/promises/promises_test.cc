@@ -193,7 +193,8 @@ INSTANTIATE_TEST_SUITE_P(Few, AdverseShortForm,
                          ::testing::Values("field", "tunnel", "glass", "room-turn-sweep",
                                            "hall-spin", "hall-spin-sweep", "start-20000", "gap-2",
                                            "spray-11", "picked-town", "picked-town-untimed",
-                                           "picked-vlp16", "jump", "jump-untimed", "room-mid360"),
+                                           "picked-vlp16", "jump", "jump-untimed", "room-mid360",
+                                           "shake-sweep"),
                          [](const auto& p) {
                            std::string name = p.param;
                            std::replace(name.begin(), name.end(), '-', '_');

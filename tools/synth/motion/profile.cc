@@ -40,6 +40,9 @@ void ProfileOptions::Visit(OptionVisitor& v) {
   v.EnumChoice("kind", &kind, ProfileNames());
   v.Number("gap_s", &gap_s, 0.0, 60.0);
   v.Number("turn_deg", &turn_deg, 0.0, 90.0);
+  v.Number("shake_deg", &shake_deg, 0.0, 45.0);
+  v.Number("shake_m", &shake_m, 0.0, 1.0);
+  v.Number("shake_hz", &shake_hz, 0.0, 100.0);
 }
 
 Profile::Profile(const ProfileOptions& options, double speed_m_per_s, int frames, std::int64_t seed)
@@ -47,10 +50,10 @@ Profile::Profile(const ProfileOptions& options, double speed_m_per_s, int frames
   HashStream random(HashOf({seed, 0x9a}));
   cruise_s_ = random.Uniform(3.0, 5.0);
   if (options_.kind == ProfileKind::kShake) {
-    constexpr double kTurn = 1.5 * kDegree, kShift = 0.02;
-    constexpr double kFrequency[] = {5.2, 5.0, 4.8};  // so that no phase stays that of the scans
+    constexpr double kOften[] = {1.04, 1.0, 0.96};  // so that no phase stays that of the scans
     for (int axis = 0; axis < 6; ++axis) {
-      const Wobble::Wave wave{axis < 3 ? kTurn : kShift, kFrequency[axis % 3]};
+      const Wobble::Wave wave{axis < 3 ? options_.shake_deg * kDegree : options_.shake_m,
+                              options_.shake_hz * kOften[axis % 3]};
       shake_.emplace_back(std::vector<Wobble::Wave>{wave}, HashOf({seed, 0x5e, axis}));
     }
   }

@@ -9,7 +9,7 @@
 //   picked     scans of which only some were kept, 1 to 5 m apart; with their true stamps, too
 //   spin       the sensor turns about its z axis, by 20 deg a scan from the first second on, and
 //              nods by up to 8 deg meanwhile
-//   shake      at 5 Hz, 1.5 deg and 2 cm in every direction
+//   shake      at 5 Hz or so, by 1.5 deg and 2 cm about and along every axis, or otherwise
 //
 // `start` and `brake` bend the time of the drive: at t the sensor is where a steady drive is at
 // DriveTime(t), and so is everything that moves with it. All functions are pure: thread-safe.
@@ -39,6 +39,10 @@ struct ProfileOptions {
   double gap_s = 0.0;
   // spin: degrees a scan of 0.1 s.
   double turn_deg = 20.0;
+  // shake: the amplitude about each axis, along each, and how often a second.
+  double shake_deg = 1.5;
+  double shake_m = 0.02;
+  double shake_hz = 5.0;
 
   void Visit(OptionVisitor& v);
 };

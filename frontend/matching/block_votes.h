@@ -5,9 +5,7 @@
 //
 //     z = sum_b v_b / sqrt(sum_b v_b^2),    v_b = D_b / sqrt(1 + D_b^2),
 //
-// standard deviations of a sum of independent votes.
-//
-// Private to frontend/start.
+// standard deviations of a sum of independent votes. Blocks are cubes of kTogetherM.
 #pragma once
 
 #include <cmath>
@@ -16,6 +14,8 @@ namespace lamina {
 
 class BlockVotes {
  public:
+  static constexpr double kTogetherM = 4.0;
+
   // Of one block: D_b, positive where the first explanation is better.
   void Add(double difference) {
     const double vote = difference / std::hypot(1.0, difference);
