@@ -34,12 +34,15 @@ bool IsLookedAt(const MapThickness& map, const MappingOptions& options) {
 
 bool Stopped(const std::atomic<bool>* stop) { return stop != nullptr && stop->load(); }
 
-// Whether the points of the first scan lie all around the sensor, or around half of it at least.
-bool SeesAround(const ScanSource& source, std::size_t begin, const MappingOptions& mapping) {
-  const std::vector<TimedPoint> points =
-      DecodeScan(source, mapping.preparation, mapping.pipeline.min_points,
-                 mapping.mapper.map.LeafSize(), begin, begin)
-          .points;
+// Whether the points of a scan lie all around the sensor, or around half of it at least.
+bool SeesAround(const ScanSource& source, std::size_t begin, std::size_t end,
+                const MappingOptions& mapping) {
+  std::vector<TimedPoint> points;
+  for (std::size_t i = begin; i < end && points.empty(); ++i) {
+    points = DecodeScan(source, mapping.preparation, mapping.pipeline.min_points,
+                        mapping.mapper.map.LeafSize(), begin, i)
+                 .points;
+  }
   std::array<bool, 72> seen{};
   for (const TimedPoint& p : points) {
     const double turn = 0.5 + std::atan2(p.y, p.x) / (2.0 * M_PI);
@@ -78,7 +81,7 @@ OpeningCalibration CalibrateOpening(const ScanSource& source, std::size_t begin,
   OpeningCalibration opening;
   opening.outcome = Outcome::kRefused;
   opening.scans = end - begin;
-  if (!SeesAround(source, begin, mapping)) {
+  if (!SeesAround(source, begin, end, mapping)) {
     opening.why = "the sensor sees to one side";
     return opening;
   }
@@ -121,7 +124,7 @@ MapThickness ThicknessOf(Mapping* mapping) {
 // Of the maps of the same scans. By half of the planes, too: beams that are off each by themselves
 // thicken a quarter of them whatever is corrected for all.
 bool Thinner(const MapThickness& after, const MapThickness& before) {
-  constexpr double kThinner = 0.98;
+  constexpr double kThinner = 0.99;
   return after.planes >= kLeastPlanes && after.thin_m < before.thin_m &&
          after.median_m < kThinner * before.median_m;
 }

@@ -7,9 +7,11 @@
 // (recording_calibration.h), for the elevation offset alone, and mapping begins anew with what is
 // found. That is believed if
 //
-//     |offset| > 4 sigma               sigma: intrinsics_estimate.h
-//     planes of the same scans become  the median by 2 % or more (MapThickness); else mapping
-//     begins thinner by it                    once more, as before no more scans are lost
+//     |offset| > 4 sigma                     sigma: intrinsics_estimate.h
+//     planes of the same scans are thinner   their median by 1 % or more (MapThickness)
+//     no more scans are lost
+//
+// and if only the first holds, mapping begins once more, as it was.
 //
 // Nothing is believed of a sensor that sees less than half of a turn around its z axis (there may
 // be no rings about it), or that leans by more than 10 degrees against its first pose (what a sweep
