@@ -73,7 +73,7 @@ class Lean {
 OpeningCalibration CalibrateOpening(const ScanSource& source, std::size_t begin, std::size_t end,
                                     MappingOptions mapping, CalibrationOptions calibration,
                                     const std::atomic<bool>* stop) {
-  constexpr double kClearSigmas = 4.0, kMostLeanDeg = 10.0;
+  constexpr double kClearSigmas = 3.0, kMostLeanDeg = 10.0;
   mapping.loops.enabled = false;
   calibration.max_passes = 1;
   // Of so few scans a range offset takes up what they have in common by chance: elevation alone.
@@ -121,12 +121,12 @@ MapThickness ThicknessOf(Mapping* mapping) {
   return MeasureThickness(mapping->map(), mapping->options().mapper.backend.min_surfel_frames);
 }
 
-// Of the maps of the same scans. By half of the planes, too: beams that are off each by themselves
-// thicken a quarter of them whatever is corrected for all.
+// Of the maps of the same scans, the geometric mean of both figures: beams that are off each by
+// themselves thicken a quarter of the planes, whatever is corrected for all.
 bool Thinner(const MapThickness& after, const MapThickness& before) {
   constexpr double kThinner = 0.99;
-  return after.planes >= kLeastPlanes && after.thin_m < before.thin_m &&
-         after.median_m < kThinner * before.median_m;
+  return after.planes >= kLeastPlanes &&
+         after.thin_m * after.median_m < kThinner * kThinner * before.thin_m * before.median_m;
 }
 
 // The mapping of a recording, begun as often as it takes.

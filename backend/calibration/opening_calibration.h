@@ -7,8 +7,8 @@
 // (recording_calibration.h), for the elevation offset alone, and mapping begins anew with what is
 // found. That is believed if
 //
-//     |offset| > 4 sigma                     sigma: intrinsics_estimate.h
-//     planes of the same scans are thinner   their median by 1 % or more (MapThickness)
+//     |offset| > 3 sigma                     sigma: intrinsics_estimate.h
+//     planes of the same scans are thinner   median and quarter (MapThickness), by 1 %
 //     no more scans are lost
 //
 // and if only the first holds, mapping begins once more, as it was.
