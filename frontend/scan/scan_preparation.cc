@@ -163,6 +163,7 @@ void ScanPreparationOptions::Visit(OptionVisitor& v) {
   v.Number("max_range_m", &max_range_m, 0.1, 10000.0);
   v.Number("vertical_correction_deg", &vertical_correction_deg, -5.0, 5.0);
   v.Number("range_offset_m", &range_offset_m, -1.0, 1.0);
+  v.EnumChoice("beam_correction", &beam_correction, {"off", "auto"});
   v.EnumChoice("deskew", &deskew, {"off", "time", "azimuth", "auto"});
   v.EnumChoice("rotation", &rotation, {"clockwise", "counterclockwise"});
   v.Number("sweep_start_azimuth_deg", &sweep_start_azimuth_deg, -360.0, 360.0);

@@ -22,6 +22,10 @@ struct ScanPreparationOptions {
   double vertical_correction_deg = 0.0;
   // Added to each range, after the filter above.
   double range_offset_m = 0.0;
+  // Whether a recording's first scans may tell these two, where neither is set
+  // (backend/calibration/opening_calibration.h); PrepareScan does not look at it.
+  enum class BeamCorrection { kOff, kAuto };
+  BeamCorrection beam_correction = BeamCorrection::kAuto;
 
   enum class Deskew {
     kOff,      // scans were deskewed before, or the sensor stood still

@@ -8,7 +8,8 @@
 #include <memory>
 #include <utility>
 
-#include "backend/mapping/pipeline.h"
+#include "backend/calibration/opening_calibration.h"
+#include "backend/mapping/mapping.h"
 #include "backend/session/scan_record.h"
 #include "config/config.h"
 #include "core/base/error.h"
@@ -51,12 +52,12 @@ std::shared_ptr<const SynthSequence> MakeSequence(const Promise& promise, int se
   return std::make_shared<const SynthSequence>(ParseSynthOptions(options));
 }
 
-MappingOptions OptionsOf(const Promise& promise, const std::vector<std::string>& set) {
+LaminaConfig ConfigOf(const Promise& promise, const std::vector<std::string>& set) {
   // Poses are judged scan by scan as odometry has them.
   std::vector<std::string> key_values = {"loops.enabled=false"};
   key_values.insert(key_values.end(), promise.set.begin(), promise.set.end());
   key_values.insert(key_values.end(), set.begin(), set.end());
-  return LoadConfig(promise.config, key_values).Mapping();
+  return LoadConfig(promise.config, key_values);
 }
 
 }  // namespace
@@ -64,7 +65,7 @@ MappingOptions OptionsOf(const Promise& promise, const std::vector<std::string>&
 void CheckTrial(const Promise& promise, const std::vector<std::string>& set) {
   try {
     MakeSequence(promise, 1);
-    OptionsOf(promise, set);
+    ConfigOf(promise, set);
   } catch (const OptionError& error) {
     throw OptionError(fmt::format("promise {}: {}", promise.name, error.what()));
   }
@@ -93,10 +94,15 @@ Trial MapTrial(const Promise& promise, int seed, const std::vector<std::string>&
   callbacks.on_final_pose = [&](const FinalPose& pose) {
     trial.frames[pose.scan].T_world_lidar = pose.pose.T_world_lidar;
   };
+  const LaminaConfig config = ConfigOf(promise, set);
   const double start = ThreadCpuSeconds();
-  Mapping run(OptionsOf(promise, set), callbacks);
-  MapScans(source, {0, 0, source.size()}, &run);
-  run.Finish();
+  std::unique_ptr<Mapping> run;
+  const auto begin = [&](const MappingOptions& options) {
+    run = std::make_unique<Mapping>(options, callbacks);
+    return run.get();
+  };
+  MapWithBeamCorrection(source, 0, source.size(), config.Mapping(), config.calibration, begin);
+  run->Finish();
   trial.cpu_s = ThreadCpuSeconds() - start - source.seconds();
   return trial;
 }

@@ -14,9 +14,10 @@
 #include <string>
 #include <vector>
 
+#include "backend/calibration/opening_calibration.h"
 #include "backend/mapping/deskew_choice.h"
 #include "backend/mapping/map_thickness.h"
-#include "backend/mapping/pipeline.h"
+#include "backend/mapping/mapping.h"
 #include "backend/session/scan_record.h"
 #include "config/config.h"
 #include "core/base/error.h"
@@ -32,9 +33,10 @@
 #include "tools/results/piece_trajectories.h"
 #include "tools/results/recording_part.h"
 #include "tools/results/verdict/process_report.h"
+#include "tools/run/beam_correction.h"
 #include "tools/run/joined_run.h"
-#include "tools/run/loop_results.h"
 #include "tools/run/opening_lines.h"
+#include "tools/run/run_output.h"
 #include "tools/run/thick_planes.h"
 
 namespace lamina {
@@ -100,97 +102,6 @@ void PrintSummary(const std::string& out, const MappingCounts& counts, const Pie
   PrintOutputs(out);
 }
 
-// Everything that a run leaves in its folder.
-class RunOutput {
- public:
-  RunOutput(const std::string& directory, int max_iterations)
-      : directory_(directory), table_(Path("frames.csv"), max_iterations) {}
-
-  FrameTable& table() { return table_; }
-  void Add(const FinalPose& pose) { poses_.push_back(pose); }
-  // The pose of each scan as known when it came.
-  void AddLive(const MappedScan& report) {
-    if (!report.skipped) live_ = report.odometry.T_world_lidar;
-    live_poses_.push_back({report.index, {report.stamp_ns, live_}, report.skipped, report.piece});
-  }
-  // Moves all poses with their submaps; what they were goes to files of its own.
-  void Correct(const JoinedRun& run) {
-    odometry_ = poses_;
-    table_.Join(run.joins());
-    for (FinalPose& pose : poses_) {
-      pose.pose.T_world_lidar =
-          run.Corrected(pose.piece, pose.pose.stamp_ns, pose.pose.T_world_lidar);
-      pose.piece = run.FrameOf(pose.piece);
-    }
-  }
-  // By the piece in whose frame they are, without the scans that were skipped.
-  std::map<std::int64_t, Trajectory> Pieces() const {
-    std::map<std::int64_t, Trajectory> pieces;
-    for (const FinalPose& pose : poses_) {
-      if (!pose.skipped) pieces[pose.piece].push_back(pose.pose);
-    }
-    return pieces;
-  }
-
-  nlohmann::json Finish(const MappingCounts& counts, const VoxelMap& map,
-                        const LaminaConfig& config, const RecordingPart& part, RunFigures figures,
-                        const PieceErrors& errors, const JoinedRun* loops) {
-    // Not before now: until here the results of an earlier run are whole.
-    std::vector<std::string> written = {"trajectory_kitti.txt", "trajectory_tum.txt", "frames.csv",
-                                        "map_surfels.ply"};
-    if (loops != nullptr) {
-      written.insert(written.end(), {"trajectory_odometry_tum.txt", "trajectory_odometry_kitti.txt",
-                                     "trajectory_live_tum.txt", "trajectory_live_kitti.txt",
-                                     "loops.csv", "graph.g2o", kSubmapFileName});
-    }
-    RemoveStaleResults(directory_, written);
-    // First what cannot be made again: poses, then the map.
-    WriteTrajectories(poses_, "trajectory");
-    if (loops != nullptr) {
-      WriteTrajectories(odometry_, "trajectory_odometry");
-      WriteTrajectories(live_poses_, "trajectory_live");
-    }
-    if (loops != nullptr) WriteLoopFiles(directory_, *loops);
-    if (loops != nullptr) WriteSubmaps(Path(kSubmapFileName), loops->Frames());
-    WritePieceTrajectories(directory_, table_.FramesOfPieces(),
-                           [&](const FinalPoses::Visit& visit) {
-                             for (const FinalPose& pose : poses_) visit(pose);
-                           });
-    table_.Commit();
-    if (loops != nullptr && !loops->joins().empty())
-      AddFrameColumn(Path("frames.csv"), loops->joins());
-    WriteTextFile(Path("config.yaml"), ToYaml(config));
-    figures.map_surfels =
-        WriteMap(directory_, map, LeastSurfelFrames(config.backend.min_surfel_frames, counts));
-    nlohmann::json summary = Summarise(counts, map, figures);
-    summary["pieces"] = table_.PiecesToJson();
-    if (!errors.empty()) AddErrors(errors, &summary);
-    if (loops != nullptr) summary["loops"] = LoopSummary(*loops);
-    summary["recording"] = ToJson(part);
-    summary["verdict"] = ToJson(table_.Judge());
-    WriteTextFile(Path("summary.json"), SummaryText(summary));
-    return summary;
-  }
-
-  std::string Path(const std::string& name) const { return (fs::path(directory_) / name).string(); }
-
- private:
-  void WriteTrajectories(const std::vector<FinalPose>& poses, const std::string& name) const {
-    Trajectory all_scans, frames;
-    for (const FinalPose& pose : poses) {
-      all_scans.push_back(pose.pose);
-      if (!pose.skipped) frames.push_back(pose.pose);
-    }
-    WriteKittiTrajectory(Path(name + "_kitti.txt"), all_scans);
-    WriteTumTrajectory(Path(name + "_tum.txt"), frames);
-  }
-
-  std::string directory_;
-  FrameTable table_;
-  std::vector<FinalPose> poses_, odometry_, live_poses_;
-  SE3 live_;  // of the last scan
-};
-
 // The map of the corrected submaps.
 class CorrectedMap {
  public:
@@ -203,6 +114,43 @@ class CorrectedMap {
  private:
   TileStore tiles_;
   VoxelMap map_;
+};
+
+// All that comes of mapping the recording once, with these options.
+struct Attempt {
+  Attempt(const RunArguments& arguments, const MappingOptions& options, const FrameRange& range)
+      : output(arguments.out, options.mapper.odometry.matcher.max_iterations),
+        progress(ProgressMode(arguments.progress), range.end - range.begin),
+        tiles(output.Path("map_tiles.scratch"), TileStore::Lifetime::kScratch),
+        submaps(output.Path("submaps.scratch"), ByteFile::Lifetime::kScratch),
+        mapping(options, Callbacks(arguments), &tiles, &submaps) {}
+
+  RunOutput output;
+  RunProgress progress;
+  RunFigures figures;
+  TileStore tiles;
+  ByteFile submaps;
+  std::optional<KeyframeWriter> keyframes;
+  Mapping mapping;
+
+ private:
+  MappingCallbacks Callbacks(const RunArguments& arguments) {
+    MappingCallbacks callbacks;
+    callbacks.on_scan = [this](const MappedScan& report) {
+      output.table().Append(RecordOf(report));
+      if (mapping.options().loops.enabled) output.AddLive(report);
+      LogScan(report, &progress);
+      WatchMap(mapping.map(), &figures, &progress);
+      progress.Step();
+    };
+    callbacks.on_final_pose = [this](const FinalPose& pose) { output.Add(pose); };
+    if (!arguments.keyframes) return callbacks;
+    keyframes.emplace(output.Path(kKeyframeFileName));
+    callbacks.on_final_keyframe = [this](std::int64_t piece, const FinalKeyframe& keyframe) {
+      keyframes->Add(piece, keyframe);
+    };
+    return callbacks;
+  }
 };
 
 // Says what was understood of the recording, and settles what it decides of the configuration:
@@ -251,40 +199,25 @@ int RunRecording(const RunArguments& arguments) {
   if (!arguments.truth.empty()) truth = ReadTruthOfPart(arguments.truth, *source, part);
   CheckOutputFolder(arguments.out, arguments.scans);
   MakeDirectory(arguments.out);
-  RunOutput output(arguments.out, config.frontend.matcher.max_iterations);
-
   const std::atomic<bool>& stop = StopOnSignals();
   OpenRun(*source, range, arguments, stop, &config);
-  RunProgress progress(ProgressMode(arguments.progress), range.end - range.begin);
-
   const auto start = std::chrono::steady_clock::now();
   const double cpu_start = ProcessCpuSeconds();
-  RunFigures figures;
-  TileStore tiles(output.Path("map_tiles.scratch"), TileStore::Lifetime::kScratch);
-  ByteFile submaps(output.Path("submaps.scratch"), ByteFile::Lifetime::kScratch);
-  const Mapping* running = nullptr;
-  MappingCallbacks callbacks;
-  callbacks.on_scan = [&](const MappedScan& report) {
-    output.table().Append(RecordOf(report));
-    if (config.loops.enabled) output.AddLive(report);
-    LogScan(report, &progress);
-    WatchMap(running->map(), &figures, &progress);
-    progress.Step();
+  std::optional<Attempt> attempt;
+  const auto begin = [&](const MappingOptions& options) {
+    attempt.reset();  // its files are those of the next one
+    attempt.emplace(arguments, options, range);
+    return &attempt->mapping;
   };
-  callbacks.on_final_pose = [&](const FinalPose& pose) { output.Add(pose); };
-  std::optional<KeyframeWriter> keyframes;
-  if (arguments.keyframes) {
-    keyframes.emplace(output.Path(kKeyframeFileName));
-    callbacks.on_final_keyframe = [&](std::int64_t piece, const FinalKeyframe& keyframe) {
-      keyframes->Add(piece, keyframe);
-    };
-  }
-  Mapping mapping(config.Mapping(), callbacks, &tiles, &submaps);
-  running = &mapping;
-  const std::size_t processed =
-      MapScans(*source, {range.begin, range.begin, range.end}, &mapping, &stop);
+  const MappedRecording mapped = MapWithBeamCorrection(
+      *source, range.begin, range.end, config.Mapping(), config.calibration, begin, &stop);
+  config.preparation = mapped.mapping->options().preparation;
+  RunOutput& output = attempt->output;
+  RunFigures& figures = attempt->figures;
+  Mapping& mapping = attempt->mapping;
+  const std::size_t processed = mapped.processed;
   mapping.Finish();
-  if (keyframes) keyframes->Commit();
+  if (attempt->keyframes) attempt->keyframes->Commit();
   std::optional<CorrectedMap> corrected;
   std::optional<JoinedRun> joined;
   if (const PieceLoops* const loops = mapping.loops(); loops != nullptr) {
@@ -294,7 +227,7 @@ int RunRecording(const RunArguments& arguments) {
       corrected.emplace(*joined, config.map, output.Path("map_corrected.scratch"));
   }
   figures.interrupted = processed < range.end - range.begin;
-  progress.Finish();
+  attempt->progress.Finish();
   figures.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   figures.cpu_s = ProcessCpuSeconds() - cpu_start;
 
@@ -305,7 +238,7 @@ int RunRecording(const RunArguments& arguments) {
   if (processed > 0) part.end = part.begin + processed;
   const nlohmann::json summary =
       output.Finish(mapping.counts(), corrected ? corrected->map() : mapping.map(), config, part,
-                    figures, errors, joined ? &*joined : nullptr);
+                    figures, errors, mapped.opening, joined ? &*joined : nullptr);
   const std::string interruption =
       fmt::format("{} of {} scans were mapped; the results are those of these", processed,
                   range.end - range.begin);
@@ -314,6 +247,7 @@ int RunRecording(const RunArguments& arguments) {
     throw InputError(arguments.scans + ": not one usable scan; summary.json says why");
   }
   const RunVerdict verdict = output.table().Judge();
+  LogBeamCorrection(mapped.opening);
   const std::string thick = ThickPlanesWarning(
       MeasureThickness(mapping.map(), config.backend.min_surfel_frames), config.Mapping());
   if (!thick.empty()) spdlog::warn("{}", thick);

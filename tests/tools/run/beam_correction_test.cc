@@ -1,0 +1,147 @@
+// Beams that are off are corrected at the opening of a run, and nothing else is.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <memory>
+
+#include "backend/calibration/opening_calibration.h"
+#include "core/base/angle.h"
+#include "tests/support/program/run_helpers.h"
+#include "tools/synth/sequence.h"
+
+namespace lamina {
+namespace {
+
+using testing::HasSubstr;
+using Outcomes = OpeningCalibration::Outcome;
+
+// A sensor whose beams are off by half of what a badly calibrated one's are.
+SynthOptions HalfKnown(int frames) {
+  SynthOptions synth;
+  synth.frames = frames;
+  synth.sensor = synth::SensorKind::kSpinning;
+  synth.rings = 64;
+  synth.points = 20000;
+  synth.noise_m = 0.01;
+  synth.errors.beam_elevation_offset_deg = 0.25;
+  synth.errors.beam_elevation_sigma_deg = 0.15;
+  synth.errors.beam_range_sigma_m = 0.025;
+  return synth;
+}
+
+struct Drive {
+  OpeningCalibration opening;
+  int begun = 0;         // mappings
+  double error_m = 0.0;  // of the last pose, from the first
+  double way_m = 0.0;    // from the first to the last
+  std::size_t lost = 0;
+};
+
+Drive Map(const SynthOptions& synth, const std::string& correction) {
+  const auto sequence = std::make_shared<const SynthSequence>(synth);
+  const SynthScanSource source(sequence);
+  MappingOptions options;
+  options.loops.enabled = false;
+  if (correction == "off")
+    options.preparation.beam_correction = ScanPreparationOptions::BeamCorrection::kOff;
+  Drive drive;
+  SE3 last;
+  MappingCallbacks callbacks;
+  callbacks.on_final_pose = [&](const FinalPose& pose) { last = pose.pose.T_world_lidar; };
+  std::unique_ptr<Mapping> mapping;
+  const auto begin = [&](const MappingOptions& with) {
+    ++drive.begun;
+    mapping = std::make_unique<Mapping>(with, callbacks);
+    return mapping.get();
+  };
+  const MappedRecording mapped =
+      MapWithBeamCorrection(source, 0, source.size(), options, CalibrationOptions(), begin);
+  EXPECT_EQ(mapped.mapping, mapping.get());
+  EXPECT_EQ(mapped.processed, source.size());
+  mapping->Finish();
+  drive.opening = mapped.opening;
+  const SE3 truth = sequence->TruePose(source.size() - 1);
+  drive.error_m = (last.t - truth.t).norm();
+  drive.way_m = truth.t.norm();
+  drive.lost = mapping->counts().lost;
+  return drive;
+}
+
+TEST(BeamCorrection, ATownBySuchASensorDriftsNoMore) {
+  const SynthOptions synth = HalfKnown(120);
+  const Drive as_it_is = Map(synth, "off");
+  const Drive corrected = Map(synth, "auto");
+  EXPECT_EQ(as_it_is.opening.outcome, Outcomes::kNotLookedFor);
+  ASSERT_EQ(corrected.opening.outcome, Outcomes::kCorrected) << corrected.opening.why;
+  EXPECT_EQ(corrected.begun, 2);
+  EXPECT_NEAR(Degrees(corrected.opening.elevation_rad), 0.25, 0.12);
+  EXPECT_LT(3.0 * corrected.opening.sigma_rad, corrected.opening.elevation_rad);
+  EXPECT_LT(corrected.error_m, 0.3 * as_it_is.error_m);
+  // What the scene is promised (tools/promises/promises.md), in per cent of the way.
+  EXPECT_LT(100.0 * corrected.error_m / corrected.way_m, 0.86);
+}
+
+TEST(BeamCorrection, AWellKnownSensorIsNotTouched) {
+  SynthOptions synth = HalfKnown(60);
+  synth.errors = {};
+  const Drive drive = Map(synth, "auto");
+  EXPECT_EQ(drive.opening.outcome, Outcomes::kNotLookedFor);
+  EXPECT_EQ(drive.begun, 1);
+}
+
+TEST(BeamCorrection, AFieldDeterminesNothing) {
+  SynthOptions synth = HalfKnown(60);
+  synth.scene = synth::SceneKind::kField;
+  const Drive drive = Map(synth, "auto");
+  EXPECT_NE(drive.opening.outcome, Outcomes::kCorrected);
+}
+
+TEST(BeamCorrection, ASensorThatSeesToOneSideIsRefused) {
+  SynthOptions synth = HalfKnown(60);
+  synth.sensor = synth::SensorKind::kAvia;
+  synth.rings = synth.points = 0;
+  synth.noise_m = 0.05;
+  const Drive drive = Map(synth, "auto");
+  ASSERT_EQ(drive.opening.outcome, Outcomes::kRefused);
+  EXPECT_THAT(drive.opening.why, HasSubstr("one side"));
+  EXPECT_EQ(drive.begun, 1);
+}
+
+class BeamCorrectionRunTest : public RunTest {
+ protected:
+  std::string WriteHalfKnown(int frames) const {
+    const SynthSequence sequence(HalfKnown(frames));
+    Recording recording;
+    for (std::size_t i = 0; i < sequence.size(); ++i) {
+      recording.push_back(
+          {KittiBin(sequence.Generate(i).points), 1e-9 * static_cast<double>(sequence.Stamp(i))});
+    }
+    return WriteRecording("town", recording);
+  }
+};
+
+// The same at any number of threads, and with the configuration that the run leaves.
+TEST_F(BeamCorrectionRunTest, IsSaidAndRepeatsByItsConfiguration) {
+  const std::string scans = WriteHalfKnown(70);
+  const Outcome outcome = Run(scans, {"--threads", "1"});
+  EXPECT_THAT(outcome.err, HasSubstr("preparation.beam_correction=off"));
+  const nlohmann::json beams = Summary()["beam_correction"];
+  ASSERT_TRUE(beams.is_object());
+  EXPECT_EQ(beams["applied"], true);
+  EXPECT_GT(beams["vertical_correction_deg"], 0.1);
+  EXPECT_LT(beams["median_thickness_m"], beams["median_thickness_uncorrected_m"]);
+  EXPECT_EQ(Summary()["frames"], 70);
+  Run(scans, {"--threads", "2"}, 0, "two");
+  Run(scans, {"--config", Path("out/config.yaml")}, 0, "again");
+  for (const char* file : {"trajectory_tum.txt", "map_surfels.ply", "config.yaml"}) {
+    EXPECT_EQ(Bytes(Path(std::string("two/") + file)), Bytes(Path(std::string("out/") + file)));
+    EXPECT_EQ(Bytes(Path(std::string("again/") + file)), Bytes(Path(std::string("out/") + file)));
+  }
+  EXPECT_FALSE(Summary("again").contains("beam_correction"));
+  Run(scans, {"--set", "preparation.beam_correction=off"}, 0, "off");
+  EXPECT_FALSE(Summary("off").contains("beam_correction"));
+  EXPECT_NE(Bytes(Path("off/trajectory_tum.txt")), Bytes(Path("out/trajectory_tum.txt")));
+}
+
+}  // namespace
+}  // namespace lamina
