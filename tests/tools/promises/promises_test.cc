@@ -231,7 +231,7 @@ TEST(AdverseCarPark, DoesNotGoAlongWithWhatSetsOffTogether) {
 
 // A turn that was not foreseen lets the next row of cars, or the vans, fit first.
 TEST(AdverseCarPark, IsTrackedWhereTheSensorShakes) {
-  for (const int seed : {1, 3}) {
+  for (const int seed : {3, 9}) {
     const Verdict verdict = Tried("carpark-shake", seed);
     EXPECT_LT(verdict.worst_m, 0.10) << verdict.broken;
   }
