@@ -7,8 +7,7 @@
 namespace lamina {
 
 double NormalError2(double variance, double breadth2, double beam2) {
-  constexpr double kLeastError = 0.02, kLeastBreadth2 = 1e-8;
-  return kLeastError * kLeastError +
+  return kLeastNormalError * kLeastNormalError +
          (std::max(0.0, variance) + beam2) / std::max(kLeastBreadth2, breadth2);
 }
 

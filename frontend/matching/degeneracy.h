@@ -63,6 +63,7 @@ inline Matrix6d WithHeld(const Matrix6d& H, const Matrix6d& directions,
 // The thickness over the breadth stands for steps, foliage or two walls; the beams' error over the
 // breadth for the plane through two rings that lie close together, which leans by as much and moves
 // along with the sensor.
+inline constexpr double kLeastNormalError = 0.02, kLeastBreadth2 = 1e-8;
 double NormalError2(double variance, double breadth2, double beam2);
 
 struct DirectionEvidence {

@@ -39,13 +39,17 @@ double CountingAlong(const Surface& surface, const Eigen::Vector3d& normal_lidar
   return counting < kLeast ? 0.0 : counting;
 }
 
-// rho of a cluster at p.
-double KernelLoss(const PointCluster& cluster, const Surface& surface,
-                  const Eigen::Vector3d& normal_lidar, const Eigen::Vector3d& p, double floor2) {
-  const double variance = DistanceVariance(cluster, normal_lidar, surface, floor2);
+// Inverse square, 1/m^2, of the scale of a cluster's kernel on a plane with this normal.
+double InverseScale2(const PointCluster& cluster, const Surface& surface,
+                     const Eigen::Vector3d& normal_lidar, double floor2) {
+  return 1.0 /
+         (kKernelSigma * kKernelSigma * DistanceVariance(cluster, normal_lidar, surface, floor2));
+}
+
+// 1 - rho of a cluster whose mean is at p.
+double KernelFit(const Surface& surface, const Eigen::Vector3d& p, double inverse_scale2) {
   const double distance = surface.normal.cast<double>().dot(p - surface.mean);
-  const double e2 = distance * distance / (kKernelSigma * kKernelSigma * variance);
-  return e2 / (1.0 + e2);
+  return 1.0 / (1.0 + distance * distance * inverse_scale2);
 }
 
 // Middle eigenvalue of a cluster's covariance.
@@ -72,9 +76,7 @@ class MovedCluster {
     place_ = place;
     any_ = true;
     if (plane_ == nullptr) return 0.0;
-    const double distance = plane_->normal.cast<double>().dot(p - plane_->mean);
-    const double e2 = distance * distance * inverse_variance_;
-    return 1.0 - sight_ / (1.0 + e2);
+    return 1.0 - sight_ * KernelFit(*plane_, p, inverse_scale2_);
   }
 
  private:
@@ -88,8 +90,7 @@ class MovedCluster {
       return;
     }
     sight_ = SightWeight(*plane_, normal_lidar, cluster_.mean);
-    inverse_variance_ = 1.0 / (kKernelSigma * kKernelSigma *
-                               DistanceVariance(cluster_, normal_lidar, *plane_, floor2_));
+    inverse_scale2_ = InverseScale2(cluster_, *plane_, normal_lidar, floor2_);
   }
 
   const PointCluster& cluster_;
@@ -99,7 +100,7 @@ class MovedCluster {
   bool any_ = false;
   LeafPlace place_;
   const Surface* plane_ = nullptr;
-  double sight_ = 0.0, inverse_variance_ = 0.0;
+  double sight_ = 0.0, inverse_scale2_ = 0.0;
 };
 
 }  // namespace
@@ -124,12 +125,13 @@ DirectionProfile::Loss DirectionProfile::LossAt(const std::vector<PointCluster>&
     const Eigen::Vector3d normal_lidar = R.transpose() * surface->normal.cast<double>();
     const double counting = CountingAlong(*surface, normal_lidar, cluster.mean, direction_);
     if (counting == 0.0) continue;
-    const double variance = DistanceVariance(cluster, normal_lidar, *surface, floor2_);
+    const double inverse_scale2 = InverseScale2(cluster, *surface, normal_lidar, floor2_);
     const double weight = SightWeight(*surface, normal_lidar, cluster.mean) * counting *
-                          std::min(cluster.count, kMostPoints) / variance;
+                          std::min(cluster.count, kMostPoints) * kKernelSigma * kKernelSigma *
+                          inverse_scale2;
     Block& block = index.Gather(VoxelKeyOf(cluster.mean, 1.0 / kProfileBlockM), &blocks);
     block.weight += weight;
-    block.loss += weight * (KernelLoss(cluster, *surface, normal_lidar, p, floor2_) - 0.5);
+    block.loss += weight * (0.5 - KernelFit(*surface, p, inverse_scale2));
   }
   Loss sum;
   for (const Block& block : blocks) {

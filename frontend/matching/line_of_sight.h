@@ -11,6 +11,9 @@
 
 namespace lamina {
 
+inline constexpr double kAtSensorM2 = 1e-12;  // m^2: a point without a line of sight counts nothing
+inline constexpr double kAlongSine = 0.2;     // of the angle below which a plane holds a line
+
 // In [0, 1]: near 0 where the line of sight runs within the plane's own slab, whose half-thickness
 // over half-breadth is sqrt(flatness), 1 where it crosses it,
 //
@@ -21,16 +24,15 @@ inline double SightWeight(const Surface& plane, const Eigen::Vector3d& normal,
                           const Eigen::Vector3d& sight) {
   const double along = normal.dot(sight);
   const double along2 = along * along;
-  constexpr double kAtSensor2 = 1e-12;  // m^2: a point without a line of sight counts nothing
-  return along2 / (along2 + static_cast<double>(plane.flatness) * sight.squaredNorm() + kAtSensor2);
+  return along2 /
+         (along2 + static_cast<double>(plane.flatness) * sight.squaredNorm() + kAtSensorM2);
 }
 
 // The arc that one ring of a sweep draws across a corner looks like a plane, too, and moves along
 // with the sensor. Such a plane holds the lines of sight to its points.
 inline bool AlongSight(const Eigen::Vector3d& normal, const Eigen::Vector3d& sight) {
-  constexpr double kSine = 0.2;
   const double along = normal.dot(sight);
-  return along * along < kSine * kSine * sight.squaredNorm();
+  return along * along < kAlongSine * kAlongSine * sight.squaredNorm();
 }
 
 }  // namespace lamina

@@ -28,16 +28,65 @@ NormalEquations& NormalEquations::operator+=(const NormalEquations& o) {
   return *this;
 }
 
+template <typename Visit>
+void MapResiduals::ForEachRows(std::size_t begin, std::size_t end, const RowSettings& settings,
+                               const Visit& visit) const {
+  constexpr std::size_t kTogether = 32;
+  const PointCluster* clusters[kTogether];
+  const Surface* planes[kTogether];
+  std::size_t of[kTogether];
+  MatchRow rows[kTogether];
+  std::size_t count = 0;
+  const auto visit_planes = [&] {
+    if (count == 0) return;
+    MakePlaneRows(clusters, planes, count, settings, options_, rows);
+    visit(rows, of, count);
+    count = 0;
+  };
+  for (std::size_t i = begin; i < end; ++i) {
+    if (planes_[i] != nullptr) {
+      clusters[count] = &clusters_[i];
+      planes[count] = planes_[i];
+      of[count] = i;
+      if (++count == kTogether) visit_planes();
+    } else if (use_rough && surfaces_[i] != VoxelMap::kNoNode &&
+               map_.kind(surfaces_[i]) == Surface::Kind::kRough) {
+      visit_planes();
+      of[0] = of[1] = of[2] = i;
+      const std::size_t narrow = MakeRoughRows(clusters_[i], surfaces_[i], settings, rows);
+      if (narrow > 0) visit(rows, of, narrow);
+    }
+  }
+  visit_planes();
+}
+
+RowSettings MapResiduals::SettingsAt(const SE3& T, double kernel_sigma) const {
+  return {T.R(), T.t, kernel_sigma, floor2_, beam2_};
+}
+
 NormalEquations MapResiduals::At(const SE3& T, double kernel_sigma, const Matrix6d* watched) {
-  const Eigen::Matrix3d R = T.R();
-  Associate(T, R);
-  watching_ = watched != nullptr;
+  Associate(T, T.R());
+  const RowSettings settings = SettingsAt(T, kernel_sigma);
   NormalEquations zero;
-  if (watching_) zero.all.directions = zero.old.directions = *watched;
+  if (watched != nullptr) zero.all.directions = zero.old.directions = *watched;
   NormalEquations total =
       ParallelSum(clusters_.size(), 1024, zero, [&](std::size_t begin, std::size_t end) {
         NormalEquations sum = zero;
-        for (std::size_t i = begin; i < end; ++i) AddCluster(i, R, T.t, kernel_sigma, &sum);
+        RowSums sums;
+        ForEachRows(begin, end, settings,
+                    [&](const MatchRow* rows, const std::size_t* of, std::size_t count) {
+                      sums.Add(rows, count);
+                      for (std::size_t k = 0; k < count; ++k) {
+                        sum.matched += rows[k].matched ? 1 : 0;
+                        sum.matched_old += rows[k].matched && !rows[k].young ? 1 : 0;
+                        if (watched != nullptr) AddEvidence(rows[k], clusters_[of[k]].mean, &sum);
+                      }
+                    });
+        sum.H = sums.H();
+        sum.g = sums.g();
+        sum.weight = sums.weight();
+        sum.robust = sums.robust();
+        sum.residual2 = sums.residual2();
         return sum;
       });
   // Rounding differs across the diagonal.
@@ -45,18 +94,28 @@ NormalEquations MapResiduals::At(const SE3& T, double kernel_sigma, const Matrix
   return total;
 }
 
+void MapResiduals::AddEvidence(const MatchRow& row, const Eigen::Vector3d& mu,
+                               NormalEquations* sum) {
+  const Vector6d scaled = DividedByArm(Vector6d(Eigen::Map<const Vector6d>(row.j)));
+  const double arm = mu.norm() / kRotationArmM;
+  const Vector6d information = sum->all.InformationOf(scaled, row.w, row.normal_error2, arm, 1.0);
+  sum->all.Add(information);
+  if (!row.young) sum->old.Add(information);
+}
+
 DirectionEvidence MapResiduals::EvidenceOfOlder(const SE3& T, double kernel_sigma,
                                                 const Matrix6d& directions,
                                                 std::int64_t before_frame) {
-  const Eigen::Matrix3d R = T.R();
-  Associate(T, R);
-  watching_ = true;
+  Associate(T, T.R());
   NormalEquations sum;
   sum.all.directions = sum.old.directions = directions;
-  for (std::size_t i = 0; i < clusters_.size(); ++i) {
-    if (planes_[i] == nullptr || map_.FirstAdded(surfaces_[i]) >= before_frame) continue;
-    AddCluster(i, R, T.t, kernel_sigma, &sum);
-  }
+  ForEachRows(0, clusters_.size(), SettingsAt(T, kernel_sigma),
+              [&](const MatchRow* rows, const std::size_t* of, std::size_t count) {
+                for (std::size_t k = 0; k < count; ++k) {
+                  if (map_.FirstAdded(surfaces_[of[k]]) >= before_frame) continue;
+                  AddEvidence(rows[k], clusters_[of[k]].mean, &sum);
+                }
+              });
   return sum.all;
 }
 
@@ -66,43 +125,49 @@ VoxelKey MapResiduals::BlockAround(const Eigen::Vector3d& p) {
 }
 
 std::vector<MapResiduals::Block> MapResiduals::Blocks(const SE3& T, double kernel_sigma) {
-  const Eigen::Matrix3d R = T.R();
-  Associate(T, R);
-  watching_ = false;
+  Associate(T, T.R());
+  const RowSettings settings = SettingsAt(T, kernel_sigma);
   VoxelIndex index(256);
   std::vector<Block> blocks;
-  NormalEquations one;
-  for (std::size_t i = 0; i < clusters_.size(); ++i) {
-    if (surfaces_[i] == VoxelMap::kNoNode) continue;
-    one.H.setZero();
-    one.g.setZero();
-    one.weight = 0.0;
-    AddCluster(i, R, T.t, kernel_sigma, &one);
-    if (one.weight == 0.0) continue;
-    const VoxelKey key = BlockAround(R * clusters_[i].mean + T.t);
+  const auto block_of = [&](std::size_t i) -> Block& {
+    const VoxelKey key = BlockAround(settings.R * clusters_[i].mean + settings.t);
     Block& block = index.Gather(key, &blocks);
     block.key = key;
-    block.H += one.H;
-    block.g += one.g;
-  }
+    return block;
+  };
+  ForEachRows(0, clusters_.size(), settings,
+              [&](const MatchRow* rows, const std::size_t* of, std::size_t count) {
+                if (rows[0].rough) {
+                  RowSums sums;
+                  sums.Add(rows, count);
+                  if (sums.weight() != 0.0) block_of(of[0]).sums.AddShare(sums, 1.0, 1.0);
+                  return;
+                }
+                for (std::size_t k = 0; k < count; ++k) {
+                  if (rows[k].w != 0.0) block_of(of[k]).sums.Add(&rows[k], 1);
+                }
+              });
   return blocks;
 }
 
 Matrix6d MapResiduals::SurfaceScatter(const SE3& T, double kernel_sigma, VoxelKey block) const {
-  const Eigen::Matrix3d R = T.R();
+  const RowSettings settings = SettingsAt(T, kernel_sigma);
   // In the order of the clusters: ids of surfaces are others once a map was saved and loaded, and
   // the sum has the same bits.
   std::map<VoxelMap::NodeId, std::size_t> places;
   std::vector<Vector6d> gradients;
-  NormalEquations one;
   for (std::size_t i = 0; i < clusters_.size(); ++i) {
-    if (surfaces_[i] == VoxelMap::kNoNode || BlockAround(R * clusters_[i].mean + T.t) != block)
+    if (surfaces_[i] == VoxelMap::kNoNode ||
+        BlockAround(settings.R * clusters_[i].mean + settings.t) != block)
       continue;
-    one.g.setZero();
-    AddCluster(i, R, T.t, kernel_sigma, &one);
+    RowSums sums;
+    ForEachRows(i, i + 1, settings,
+                [&](const MatchRow* rows, const std::size_t*, std::size_t count) {
+                  sums.Add(rows, count);
+                });
     const std::size_t place = places.try_emplace(surfaces_[i], gradients.size()).first->second;
     if (place == gradients.size()) gradients.emplace_back(Vector6d::Zero());
-    gradients[place] += one.g;
+    gradients[place] += sums.g();
   }
   Matrix6d scatter = Matrix6d::Zero();
   for (const Vector6d& g : gradients) scatter += g * g.transpose();
@@ -114,15 +179,15 @@ Matrix6d MapResiduals::GradientScatter(const SE3& T, double kernel_sigma) {
   constexpr double kMostShare = 0.9, kSmallShare = 0.02, kLargeShare = 0.5;
   const std::vector<Block> blocks = Blocks(T, kernel_sigma);
   Matrix6d H = Matrix6d::Zero();
-  for (const Block& block : blocks) H += block.H;
+  for (const Block& block : blocks) H += block.sums.H();
   H.diagonal().array() += 1e-9 * H.trace();
   const Eigen::LLT<Matrix6d> factor(H);  // L L'
   const auto L = factor.matrixL();
   Matrix6d scatter = Matrix6d::Zero();
   for (const Block& block : blocks) {
-    Vector6d g = block.g;
+    Vector6d g = block.sums.g();
     // L^-1 H_s L^-T, whose eigenvalues are the block's shares.
-    Matrix6d shares = L.solve(block.H);
+    Matrix6d shares = L.solve(block.sums.H());
     shares = L.solve(shares.transpose().eval());
     if (shares.trace() > kSmallShare) {
       const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(shares);
@@ -153,36 +218,25 @@ Matrix6d MapResiduals::GradientScatter(const SE3& T, double kernel_sigma) {
   return scatter;
 }
 
-MapResiduals::TwoSteps& MapResiduals::TwoSteps::operator+=(const TwoSteps& o) {
-  H_pose += o.H_pose;
-  H_across += o.H_across;
-  H_other += o.H_other;
-  g_pose += o.g_pose;
-  g_other += o.g_other;
-  return *this;
-}
-
-MapResiduals::TwoSteps MapResiduals::TwoStepsAt(const SE3& T, double kernel_sigma,
-                                                const std::vector<StepShares>& shares) {
-  const Eigen::Matrix3d R = T.R();
-  Associate(T, R);
-  watching_ = false;
-  return ParallelSum(clusters_.size(), 1024, TwoSteps(), [&](std::size_t begin, std::size_t end) {
-    TwoSteps sum;
-    NormalEquations one;
-    for (std::size_t i = begin; i < end; ++i) {
-      one.H.setZero();
-      one.g.setZero();
-      AddCluster(i, R, T.t, kernel_sigma, &one);
-      const auto [p, q] = shares[i];
-      sum.H_pose += p * p * one.H;
-      sum.H_across += p * q * one.H;
-      sum.H_other += q * q * one.H;
-      sum.g_pose += p * one.g;
-      sum.g_other += q * one.g;
-    }
-    return sum;
-  });
+TwoStepRows MapResiduals::TwoStepsAt(const SE3& T, double kernel_sigma,
+                                     const std::vector<StepShares>& shares) {
+  Associate(T, T.R());
+  const RowSettings settings = SettingsAt(T, kernel_sigma);
+  return ParallelSum(
+      clusters_.size(), 1024, TwoStepRows(), [&](std::size_t begin, std::size_t end) {
+        TwoStepRows sum;
+        ForEachRows(begin, end, settings,
+                    [&](const MatchRow* rows, const std::size_t* of, std::size_t count) {
+                      if (rows[0].rough) {
+                        RowSums sums;
+                        sums.Add(rows, count);
+                        sum.Add(sums, shares[of[0]]);
+                        return;
+                      }
+                      for (std::size_t k = 0; k < count; ++k) sum.Add(rows[k], shares[of[k]]);
+                    });
+        return sum;
+      });
 }
 
 void MapResiduals::Associate(const SE3& T, const Eigen::Matrix3d& R) {
@@ -228,82 +282,36 @@ void MapResiduals::FindLeastThickness() {
   beam2_ = std::pow(kBeams * std::max(0.0, thickness - kNoiseM), 2);
 }
 
-void MapResiduals::AddCluster(std::size_t i, const Eigen::Matrix3d& R, const Eigen::Vector3d& t,
-                              double kernel_sigma, NormalEquations* sum) const {
-  const PointCluster& cluster = clusters_[i];
-  if (planes_[i] != nullptr) {
-    AddPlane(cluster, R, R * cluster.mean + t, *planes_[i], kernel_sigma, sum);
-  } else if (use_rough && surfaces_[i] != VoxelMap::kNoNode &&
-             map_.kind(surfaces_[i]) == Surface::Kind::kRough) {
-    AddRough(cluster, R, R * cluster.mean + t, surfaces_[i], kernel_sigma, sum);
-  }
-}
-
-void MapResiduals::AddPlane(const PointCluster& cluster, const Eigen::Matrix3d& R,
-                            const Eigen::Vector3d& p, const Surface& surface, double kernel_sigma,
-                            NormalEquations* sum) const {
-  Row row;
-  row.normal = surface.normal.cast<double>();
-  row.distance = row.normal.dot(p - surface.mean);
-  if (std::abs(row.distance) > options_.max_distance_m) return;
-  row.normal_lidar = R.transpose() * row.normal;
-  const double variance = DistanceVariance(cluster, row.normal_lidar, surface, floor2_);
-  const double distance2 = row.distance * row.distance;
-  const double robust = GemanMcClureWeight(distance2 / (variance * kernel_sigma * kernel_sigma));
-  row.young = surface.frames < options_.young_frames && AlongSight(row.normal_lidar, cluster.mean);
-  const double doubt = row.young ? options_.young_sigma_m * options_.young_sigma_m : 0.0;
-  const double sight = SightWeight(surface, row.normal_lidar, cluster.mean);
-  row.w =
-      sight * robust * std::min(cluster.count, options_.max_cluster_weight) / (variance + doubt);
-  const double breadth2 = static_cast<double>(surface.variance / surface.flatness);
-  row.normal_error2 = NormalError2(static_cast<double>(surface.variance), breadth2, beam2_);
-  AddRow(row, cluster.mean, sum);
-  sum->robust += robust;
-  sum->residual2 += robust * distance2;
-  ++sum->matched;
-  sum->matched_old += row.young ? 0 : 1;
-}
-
-void MapResiduals::AddRough(const PointCluster& cluster, const Eigen::Matrix3d& R,
-                            const Eigen::Vector3d& p, VoxelMap::NodeId leaf, double kernel_sigma,
-                            NormalEquations* sum) const {
+std::size_t MapResiduals::MakeRoughRows(const PointCluster& cluster, VoxelMap::NodeId leaf,
+                                        const RowSettings& settings, MatchRow* rows) const {
   constexpr double kNarrow = 0.15;  // of a leaf; a leaf filled evenly has 0.29
+  const Eigen::Matrix3d& R = settings.R;
   const PointCluster map_cluster = map_.Aggregate(leaf);
   Symmetric3 joint = map_cluster.Covariance();
   joint += cluster.Covariance().Rotated(R);
   const Eigen3 eigen = EigenDecompose(joint);
   const double widest2 = std::pow(kNarrow * map_.options().LeafSize(), 2);
-  Row row;
+  const Eigen::Vector3d from_leaf = R * cluster.mean + settings.t - map_cluster.mean;
   const bool young = map_.frames(leaf) < options_.young_frames;
+  std::size_t count = 0;
   for (int i = 0; i < 3; ++i) {
     if (eigen.l(i) > widest2) continue;
-    row.normal = eigen.u.col(i);
-    row.normal_lidar = R.transpose() * row.normal;
-    row.distance = row.normal.dot(p - map_cluster.mean);
+    MatchRow& row = rows[count++];
+    row = MatchRow();
+    const Eigen::Vector3d normal = eigen.u.col(i);
+    const Eigen::Vector3d normal_lidar = R.transpose() * normal;
+    Eigen::Map<Vector6d>(row.j) << cluster.mean.cross(normal_lidar), normal;
+    row.distance = normal.dot(from_leaf);
     const double variance = floor2_ + eigen.l(i);
-    const double e2 = row.distance * row.distance / (variance * kernel_sigma * kernel_sigma);
+    const double e2 =
+        row.distance * row.distance / (variance * settings.kernel_sigma * settings.kernel_sigma);
     row.w =
         GemanMcClureWeight(e2) * std::min(cluster.count, options_.max_cluster_weight) / variance;
-    row.young = young && AlongSight(row.normal_lidar, cluster.mean);
+    row.rough = true;
+    row.young = young && AlongSight(normal_lidar, cluster.mean);
     row.normal_error2 = NormalError2(eigen.l(i), eigen.l(0), beam2_);
-    AddRow(row, cluster.mean, sum);
   }
-}
-
-void MapResiduals::AddRow(const Row& row, const Eigen::Vector3d& mu, NormalEquations* sum) const {
-  Vector6d j;
-  j << mu.cross(row.normal_lidar), row.normal;
-  const Vector6d wj = row.w * j;
-  // All of H: two columns at a time cost less than the triangle.
-  sum->H.noalias() += wj * j.transpose();
-  sum->g += row.distance * wj;
-  sum->weight += row.w;
-  if (!watching_) return;
-  const Vector6d scaled = DividedByArm(j);
-  const double arm = mu.norm() / kRotationArmM;
-  const Vector6d information = sum->all.InformationOf(scaled, row.w, row.normal_error2, arm, 1.0);
-  sum->all.Add(information);
-  if (!row.young) sum->old.Add(information);
+  return count;
 }
 
 }  // namespace lamina

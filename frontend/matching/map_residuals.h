@@ -10,6 +10,7 @@
 #include "core/map/voxel_key.h"
 #include "core/map/voxel_map.h"
 #include "frontend/matching/degeneracy.h"
+#include "frontend/matching/match_rows.h"
 
 namespace lamina {
 
@@ -67,25 +68,14 @@ class MapResiduals {
   // over blocks of space, without H^-1 on both sides.
   Matrix6d GradientScatter(const SE3& T, double kernel_sigma);
 
-  // Normal equations of a step of the pose and of another at once, a cluster having a share p of
-  // the one and q of the other: sum w p^2 J'J, sum w p q J'J, sum w q^2 J'J, sum w p e J and
-  // sum w q e J.
-  struct StepShares {
-    double pose = 1.0, other = 0.0;
-  };
-  struct TwoSteps {
-    Matrix6d H_pose = Matrix6d::Zero(), H_across = Matrix6d::Zero(), H_other = Matrix6d::Zero();
-    Vector6d g_pose = Vector6d::Zero(), g_other = Vector6d::Zero();
-    TwoSteps& operator+=(const TwoSteps& o);
-  };
-  TwoSteps TwoStepsAt(const SE3& T, double kernel_sigma, const std::vector<StepShares>& shares);
+  // Sums of a step of the pose and of another at once, of which cluster i has shares[i].
+  TwoStepRows TwoStepsAt(const SE3& T, double kernel_sigma, const std::vector<StepShares>& shares);
 
  private:
   // H and gradient of the clusters in a block of space, where errors are alike.
   struct Block {
     VoxelKey key = 0;
-    Matrix6d H = Matrix6d::Zero();
-    Vector6d g = Vector6d::Zero();
+    RowSums sums;
   };
   std::vector<Block> Blocks(const SE3& T, double kernel_sigma);
   static VoxelKey BlockAround(const Eigen::Vector3d& p);
@@ -99,22 +89,20 @@ class MapResiduals {
   // How thick even the thin ones of the planes around the scan are. A plane that looks thinner does
   // so because few points made it, or one beam.
   void FindLeastThickness();
-  void AddCluster(std::size_t i, const Eigen::Matrix3d& R, const Eigen::Vector3d& t,
-                  double kernel_sigma, NormalEquations* sum) const;
-  void AddPlane(const PointCluster& cluster, const Eigen::Matrix3d& R, const Eigen::Vector3d& p,
-                const Surface& surface, double kernel_sigma, NormalEquations* sum) const;
+  RowSettings SettingsAt(const SE3& T, double kernel_sigma) const;
+  // Calls visit(rows, clusters, count) for the rows of the clusters in [begin, end) that meet
+  // something, in their order: of many planes at a time, one for each of `count` clusters, and of
+  // one rough leaf, `count` of the same cluster. `clusters` are their numbers.
+  template <typename Visit>
+  void ForEachRows(std::size_t begin, std::size_t end, const RowSettings& settings,
+                   const Visit& visit) const;
   // A pole or an edge has no plane, but is narrow across: every narrow axis of the joint
   // distribution of cluster and leaf holds its direction. Wide axes end at the voxel's faces, not
-  // at anything real, and say nothing.
-  void AddRough(const PointCluster& cluster, const Eigen::Matrix3d& R, const Eigen::Vector3d& p,
-                VoxelMap::NodeId leaf, double kernel_sigma, NormalEquations* sum) const;
-  // A residual along the unit direction `normal` (world), of weight w.
-  struct Row {
-    Eigen::Vector3d normal, normal_lidar;
-    double distance = 0.0, w = 0.0, normal_error2 = 0.0;
-    bool young = false;
-  };
-  void AddRow(const Row& row, const Eigen::Vector3d& mu, NormalEquations* sum) const;
+  // at anything real, and say nothing. Returns the number of rows, at most 3.
+  std::size_t MakeRoughRows(const PointCluster& cluster, VoxelMap::NodeId leaf,
+                            const RowSettings& settings, MatchRow* rows) const;
+  // What a row says along the watched directions.
+  static void AddEvidence(const MatchRow& row, const Eigen::Vector3d& mu, NormalEquations* sum);
 
   const ScanMatcherOptions& options_;
   const VoxelMap& map_;
@@ -124,7 +112,6 @@ class MapResiduals {
   std::vector<const Surface*> planes_;  // of those that are planar, else null
   double floor2_ = 0.0;                 // m^2: variance that no plane is believed to have less of
   double beam2_ = 0.0;                  // m^2: see NormalError2
-  bool watching_ = false;
   bool associated_ = false;
   SE3 associated_at_;
 };

@@ -34,7 +34,7 @@ SweepAcceleration EstimateAcceleration(const ScanMatcherOptions& options,
   constexpr double kCounts = 0.2;
   SweepAcceleration result;
   if (match.status == MatchResult::Status::kTooFewMatches) return result;
-  std::vector<MapResiduals::StepShares> shares(timed.size());
+  std::vector<StepShares> shares(timed.size());
   for (std::size_t i = 0; i < timed.size(); ++i) {
     const double tau = timed[i].mean_time_s;
     shares[i].pose = 1.0 + tau / gap_s;
@@ -42,18 +42,18 @@ SweepAcceleration EstimateAcceleration(const ScanMatcherOptions& options,
   }
   MapResiduals residuals(options, map, deskewed);
   residuals.use_rough = match.degenerate > 0;
-  const MapResiduals::TwoSteps sums =
+  const TwoStepRows sums =
       residuals.TwoStepsAt(match.T_world_lidar, options.kernel_end_sigma, shares);
   const Matrix6d to_tangent = BodyToTangent(match.T_world_lidar);
   const Matrix6d& V = match.degenerate_directions;
   const Matrix6d keep = Matrix6d::Identity() - V * V.transpose();
-  const Matrix6d H_pose = WithHeld(DividedByArm(sums.H_pose), V, match.degenerate_information) +
-                          1e-9 * sums.H_pose.trace() * Matrix6d::Identity();
+  const Matrix6d H_pose = WithHeld(DividedByArm(sums.pose.H()), V, match.degenerate_information) +
+                          1e-9 * sums.pose.H().trace() * Matrix6d::Identity();
   const Matrix6d inverse = H_pose.ldlt().solve(Matrix6d::Identity());
-  const Matrix6d H_across = keep * DividedByArm(sums.H_across) * to_tangent;
-  const Matrix6d H_other = to_tangent.transpose() * DividedByArm(sums.H_other) * to_tangent;
-  const Vector6d g_pose = keep * DividedByArm(sums.g_pose);
-  const Vector6d g_other = to_tangent.transpose() * DividedByArm(sums.g_other);
+  const Matrix6d H_across = keep * DividedByArm(sums.across.H()) * to_tangent;
+  const Matrix6d H_other = to_tangent.transpose() * DividedByArm(sums.other.H()) * to_tangent;
+  const Vector6d g_pose = keep * DividedByArm(sums.pose.g());
+  const Vector6d g_other = to_tangent.transpose() * DividedByArm(sums.other.g());
   const Matrix6d moved = inverse * H_across;
   result.covariance =
       InverseOf(kCounts * (H_other - H_across.transpose() * moved) + InverseOf(moment));

@@ -31,6 +31,11 @@ constexpr double kSteadyM = 0.12;
 // Standard deviations of the posterior from which on it is not the match's minimum that it means.
 constexpr double kElsewhereSigmas = 3.0;
 
+// What a prediction leaves open of the direction that a match knows least, a standard deviation.
+double OpenM(const PosePrediction& prediction, const MatchResult& match) {
+  return 1.0 / std::sqrt(prediction.Information(match.weakest_direction));
+}
+
 }  // namespace
 
 void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
@@ -47,13 +52,13 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
       (dt > options_.vouched_gap_s && Unbridged(prediction, match)))
     return;
   const Vector6d v = match.weakest_direction;
-  const double open_m = 1.0 / std::sqrt(prediction.Information(v));
   const Vector6d off = TimesArm(LocalDelta(match.T_world_lidar, prediction.T_world_lidar));
   const double doubtful_m = options_.matcher.max_direction_sigma_m;
-  const bool open = motion_.moving_known() && open_m > kSteadyM;
+  const bool open = Unbridged(prediction, match);
   if (open && std::abs(v.dot(off)) < doubtful_m) return;  // as expected, however unsure that is
   const Vector6d scaled = TimesArm(motion_.Drift(frame->stamp_ns)) * v;
-  const double sigma_m = std::hypot(open_m, std::sqrt(std::max(0.0, v.dot(scaled))));
+  const double sigma_m =
+      std::hypot(OpenM(prediction, match), std::sqrt(std::max(0.0, v.dot(scaled))));
   const bool expected = motion_.moving_known() && sigma_m < kBesideM;
   if (expected && match.degenerate == 0 && TurnsNearby(v)) return;
   const DirectionProfile profile(*deskewed, map, match.T_world_lidar, v,
@@ -83,8 +88,7 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
 }
 
 bool Odometry::Unbridged(const PosePrediction& prediction, const MatchResult& match) const {
-  return motion_.moving_known() &&
-         1.0 / std::sqrt(prediction.Information(match.weakest_direction)) > kSteadyM;
+  return motion_.moving_known() && OpenM(prediction, match) > kSteadyM;
 }
 
 void Odometry::DoubtUnbridged(const PosePrediction& prediction,

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
+#include <limits>
 #include <utility>
 
 #include "core/base/parallel.h"
@@ -16,7 +18,8 @@ using FourPlaces = std::int64_t __attribute__((vector_size(32)));
 
 // Raw sums about the centre of the voxel: within half a voxel of their origin, sums in double lose
 // nothing, and adding a point is a dozen multiplications without a division.
-struct VoxelSums {
+// Aligned as registers of four numbers are loaded.
+struct alignas(32) VoxelSums {
   Four first = {0, 0, 0, 0};    // x y z t
   Four squares = {0, 0, 0, 0};  // xx yy zz tt
   Four next = {0, 0, 0, 0};     // xy yz zt tx
@@ -39,50 +42,82 @@ TimedCluster ToCluster(const VoxelSums& s, double leaf_size_m) {
   return c;
 }
 
+// x y z t
+[[gnu::always_inline]] inline void ReadPoint(const TimedPoint& point, Four* to) {
+  static_assert(sizeof(TimedPoint) == 4 * sizeof(float));
+  using TwoFloats = float __attribute__((vector_size(8)));
+  using Two = double __attribute__((vector_size(16)));
+  TwoFloats xy, zt;
+  std::memcpy(&xy, &point.x, sizeof(xy));
+  std::memcpy(&zt, &point.z, sizeof(zt));
+  const Two a = __builtin_convertvector(xy, Two), b = __builtin_convertvector(zt, Two);
+  *to = Four{a[0], a[1], b[0], b[1]};
+}
+
+// Whether the size of each number is below its bound; false for NaN.
+[[gnu::always_inline]] inline bool AllBelow(const Four& v, const Four& bounds) {
+  const FourPlaces no_sign = FourPlaces{} + std::numeric_limits<std::int64_t>::max();
+  const auto size = reinterpret_cast<Four>(reinterpret_cast<FourPlaces>(v) & no_sign);
+  FourPlaces below = size < bounds;
+  below &= __builtin_shuffle(below, FourPlaces{2, 3, 0, 1});
+  return (below[0] & below[1]) != 0;
+}
+
+// Adds points from the i-th on, up to the first one that is not within `inside` of the centre (x y
+// z t); the i-th is added in any case. Returns where that is. The sums stay in registers meanwhile.
+[[gnu::always_inline]] inline std::size_t AddWhileInside(const std::vector<TimedPoint>& points,
+                                                         std::size_t i, const Four& centre,
+                                                         const Four& inside, VoxelSums* sums) {
+  const TimedPoint* point = points.data() + i;
+  const TimedPoint* const end = points.data() + points.size();
+  Four first = sums->first, squares = sums->squares, next = sums->next, across = sums->across;
+  double n = sums->n;
+  Four v;
+  ReadPoint(*point, &v);
+  v -= centre;
+  do {
+    n += 1.0;
+    first += v;
+    squares += v * v;
+    next += v * __builtin_shuffle(v, FourPlaces{1, 2, 3, 0});
+    across += v * __builtin_shuffle(v, FourPlaces{2, 3, 0, 1});
+    if (++point == end) break;
+    ReadPoint(*point, &v);
+    v -= centre;
+  } while (AllBelow(v, inside));
+  sums->first = first, sums->squares = squares, sums->next = next, sums->across = across;
+  sums->n = n;
+  return static_cast<std::size_t>(point - points.data());
+}
+
 // The sums of each voxel, in the order in which the points first met the voxels.
 LAMINA_FOR_EACH_PROCESSOR
 void SumByVoxel(const std::vector<TimedPoint>& points, double leaf_size_m,
                 std::vector<VoxelSums>* sums) {
   VoxelIndex index(points.size() / 8 + 64);
   const double inverse = 1.0 / leaf_size_m;
-  // Returns come in the order of the sweep: most lie in the voxel of the last one, whose sums stay
-  // in registers. Nearer to its faces than this, rounding decides.
+  // Returns come in the order of the sweep: most lie in the voxel of the last one. Nearer to its
+  // faces than this, rounding decides.
   const double inside_m = 0.4999 * leaf_size_m;
-  std::size_t slot = 0;
-  VoxelSums s;
-  double centre[3] = {0.0, 0.0, 0.0};
-  bool any = false;
-  for (const TimedPoint& point : points) {
-    const double p[3] = {point.x, point.y, point.z};
-    double d[3] = {p[0] - centre[0], p[1] - centre[1], p[2] - centre[2]};
-    if (!any ||
-        !(std::abs(d[0]) < inside_m && std::abs(d[1]) < inside_m && std::abs(d[2]) < inside_m)) {
-      if (any) (*sums)[slot] = s;
-      any = true;
-      std::int64_t cell[3];
-      for (int axis = 0; axis < 3; ++axis) {
-        const double floor = std::floor(p[axis] * inverse);
-        cell[axis] = static_cast<std::int64_t>(floor);
-        centre[axis] = (floor + 0.5) * leaf_size_m;
-        d[axis] = p[axis] - centre[axis];
-      }
-      const VoxelKey key = PackVoxelKey(cell[0], cell[1], cell[2]);
-      slot = static_cast<std::size_t>(
-          index.FindOrInsert(key, static_cast<std::int32_t>(sums->size())));
-      if (slot == sums->size()) {
-        sums->emplace_back();
-        sums->back().key = key;
-      }
-      s = (*sums)[slot];
+  const Four inside = {inside_m, inside_m, inside_m, std::numeric_limits<double>::infinity()};
+  for (std::size_t i = 0; i < points.size();) {
+    const double p[3] = {points[i].x, points[i].y, points[i].z};
+    Four centre = {0, 0, 0, 0};
+    std::int64_t cell[3];
+    for (int axis = 0; axis < 3; ++axis) {
+      const double floor = std::floor(p[axis] * inverse);
+      cell[axis] = static_cast<std::int64_t>(floor);
+      centre[axis] = (floor + 0.5) * leaf_size_m;
     }
-    const Four v = {d[0], d[1], d[2], point.time_s};
-    s.n += 1.0;
-    s.first += v;
-    s.squares += v * v;
-    s.next += v * __builtin_shuffle(v, FourPlaces{1, 2, 3, 0});
-    s.across += v * __builtin_shuffle(v, FourPlaces{2, 3, 0, 1});
+    const VoxelKey key = PackVoxelKey(cell[0], cell[1], cell[2]);
+    const auto slot =
+        static_cast<std::size_t>(index.FindOrInsert(key, static_cast<std::int32_t>(sums->size())));
+    if (slot == sums->size()) {
+      sums->emplace_back();
+      sums->back().key = key;
+    }
+    i = AddWhileInside(points, i, centre, inside, &(*sums)[slot]);
   }
-  if (any) (*sums)[slot] = s;
 }
 
 // The first and the last instant of a scan that is not empty.

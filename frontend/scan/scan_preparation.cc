@@ -105,38 +105,80 @@ class PointFilter {
         timed_(timed) {}
 
   void Take(const Scan& scan, std::size_t* next, PointColumns* points, PreparedScan* result) const {
-    std::size_t count = 0, i = *next;
-    for (; i < scan.points.size() && count < PointColumns::kMost; ++i) {
-      const ScanPoint& raw = scan.points[i];
-      const float flat2 = raw.x * raw.x + raw.y * raw.y;
-      const float range2 = flat2 + raw.z * raw.z;
-      const float time_s = timed_ ? scan.time_s[i] : 0.0F;
-      if (!(range2 >= min2_ && range2 <= max2_)) {
-        // A finite point may overflow when squared; it is then merely far away.
-        const bool finite = std::isfinite(raw.x) && std::isfinite(raw.y) && std::isfinite(raw.z);
-        ++(finite ? result->out_of_range : result->non_finite);
+    points->count = 0;
+    std::size_t i = *next;
+    while (i < scan.points.size() && points->count + kTogether <= PointColumns::kMost) {
+      if (i + kTogether <= scan.points.size() && TakeTogether(scan, i, points)) {
+        points->count += kTogether;
+        i += kTogether;
         continue;
       }
-      if (!std::isfinite(time_s)) {
-        ++result->non_finite;
-        continue;
-      }
-      points->x[count] = raw.x;
-      points->y[count] = raw.y;
-      points->z[count] = raw.z;
-      points->flat2[count] = flat2;
-      points->range2[count] = range2;
-      points->time_s[count] = time_s;
-      ++count;
+      const std::size_t end = std::min(i + kTogether, scan.points.size());
+      for (; i < end; ++i) TakeOne(scan, i, points, result);
     }
-    points->count = count;
     *next = i;
   }
 
  private:
+  // Points that are read at once; of nearly all of them none is dropped.
+  static constexpr std::size_t kTogether = 16;
+  static_assert(PointColumns::kMost % kTogether == 0);
+
+  // Reads points from i on behind those that the columns count. False if one is to be dropped.
+  bool TakeTogether(const Scan& scan, std::size_t i, PointColumns* points) const;
+  void TakeOne(const Scan& scan, std::size_t i, PointColumns* points, PreparedScan* result) const {
+    const ScanPoint& raw = scan.points[i];
+    const float flat2 = raw.x * raw.x + raw.y * raw.y;
+    const float range2 = flat2 + raw.z * raw.z;
+    const float time_s = timed_ ? scan.time_s[i] : 0.0F;
+    if (!(range2 >= min2_ && range2 <= max2_)) {
+      // A finite point may overflow when squared; it is then merely far away.
+      const bool finite = std::isfinite(raw.x) && std::isfinite(raw.y) && std::isfinite(raw.z);
+      ++(finite ? result->out_of_range : result->non_finite);
+      return;
+    }
+    if (!std::isfinite(time_s)) {
+      ++result->non_finite;
+      return;
+    }
+    const std::size_t place = points->count++;
+    points->x[place] = raw.x;
+    points->y[place] = raw.y;
+    points->z[place] = raw.z;
+    points->flat2[place] = flat2;
+    points->range2[place] = range2;
+    points->time_s[place] = time_s;
+  }
+
   float min2_, max2_;
   bool timed_;
 };
+
+LAMINA_FOR_EACH_PROCESSOR
+bool PointFilter::TakeTogether(const Scan& scan, std::size_t i, PointColumns* points) const {
+  const ScanPoint* const raw = scan.points.data() + i;
+  float *const x = points->x + points->count, *const y = points->y + points->count,
+               *const z = points->z + points->count, *const time_s = points->time_s + points->count,
+               *const flat2 = points->flat2 + points->count,
+               *const range2 = points->range2 + points->count;
+  for (std::size_t k = 0; k < kTogether; ++k) {
+    x[k] = raw[k].x, y[k] = raw[k].y, z[k] = raw[k].z;
+  }
+  const float min2 = min2_, max2 = max2_;
+  int taken = 0;
+  for (std::size_t k = 0; k < kTogether; ++k) {
+    flat2[k] = x[k] * x[k] + y[k] * y[k];
+    range2[k] = flat2[k] + z[k] * z[k];
+    taken += range2[k] >= min2 && range2[k] <= max2 ? 1 : 0;
+  }
+  for (std::size_t k = 0; k < kTogether; ++k) {
+    time_s[k] = timed_ ? scan.time_s[i + k] : 0.0F;
+  }
+  for (std::size_t k = 0; timed_ && k < kTogether; ++k) {
+    taken -= std::isfinite(time_s[k]) ? 0 : 1;
+  }
+  return taken == static_cast<int>(kTogether);
+}
 
 void Append(const PointColumns& points, std::vector<TimedPoint>* to) {
   TimedPoint rows[PointColumns::kMost];
