@@ -13,7 +13,7 @@ namespace lamina {
 namespace {
 
 // As wide as a minimum is: a pose that is open by less is in the right one.
-constexpr double kMinimumM = 0.15;
+constexpr double kMinimumM = 0.3;
 
 // Information in a match's covariance (scaled) but for the prediction's share.
 Matrix6d MeasuredInformation(const MatchResult& match) {

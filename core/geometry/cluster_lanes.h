@@ -44,7 +44,7 @@ namespace lamina {
 }
 
 // A motion in each lane.
-struct MotionLanes {
+struct alignas(32) MotionLanes {
   Four R[3][3] = {}, t[3] = {};
 
   // The same in all.
@@ -84,7 +84,7 @@ struct MotionLanes {
 };
 
 // Numbers of four PointClusters, in their order.
-struct ClusterLanes {
+struct alignas(32) ClusterLanes {
   Four count, mean[3], scatter[6];  // xx xy xz yy yz zz
 
   // From four places in memory, each the first number of a cluster.

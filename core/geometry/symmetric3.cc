@@ -51,7 +51,7 @@ inline Eigen3 Ordered(const std::array<double, 3>& l, const Eigen::Matrix3d& u) 
 }
 
 // Rotate for four matrices, each of which stops when it would by itself.
-struct JacobiLanes {
+struct alignas(32) JacobiLanes {
   using Bits = std::int64_t __attribute__((vector_size(32)));
   static constexpr int kPlace[3][3] = {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}};
 

@@ -78,8 +78,7 @@ struct JointEquations {
 
 JointEquations EquationsAt(const std::vector<TimedCluster>& timed, const SE3& T, double gap_s,
                            double kernel_sigma, MapResiduals* residuals) {
-  std::vector<MapResiduals::StepShares> pose_a(timed.size()), pose_b(timed.size()),
-      a_b(timed.size());
+  std::vector<StepShares> pose_a(timed.size()), pose_b(timed.size()), a_b(timed.size());
   for (std::size_t i = 0; i < timed.size(); ++i) {
     const double tau = timed[i].mean_time_s;
     const double p = 1.0 + tau / gap_s, g_b = tau * gap_s;
@@ -88,19 +87,20 @@ JointEquations EquationsAt(const std::vector<TimedCluster>& timed, const SE3& T,
     pose_b[i] = {p, g_b};
     a_b[i] = {g_a, g_b};
   }
-  const MapResiduals::TwoSteps a = residuals->TwoStepsAt(T, kernel_sigma, pose_a);
-  const MapResiduals::TwoSteps b = residuals->TwoStepsAt(T, kernel_sigma, pose_b);
-  const Matrix6d across = residuals->TwoStepsAt(T, kernel_sigma, a_b).H_across;
+  const TwoStepRows a = residuals->TwoStepsAt(T, kernel_sigma, pose_a);
+  const TwoStepRows b = residuals->TwoStepsAt(T, kernel_sigma, pose_b);
+  const Matrix6d across = residuals->TwoStepsAt(T, kernel_sigma, a_b).across.H();
   const Matrix6d to = BodyToTangent(T);
   const auto in_body = [&](const Matrix6d& H) {
     return Matrix6d(to.transpose() * DividedByArm(H) * to);
   };
   JointEquations eq;
-  eq.H_pose = DividedByArm(a.H_pose);
-  eq.g_pose = DividedByArm(a.g_pose);
-  eq.H_across << DividedByArm(a.H_across) * to, DividedByArm(b.H_across) * to;
-  eq.H_other << in_body(a.H_other), in_body(across), in_body(across), in_body(b.H_other);
-  eq.g_other << to.transpose() * DividedByArm(a.g_other), to.transpose() * DividedByArm(b.g_other);
+  eq.H_pose = DividedByArm(a.pose.H());
+  eq.g_pose = DividedByArm(a.pose.g());
+  eq.H_across << DividedByArm(a.across.H()) * to, DividedByArm(b.across.H()) * to;
+  eq.H_other << in_body(a.other.H()), in_body(across), in_body(across), in_body(b.other.H());
+  eq.g_other << to.transpose() * DividedByArm(a.other.g()),
+      to.transpose() * DividedByArm(b.other.g());
   return eq;
 }
 
