@@ -150,8 +150,10 @@ class CorrectingRun {
     while (Next() < most && run_.mapping->counts().keyframes < kLeastKeyframes && !Stopped(stop_)) {
       MapUntil(std::min(most, Next() + kOpeningScans));
     }
+    // Few keyframes of many scans: it stands still, or is lost.
+    if (Stopped(stop_) || run_.mapping->counts().keyframes < kLeastKeyframes) return;
     const MapThickness before = ThicknessOf(run_.mapping);
-    if (Stopped(stop_) || !IsLookedAt(before, options_)) return;
+    if (!IsLookedAt(before, options_)) return;
     run_.opening = CalibrateOpening(source_, begin_, Next(), options_, calibration, stop_);
     run_.opening.before = before;
     if (run_.opening.outcome == Outcome::kCorrected) Try();
