@@ -48,7 +48,9 @@ StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& ma
       matcher_(WithNarrowKernel(options.matcher)),
       reach_m_s_(2.0 * options.motion.start_speed_sigma_m_s),
       open_sigma_m_(options.matcher.max_direction_sigma_m) {
-  steady_.voxel_size_m = map_options.LeafSize();
+  // Smaller ones hold too few points of sparse scans.
+  constexpr double kLeastVoxelM = 0.4;
+  steady_.voxel_size_m = std::max(kLeastVoxelM, map_options.LeafSize());
   steady_.noise_m = options.matcher.noise_floor_m;
   steady_.speed_sigma_m_s = options.motion.start_speed_sigma_m_s;
   steady_.acceleration_sigma_m_s2 = options.motion.acceleration_sigma_m_s2;
@@ -264,10 +266,15 @@ void StartTrack::Overrule(const std::vector<SE3>& poses, const std::vector<SE3>&
 void StartTrack::Decide() {
   const bool last = scans_.size() >= kMostScans;
   const bool many = last || scans_.size() == kManyScans;
-  if (unsure_ && all_tracked_ && many && TakeSteady()) return;
+  if (unsure_ && many) {
+    bool refuted = false;
+    if (TakeSteady(&refuted)) return;
+    if (refuted && last) return GiveUp();
+    if (refuted) return;
+  }
   // Where planes leave the way open by themselves, as in a tunnel, poses are called degenerate, and
   // another start would be no better.
-  if (unsure_ && many && 2 * without_planes_ >= scans_.size()) return Clear();
+  if (unsure_ && last && 2 * without_planes_ >= scans_.size()) return Clear();
   if (hypotheses_.empty()) {
     if (unsure_ && last) return GiveUp();
     if (!unsure_) Clear();

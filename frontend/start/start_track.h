@@ -139,15 +139,35 @@ class StartTrack {
   // Closes with the best hypothesis.
   void TakeBest();
   void GiveUp();
-  // Puts the scans where the steady motion along the open direction has them under which they make
-  // the sharpest map. False if it is no sharper than as odometry has them, or says too little.
-  bool TakeSteady();
+  // Puts the scans where the steady motion has them under which they make the sharpest map: along
+  // the direction that a match left open, and along that across the sensor's vertical axis which
+  // the fewest planes face, as most sensors travel so. Where matches have turned scans of few
+  // points wrongly, from no turn at all. False if it is no sharper than as odometry has them, or
+  // says too little; `refuted`: what odometry has is none of the ways they may have gone.
+  bool TakeSteady(bool* refuted);
   // Brings the pose of a scan to the map that all others make, along u only as far as few surfaces
   // may (direction_profile.h). False if it meets too little of it.
   bool SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,
                     MatchResult* match) const;
-  // The scans as if the sensor had not moved along u, and how it has as odometry has it.
-  std::vector<SteadyScan> WithoutWay(const Eigen::Vector3d& u, WayAlong* own) const;
+  // What the search for steady motions makes of a way.
+  struct SteadyWay {
+    std::vector<SE3> poses;   // moved where a steady motion makes the map clearly sharper
+    std::vector<SE3> moving;  // under the steady motions that were found
+    bool moved = false;
+    bool refuted = false;  // by motions of which none is told from the others
+    Eigen::Vector3d known = Eigen::Vector3d::Zero();  // the last direction whose speed is told
+  };
+  // Along one direction after the other; `by_itself`: matches have no say in these poses.
+  SteadyWay FindSteady(const std::vector<SE3>& from, const std::vector<Eigen::Vector3d>& directions,
+                       bool by_itself) const;
+  // Straight ahead, across the sensor's vertical axis, without a turn. Moved only if that is
+  // likelier than the other way.
+  SteadyWay FindStraight(const std::vector<SE3>& other) const;
+  // Sum of n n^T over the planes that the newest scan meets in a map of so many of the scans.
+  Eigen::Matrix3d Faced(const std::vector<SE3>& poses, std::size_t scans) const;
+  // The scans as if the sensor had not moved along u, and how it has by these poses.
+  std::vector<SteadyScan> WithoutWay(const std::vector<SE3>& poses, const Eigen::Vector3d& u,
+                                     WayAlong* own) const;
   // Closes with these poses, and with the twists of those where it is `moving`.
   void Overrule(const std::vector<SE3>& poses, const std::vector<SE3>& moving,
                 const MatchResult& match);

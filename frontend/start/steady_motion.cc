@@ -102,8 +102,8 @@ WayAlong SteadyMotionSearch::WayUnder(const SteadyMotion& motion) const {
   return way;
 }
 
-void SteadyMotionSearch::AddGrid(const WayAlong& way, const Eigen::Vector3d& shift_m,
-                                 Evidence* sums) const {
+void SteadyMotionSearch::AddGrid(const SteadyMotionSearch& places, const WayAlong& way,
+                                 const Eigen::Vector3d& shift_m, Evidence* sums) const {
   const double noise2 = options_.noise_m * options_.noise_m;
   VoxelIndex index(block_of_.size() / 4);
   std::vector<PointCluster> voxels;
@@ -140,7 +140,7 @@ void SteadyMotionSearch::AddGrid(const WayAlong& way, const Eigen::Vector3d& shi
   place = 0;
   for (const SteadyScan& scan : scans_) {
     for (const PointCluster& cluster : scan.clusters) {
-      sums->blocks[static_cast<std::size_t>(block_of_[place])] +=
+      sums->blocks[static_cast<std::size_t>(places.block_of_[place])] +=
           cluster.count * sharpness[static_cast<std::size_t>(voxel_of[place])];
       ++place;
     }
@@ -149,12 +149,18 @@ void SteadyMotionSearch::AddGrid(const WayAlong& way, const Eigen::Vector3d& shi
 
 SteadyMotionSearch::Evidence SteadyMotionSearch::EvidenceOf(const WayAlong& way,
                                                             std::size_t grids) const {
+  return EvidenceIn(*this, way, grids);
+}
+
+SteadyMotionSearch::Evidence SteadyMotionSearch::EvidenceIn(const SteadyMotionSearch& places,
+                                                            const WayAlong& way,
+                                                            std::size_t grids) const {
   Evidence sums;
-  sums.blocks.resize(block_points_.size(), 0.0);
+  sums.blocks.resize(places.block_points_.size(), 0.0);
   for (std::size_t grid = 0; grid < grids; ++grid)
-    AddGrid(way, options_.voxel_size_m * Eigen::Vector3d(kShifts[grid]), &sums);
+    AddGrid(places, way, options_.voxel_size_m * Eigen::Vector3d(kShifts[grid]), &sums);
   for (std::size_t b = 0; b < sums.blocks.size(); ++b)
-    sums.blocks[b] /= static_cast<double>(grids) * (block_points_[b] + kHalfPoints);
+    sums.blocks[b] /= static_cast<double>(grids) * (places.block_points_[b] + kHalfPoints);
   sums.shared /= static_cast<double>(grids);
   return sums;
 }
@@ -245,6 +251,11 @@ FoundMotion SteadyMotionSearch::Find() const {
 
 double SteadyMotionSearch::Sharper(const WayAlong& one, const WayAlong& other) const {
   return Votes(EvidenceOf(one, kGrids).blocks, EvidenceOf(other, kGrids).blocks);
+}
+
+double SteadyMotionSearch::Sharper(const WayAlong& one, const SteadyMotionSearch& from,
+                                   const WayAlong& other) const {
+  return Votes(EvidenceOf(one, kGrids).blocks, from.EvidenceIn(*this, other, kGrids).blocks);
 }
 
 }  // namespace lamina

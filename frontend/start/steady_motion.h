@@ -82,9 +82,11 @@ class SteadyMotionSearch {
   FoundMotion Find() const;
   // By how many standard deviations the first one makes the map sharper.
   double Sharper(const WayAlong& one, const WayAlong& other) const;
+  // The same where the other has the very same scans turned, and beside the way, otherwise.
+  double Sharper(const WayAlong& one, const SteadyMotionSearch& from, const WayAlong& other) const;
 
  private:
-  // Keeps some of the clusters of scans that have very many.
+  // Keeps some of the clusters of scans that have very many. Those kept do not depend on poses.
   void ThinOut();
   struct Evidence {
     std::vector<double> blocks;  // L_b of each
@@ -92,7 +94,11 @@ class SteadyMotionSearch {
   };
   // In so many grids.
   Evidence EvidenceOf(const WayAlong& way, std::size_t grids) const;
-  void AddGrid(const WayAlong& way, const Eigen::Vector3d& shift_m, Evidence* sums) const;
+  // By the blocks of `places`, which has the same scans.
+  Evidence EvidenceIn(const SteadyMotionSearch& places, const WayAlong& way,
+                      std::size_t grids) const;
+  void AddGrid(const SteadyMotionSearch& places, const WayAlong& way,
+               const Eigen::Vector3d& shift_m, Evidence* sums) const;
   // L from that of its blocks.
   double Total(const SteadyMotion& motion, const std::vector<double>& blocks) const;
   // From a motion to the maximum near by.

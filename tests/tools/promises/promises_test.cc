@@ -264,6 +264,17 @@ TEST(AdverseForest, WalksOnBetweenPlanesOfItsOwnBeams) {
   EXPECT_EQ(verdict.lost, 0u);
 }
 
+// Two scans of such a sensor share few planes that face the way, and matches settle on any speed,
+// or turn a scan about. Eight of them together show which steady motion they were taken in.
+TEST(AdverseStart, ASteadyMotionIsFoundWhereMatchesMislead) {
+  const Verdict city = Tried("city-mid360", 1);
+  EXPECT_LT(city.worst_m, 0.1);
+  EXPECT_LT(city.degenerate, 10u) << city.broken;
+  const Verdict bays = Tried("bays-mid360", 5);
+  EXPECT_LT(bays.worst_m, 0.1);
+  EXPECT_LT(bays.lost, 8u) << bays.broken;
+}
+
 struct WeakScene {
   std::string name;
   int seed;
