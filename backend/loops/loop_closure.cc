@@ -130,9 +130,9 @@ AnchorEdge EdgeOf(const Loop& loop) {
   // The translation of a match is perturbed in the frame of the other submap.
   Matrix6d J = Matrix6d::Identity();
   J.bottomRightCorner<3, 3>() = edge.T_from_to.R().transpose();
-  edge.information =
-      (J * loop.match.covariance * J.transpose() + Isotropic(Radians(kInnerSigmaDeg), kInnerSigmaM))
-          .inverse();
+  const Matrix6d covariance =
+      J * loop.match.covariance * J.transpose() + Isotropic(Radians(kInnerSigmaDeg), kInnerSigmaM);
+  edge.information = covariance.inverse();
   edge.information = 0.5 * (edge.information + edge.information.transpose().eval());
   return edge;
 }

@@ -87,7 +87,8 @@ void DegenerateStretch::Learn(int block, const Matrix6d& information) {
   // P - P_b (P_bb + M^-1)^-1 P_b' without the inverse of M, which may be singular.
   const Eigen::Matrix<double, 12, 6> across = covariance_.middleCols<6>(block);
   const Matrix6d inside = covariance_.block<6, 6>(block, block);
-  const Matrix6d gain = information * (Matrix6d::Identity() + inside * information).inverse();
+  const Matrix6d sum = Matrix6d::Identity() + inside * information;
+  const Matrix6d gain = information * sum.inverse();
   covariance_ -= across * gain * across.transpose();
   covariance_ = 0.5 * (covariance_ + covariance_.transpose()).eval();
 }
@@ -95,7 +96,7 @@ void DegenerateStretch::Learn(int block, const Matrix6d& information) {
 void DegenerateStretch::Compare(const OdometryFrame& frame,
                                 const std::vector<TimedCluster>& clusters, const VoxelMap& map,
                                 const Matrix6d& measured) {
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(covariance_.topLeftCorner<6, 6>());
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(Matrix6d(covariance_.topLeftCorner<6, 6>()));
   const Matrix6d& directions = solver.eigenvectors();
   const std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.sweep);
   const ScanMatcherOptions& o = matcher_.options();
@@ -115,7 +116,7 @@ void DegenerateStretch::Compare(const OdometryFrame& frame,
 
 double DegenerateStretch::SigmaM() const {
   if (!open_) return 0.0;
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(covariance_.topLeftCorner<6, 6>(),
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(Matrix6d(covariance_.topLeftCorner<6, 6>()),
                                                        Eigen::EigenvaluesOnly);
   return std::sqrt(std::max(0.0, solver.eigenvalues()(5)));
 }

@@ -95,7 +95,7 @@ class CeresGraph {
       const Eigen::MatrixXd Ji = J.middleRows(row, 6).toDense();
       const Matrix6d H = Ji * factor.solve(Ji.transpose());
       const Matrix6d S = Matrix6d::Identity() + (kept[i] ? Matrix6d(-H) : H);
-      const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(0.5 * (S + S.transpose()));
+      const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(Matrix6d(0.5 * (S + S.transpose())));
       const Vector6d r =
           eigen.eigenvectors().transpose() * Eigen::Map<const Vector6d>(residuals.data() + row);
       // Along what nothing else determines, a loop that counts cannot be contradicted.

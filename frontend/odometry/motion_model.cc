@@ -90,7 +90,7 @@ void MotionModel::UpdateCovariances(double dt, const Matrix6d& covariance) {
     const double way = options_.acceleration_sigma_m_s2 * dt;
     kept.diagonal().head<3>().array() += turn * turn;
     kept.diagonal().tail<3>().array() += way * way;
-    velocity_covariance_ = (measured.inverse() + kept.inverse()).inverse();
+    velocity_covariance_ = Matrix6d(measured.inverse() + kept.inverse()).inverse();
   } else {
     velocity_covariance_ = measured;
   }

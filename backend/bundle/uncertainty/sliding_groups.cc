@@ -137,7 +137,7 @@ class JointMotion {
   // Finds what is open of group i, and takes the group out of what is before it.
   void Eliminate(std::size_t i, std::vector<GroupSlide>* slides) {
     const Matrix6d P = H_.block<6, 6>(Row(i), Row(i));
-    const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(0.5 * (P + P.transpose()));
+    const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(Matrix6d(0.5 * (P + P.transpose())));
     for (int k = 0; k < 6; ++k) {
       const Vector6d v = eigen.eigenvectors().col(k);
       const std::vector<Vector6d> motion = MotionWithFollowers(i, v);

@@ -1,0 +1,3 @@
+#include "core/geometry/decompositions.h"
+
+LAMINA_DECOMPOSITIONS()

@@ -1,0 +1,3 @@
+#include "tools/results/json_code.h"
+
+LAMINA_JSON_CODE()
