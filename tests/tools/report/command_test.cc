@@ -210,7 +210,7 @@ TEST_F(ReportTest, OpensFromAFileAndDraws) {
   ASSERT_EQ(Run("report --run " + Path("run") + " --out " + Path("report.html") + " --truth " +
                 Path("truth.txt") + " --max-surfels 4000"),
             0);
-  Browser browser(Path("profile"), 1280, 900);
+  Browser browser(Path("profile"), 900, 700);
   browser.Go("file://" + Path("report.html"));
   ASSERT_FALSE(browser.WaitFor("!!lamina.viewer").is_null());
   EXPECT_EQ(browser.Run("return lamina.viewer.map.count"), 4000);

@@ -247,7 +247,7 @@ TEST_F(PiecesFilesTest, ThePageShowsOnePieceAtATime) {
     view.SetStatus({});
   };
   for (int i = 0; i < 20; ++i) add(i, 0);
-  Browser browser(Path("profile"), 1280, 800);
+  Browser browser(Path("profile"), 900, 640);
   browser.Go(server.url());
   const auto surfels = [&](const LiveWorld& world) {
     return !browser.WaitFor("lamina.viewer.map.count === " + std::to_string(world.size()))
@@ -297,7 +297,7 @@ TEST_F(PiecesFilesTest, TheReportShowsOnePieceAtATime) {
   WriteTumTrajectory(Path("run/trajectory_tum.txt"), trajectory);
   Write("run/frames.csv", csv);
   ASSERT_EQ(Lamina({"report", "--run", Path("run"), "--out", Path("report.html")}).code, 0);
-  Browser browser(Path("profile"), 1280, 900);
+  Browser browser(Path("profile"), 900, 700);
   browser.Go("file://" + Path("report.html"));
   ASSERT_FALSE(browser.WaitFor("!!lamina.viewer").is_null());
   EXPECT_EQ(browser.Run("return lamina.viewer.map.count"), sizes[0]);

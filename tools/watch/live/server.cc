@@ -343,6 +343,9 @@ class HttpServer::Impl : private httplib::Server {
                !request.has_header("Transfer-Encoding") && listener_.HasFreeThread();
         // Parts of a file, thousands of them overlapping, would be a cheap way to fill memory.
         request.ranges.clear();
+        // httplib would compress what the browser lets it, at brotli's best: of three.js that takes
+        // a second of a core, which is the mapping's, for each page that is opened.
+        request.headers.erase("Accept-Encoding");
         connection->SetDeadline(limits_.response);
       };
       bool closed = false;

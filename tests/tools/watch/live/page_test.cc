@@ -85,7 +85,7 @@ class LivePage : public FilesTest {
 
   void Open() {
     if (shared_ == nullptr) {
-      shared_ = std::make_unique<Browser>((profiles_ / "desk").string(), 1280, 800);
+      shared_ = std::make_unique<Browser>((profiles_ / "desk").string(), 900, 640);
     }
     browser_ = shared_.get();
     OpenPage();

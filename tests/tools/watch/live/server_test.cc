@@ -476,6 +476,17 @@ TEST_F(HttpServerTest, NothingButTheKnownFilesIsServed) {
               AllOf(StartsWith("HTTP/1.1 4"), Not(HasSubstr("root:"))));
 }
 
+TEST_F(HttpServerTest, NoTimeIsSpentOnCompression) {
+  Serve();
+  for (const char* path : {"/viewer.js", "/api/status", "/metrics"}) {
+    const std::string answer = Raw(std::string("GET ") + path +
+                                   " HTTP/1.1\r\nHost: localhost\r\nAccept-Encoding: gzip, br\r\n"
+                                   "Connection: close\r\n\r\n");
+    EXPECT_THAT(answer, StartsWith("HTTP/1.1 200"));
+    EXPECT_THAT(answer, Not(HasSubstr("Content-Encoding"))) << path;
+  }
+}
+
 TEST_F(HttpServerTest, APageThatIsNotInstalledSaysSo) {
   HttpParts parts = Parts();
   parts.web = {};
