@@ -216,6 +216,23 @@ TEST(AdversePicked, TheProfileSeesTheMinimumThatTheDescentPassesBy) {
   EXPECT_LT(verdict.worst_m, 0.1) << verdict.broken;
 }
 
+// On foot scans some metres apart are seconds apart, in which a car could have gone beyond all that
+// is searched: scans that meet as much of the map as those before them are not lost for that.
+TEST(AdversePicked, IsTrackedOnFoot) {
+  const Verdict verdict = Tried("picked-forest", 1);
+  EXPECT_LT(verdict.worst_m, 0.10) << verdict.broken;
+  EXPECT_LT(verdict.lost, 30u);  // of 40
+}
+
+// The second scan is not found in the first, 4 m before it. Those after it agree with one another,
+// and there is no map to be found in.
+TEST(AdversePicked, BeginsAnewAfterAFirstScanThatNothingIsFoundIn) {
+  Promise promise = Within(0.1);
+  promise.synth = {"--scene pavement --profile picked --sensor os1 --frames 12"};
+  const Verdict verdict = JudgeTrial(MapTrial(promise, 1, {}).frames, promise);
+  EXPECT_LT(verdict.lost, 8u) << verdict.broken;
+}
+
 // Vans drive about the sensor. With these seeds two scans fit one of them better than what stands.
 TEST(AdverseCarPark, IsTrackedWhereTwoScansAreMistaken) {
   for (const int seed : {2, 7}) {
