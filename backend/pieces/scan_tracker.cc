@@ -43,7 +43,10 @@ OdometryFrame ScanTracker::Register(StampNs stamp_ns, bool stamp_made_up,
 
 OdometryFrame ScanTracker::FindAgain(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                                      const VoxelMap& map) {
-  lost_track_.Add(stamp_ns, clusters, odometry_.Twist(stamp_ns));
+  // However long it is lost, it more likely goes on as it did than it stands.
+  Vector6d twist = odometry_.Twist(stamp_ns);
+  twist.tail<3>() = odometry_.velocity().tail<3>();
+  lost_track_.Add(stamp_ns, clusters, twist, odometry_.RecentInliers());
   // A scan that agrees with no other is worth a search or two; a long track one now and then.
   constexpr int kAlone = 3, kEach = 8, kThen = 5;
   const std::int64_t scans = lost_track_.scans();
@@ -72,6 +75,8 @@ bool ScanTracker::MayRestart() const {
   constexpr int kAgreeing = 5;
   const int after = restart_after_lost_frames_;
   if (lost_track_.scans() < std::min(kAgreeing, after)) return false;
+  // Nothing is given up with a map of one scan, in which no other was found.
+  if (odometry_.RecentInliers() == 0.0 && odometry_.velocity().isZero()) return true;
   if (pieces_are_found_ && !odometry_.InReach(lost_track_.first_stamp_ns())) return true;
   return lost_in_a_row_ > after;
 }

@@ -1,5 +1,6 @@
 #include "frontend/odometry/lost_track.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "frontend/odometry/odometry.h"
@@ -11,9 +12,9 @@ LostTrack::LostTrack(const OdometryOptions& options, const VoxelMapOptions& map_
     : matcher_(options.matcher), map_options_(map_options), motion_(options.motion) {}
 
 void LostTrack::Add(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
-                    const Vector6d& twist) {
+                    const Vector6d& twist, double usual_inliers) {
   Scan scan;
-  if (scans_ > 0 && Agrees(stamp_ns, clusters, &scan)) {
+  if (scans_ > 0 && Agrees(stamp_ns, clusters, usual_inliers, &scan)) {
     motion_.Accept(stamp_ns, scan.T_first_lidar, true);
   } else {
     Clear();
@@ -47,10 +48,15 @@ void LostTrack::Guess(const SE3& T_world_newest) {
 }
 
 bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
-                       Scan* scan) const {
+                       double usual_inliers, Scan* scan) const {
   // One scan of few rings has little of what the next one sees, however well they agree.
   constexpr double kLeastFit = 0.7, kLeastOverlap = 0.3, kLeastOverlapOfTwo = 0.18;
-  const double least_overlap = kept_.size() > 1 ? kLeastOverlap : kLeastOverlapOfTwo;
+  // Of a forest, in which scans lie on planes by a fifth, two have half as much in common that are
+  // right, and a third where they are not.
+  constexpr double kLeastOfUsual = 0.5;
+  const double usual = usual_inliers > 0.0 ? kLeastOfUsual * usual_inliers : 1.0;
+  const double least_overlap =
+      std::min(kept_.size() > 1 ? kLeastOverlap : kLeastOverlapOfTwo, usual);
   VoxelMap map(map_options_);
   std::int64_t frame = 0;
   for (const Scan& other : kept_) {

@@ -28,8 +28,11 @@ class LostTrack {
   LostTrack(const OdometryOptions& options, const VoxelMapOptions& map_options);
 
   // The next lost scan. One that does not agree with those before begins a track of its own, with
-  // this body twist, per second, as far as anything is known.
-  void Add(StampNs stamp_ns, const std::vector<TimedCluster>& clusters, const Vector6d& twist);
+  // this body twist, per second, as far as anything is known. `usual_inliers`: the share of a scan
+  // that lay on planes before the sensor was lost, 0 if that is not known. Where it was little, as
+  // among trees, scans that agree have little in common as well.
+  void Add(StampNs stamp_ns, const std::vector<TimedCluster>& clusters, const Vector6d& twist,
+           double usual_inliers = 0.0);
   void Clear();
 
   // Scans that agree, the newest among them; 0 before the first.
@@ -56,7 +59,8 @@ class LostTrack {
   };
   // Whether the clusters agree with the scans before; fills their pose and deskews them under the
   // motion that it gives.
-  bool Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& clusters, Scan* scan) const;
+  bool Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& clusters, double usual_inliers,
+              Scan* scan) const;
 
   ScanMatcher matcher_;
   VoxelMapOptions map_options_;

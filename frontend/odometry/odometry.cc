@@ -313,16 +313,19 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
   const bool vouched = !gap && Vouches(match, prediction) &&
                        (!Leaps(match, prediction) ||
                         SigmasApart(prediction, match) <= options_.max_prediction_sigmas);
-  if (match.inlier_share < options_.lost_inlier_ratio * RecentInliers()) return false;
+  const double recent = RecentInliers();
+  if (match.inlier_share < options_.lost_inlier_ratio * recent) return false;
   if (vouched) return true;
   if (match.status != MatchResult::Status::kConverged) return false;
   // What fits no better than chance fits badly, whatever went before.
-  constexpr double kLeastFit = 0.65;
+  constexpr double kLeastFit = 0.65, kMeetsAll = 0.9;
   if (match.fit() < std::max(kLeastFit, options_.doubtful_fit_ratio * MedianOf(recent_fits_)))
     return false;
   if (gap && !StoodStill(match)) {
-    // Beyond the reach of the search there may be a better place.
-    if ((lost_ || motion_.moving_known()) && !Searchable(prediction)) return false;
+    // Beyond the reach of the search there may be a better place, unless the scan meets as much of
+    // the map as scans did before: where the sensor has not been, the map has less.
+    const bool meets_all = recent > 0.0 && match.inlier_share >= kMeetsAll * recent;
+    if ((lost_ || motion_.moving_known()) && !Searchable(prediction) && !meets_all) return false;
     if (SigmasApart(prediction, match) > kLikelySigmas) return false;
   }
   if (gap && WorstSigma(match.covariance) > options_.max_sigma_m) return false;

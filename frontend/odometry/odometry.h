@@ -129,9 +129,11 @@ class Odometry {
   bool started() const { return motion_.started(); }
   const Vector6d& velocity() const { return motion_.velocity(); }
   Vector6d Twist(StampNs stamp_ns) const { return motion_.Twist(stamp_ns); }
+  // The share of a scan that lay on the map's planes of late, the median; 0 before a scan was
+  // tracked.
+  double RecentInliers() const;
 
  private:
-  double RecentInliers() const;  // the median; 0 if there are none
   // Whether a match is farther from the prediction than its uncertainty explains.
   bool Surprising(const MatchResult& match, const PosePrediction& prediction) const;
   // Puts a match near the prediction in the place of such a one if planes say as much for it, and

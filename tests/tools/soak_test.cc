@@ -37,7 +37,8 @@ TEST_F(SoakTest, TheScriptForAdverseScenesExplainsItself) {
   const std::string script = "'" LAMINA_SOURCE_DIR "/tools/adverse'";
   EXPECT_EQ(Bash("-n " + script), 0) << Bytes(Path("out"));
   EXPECT_EQ(Bash(script + " --help"), 0);
-  EXPECT_THAT(Bytes(Path("out")), AllOf(HasSubstr("promises/promises.md"), HasSubstr("--seeds 3")));
+  EXPECT_THAT(Bytes(Path("out")), AllOf(HasSubstr("promises/promises.md"), HasSubstr("--seeds 3"),
+                                        HasSubstr("--random 50")));
 }
 
 TEST_F(SoakTest, TheScriptOfTheBenchExplainsItself) {

@@ -1,6 +1,7 @@
 #include "tools/promises/command.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -9,6 +10,7 @@
 #include <filesystem>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -18,6 +20,7 @@
 #include "tools/cli/options.h"
 #include "tools/commands.h"
 #include "tools/promises/promises.h"
+#include "tools/promises/random_rows.h"
 #include "tools/promises/report.h"
 #include "tools/promises/trial.h"
 
@@ -29,12 +32,23 @@ namespace fs = std::filesystem;
 struct AdverseArguments {
   std::string promises = "tools/promises/promises.md", out, progress = "auto";
   std::vector<std::string> only, set;
-  int seeds = 20, first_seed = 1, jobs = 0;
+  int first_seed = 1, jobs = 0;
+  std::optional<int> seeds;
+  int random = 0, random_seed = 1;  // 0: rows are read, not drawn
+  std::string places = "all";
+
+  int Seeds() const { return seeds.value_or(random > 0 ? 1 : 20); }
 };
 
-// Those named, in the order of the file; all if none is.
+std::vector<Promise> PromisesOf(const AdverseArguments& arguments) {
+  if (arguments.random == 0) return ReadPromises(arguments.promises);
+  return DrawPromises(arguments.random, arguments.random_seed,
+                      ByName<RandomPlaces>("--places", arguments.places, RandomPlacesNames()));
+}
+
+// Those named, in the order of the table; all if none is.
 std::vector<Promise> Chosen(const AdverseArguments& arguments) {
-  std::vector<Promise> promises = ReadPromises(arguments.promises);
+  std::vector<Promise> promises = PromisesOf(arguments);
   if (arguments.only.empty()) return promises;
   std::vector<std::string> names;
   for (const Promise& promise : promises) names.push_back(promise.name);
@@ -53,7 +67,7 @@ class Trials {
   Trials(const AdverseArguments& arguments, std::vector<Promise> promises)
       : arguments_(arguments),
         promises_(std::move(promises)),
-        seeds_(static_cast<std::size_t>(arguments.seeds)),
+        seeds_(static_cast<std::size_t>(arguments.Seeds())),
         progress_(ProgressMode(arguments.progress), promises_.size() * seeds_, "trials") {
     for (const Promise& promise : promises_) {
       results_.push_back({promise, std::vector<SeedResult>(seeds_)});
@@ -113,14 +127,19 @@ class Trials {
 };
 
 int RunAdverse(const AdverseArguments& arguments) {
-  if (arguments.seeds < 1)
-    throw OptionError(fmt::format("--seeds = {}: must be at least 1", arguments.seeds));
+  if (arguments.Seeds() < 1)
+    throw OptionError(fmt::format("--seeds = {}: must be at least 1", arguments.Seeds()));
+  if (arguments.random < 0)
+    throw OptionError(fmt::format("--random = {}: must be 0 or more", arguments.random));
   if (arguments.jobs < 0)
     throw OptionError(fmt::format("--jobs = {}: must be 0 or more", arguments.jobs));
   std::vector<Promise> promises = Chosen(arguments);
   for (const Promise& promise : promises) CheckTrial(promise, arguments.set);
   MakeDirectory(arguments.out);
   MakeDirectory((fs::path(arguments.out) / "frames").string());
+  if (arguments.random > 0) {
+    WriteTextFile((fs::path(arguments.out) / "promises.md").string(), FormatPromises(promises));
+  }
   // One thread a trial: processor time compares, and the result is the same at any number.
   const auto one_thread = LimitThreads(1);
   const std::size_t processors = std::max(1U, std::thread::hardware_concurrency());
@@ -143,9 +162,21 @@ void AddAdverseCommand(CLI::App* app, std::function<int()>* run) {
   AdverseArguments& a = *arguments;
   CLI::App* command = app->add_subcommand("adverse", PurposeOfLabCommand("adverse"));
   command->add_option("--out", a.out, "folder for tables; made if it is not there")->required();
-  command->add_option("--promises", a.promises, "table of promises; says what its columns mean")
+  CLI::Option* promises =
+      command->add_option("--promises", a.promises, "table of promises; says what its columns mean")
+          ->capture_default_str();
+  command
+      ->add_option("--random", a.random,
+                   "so many scenes drawn at random, instead of a table; --out keeps the table of "
+                   "them as promises.md")
+      ->excludes(promises);
+  command->add_option("--random-seed", a.random_seed, "other scenes")->capture_default_str();
+  command
+      ->add_option("--places", a.places,
+                   fmt::format("random: where; {}", fmt::join(RandomPlacesNames(), ", ")))
       ->capture_default_str();
-  command->add_option("--seeds", a.seeds, "seeds of each scene")->capture_default_str();
+  command->add_option("--seeds", a.seeds,
+                      "seeds of each scene; if left out 20, of scenes drawn at random 1");
   command->add_option("--first-seed", a.first_seed, "the first of them")->capture_default_str();
   command->add_option("--only", a.only, "names of promises, a,b,c; all if left out")
       ->delimiter(',');

@@ -1,12 +1,15 @@
 #include "tools/promises/promises.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <filesystem>
 #include <sstream>
 
+#include "config/shipped_configs.h"
 #include "core/base/error.h"
 #include "io/file/text_input.h"
 
@@ -101,7 +104,10 @@ std::vector<Promise> ReadPromises(const std::string& path) {
     promise.synth.push_back(row.cells[1]);
     for (const std::string& word : Words(row.cells[2])) {
       if (IsConfiguration(word)) {
-        promise.config = (std::filesystem::path(path).parent_path() / word).string();
+        const std::filesystem::path beside = std::filesystem::path(path).parent_path() / word;
+        const bool is_shipped =
+            !std::filesystem::exists(beside) && FindShippedConfig(word) != nullptr;
+        promise.config = is_shipped ? word : beside.string();
       } else {
         promise.set.push_back(word);
       }
@@ -122,6 +128,25 @@ std::vector<Promise> ReadPromises(const std::string& path) {
   }
   if (promises.empty()) throw InputError(path + ": no promise in it");
   return promises;
+}
+
+std::string FormatPromises(const std::vector<Promise>& promises) {
+  const auto code = [](const std::string& text) { return text.empty() ? "" : "`" + text + "`"; };
+  const auto most = [](const std::optional<int>& n) { return n ? fmt::format("{}", *n) : "any"; };
+  std::string text =
+      "| name | lamina synth | lamina run | within m | lost | degenerate | tried |\n"
+      "|---|---|---|---|---|---|---|\n";
+  for (const Promise& p : promises) {
+    std::vector<std::string> run = p.set;
+    if (!p.config.empty()) run.insert(run.begin(), p.config);
+    const std::string bound = std::isfinite(p.within_m) ? fmt::format("{}", p.within_m)
+                                                        : fmt::format("{} %", p.drift_percent);
+    text += fmt::format("| {} | {} | {} | {} | {} | {} | {} |\n", p.name,
+                        code(fmt::format("{}", fmt::join(p.synth, " "))),
+                        code(fmt::format("{}", fmt::join(run, " "))), bound, most(p.lost),
+                        most(p.degenerate), p.tried);
+  }
+  return text;
 }
 
 }  // namespace lamina

@@ -6,7 +6,8 @@
 //
 //   name         of the trial
 //   lamina synth options of the scene, as on its command line; `code` quotes are dropped
-//   lamina run   a configuration, NAME.yaml relative to the file, then key=value pairs
+//   lamina run   a configuration, then key=value pairs: NAME.yaml relative to the file or, where no
+//                such file is, one that comes with the program
 //   within m     of the truth: every frame that is reported neither lost nor degenerate. Or with %:
 //                the drift, mean error over stretches of 100 m
 //                (tools/metrics/trajectory_metrics.h), for long ways on which no distance can be
@@ -28,8 +29,9 @@ namespace lamina {
 
 struct Promise {
   std::string name;
-  std::vector<std::string> synth;  // for ParseSynthOptions
-  std::string config;              // both for LoadConfig
+  // For ParseSynthOptions. The `--seed` among them is that of a trial's seed 1.
+  std::vector<std::string> synth;
+  std::string config;  // both for LoadConfig
   std::vector<std::string> set;
   // One of them is finite.
   double within_m = 0.1;
@@ -40,5 +42,9 @@ struct Promise {
 
 // Throws InputError, naming file, line and rule.
 std::vector<Promise> ReadPromises(const std::string& path);
+
+// The rows as a table that ReadPromises reads back, wherever it stands if their configurations come
+// with the program.
+std::string FormatPromises(const std::vector<Promise>& promises);
 
 }  // namespace lamina

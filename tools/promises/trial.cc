@@ -47,9 +47,9 @@ class TimedSource final : public ScanSource {
 };
 
 std::shared_ptr<const SynthSequence> MakeSequence(const Promise& promise, int seed) {
-  std::vector<std::string> options = promise.synth;
-  options.push_back(fmt::format("--seed {}", seed));
-  return std::make_shared<const SynthSequence>(ParseSynthOptions(options));
+  SynthOptions options = ParseSynthOptions(promise.synth);
+  options.seed += seed - SynthOptions().seed;
+  return std::make_shared<const SynthSequence>(options);
 }
 
 LaminaConfig ConfigOf(const Promise& promise, const std::vector<std::string>& set) {

@@ -61,6 +61,29 @@ TEST_F(LostTrackTest, FollowsScansOfFewPoints) {
   }
 }
 
+// Scans of which little ever lies on planes have little in common as well, but more than spray has.
+TEST_F(LostTrackTest, FollowsScansThatNeverHadMuchInCommon) {
+  constexpr int kPoints = 900;
+  constexpr double kUsual = 0.2;
+  Vector6d twist = Vector6d::Zero();
+  twist(3) = 10.0;
+  int followed = 0, strictly = 0;
+  for (int trial = 0; trial < 8; ++trial) {
+    LostTrack usual(options_, map_), strict(options_, map_), wet(options_, map_);
+    for (int i = 0; i < 4; ++i) {
+      const std::vector<TimedCluster> scan = Scan(7.0 * trial + i, kPoints);
+      usual.Add(Stamp(i), scan, twist, kUsual);
+      strict.Add(Stamp(i), scan, twist);
+      wet.Add(Stamp(i), Spray(kPoints), still_, kUsual);
+      EXPECT_EQ(wet.scans(), 1) << trial;
+    }
+    followed += usual.scans() == 4 ? 1 : 0;
+    strictly += strict.scans() == 4 ? 1 : 0;
+  }
+  EXPECT_GE(followed, 6);
+  EXPECT_LE(strictly, 4);
+}
+
 TEST_F(LostTrackTest, SprayAgreesWithNothing) {
   LostTrack track(options_, map_);
   track.Add(Stamp(0), Scan(0.0), still_);

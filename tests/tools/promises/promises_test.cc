@@ -1,4 +1,6 @@
 // What is promised for adverse scenes: the file, the judge, and a short form of the trials.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -11,6 +13,7 @@
 #include "tools/promises/covariance.h"
 #include "tools/promises/judge.h"
 #include "tools/promises/promises.h"
+#include "tools/promises/random_rows.h"
 #include "tools/promises/report.h"
 #include "tools/promises/trial.h"
 
@@ -213,6 +216,23 @@ TEST(AdversePicked, TheProfileSeesTheMinimumThatTheDescentPassesBy) {
   EXPECT_LT(verdict.worst_m, 0.1) << verdict.broken;
 }
 
+// On foot scans some metres apart are seconds apart, in which a car could have gone beyond all that
+// is searched: scans that meet as much of the map as those before them are not lost for that.
+TEST(AdversePicked, IsTrackedOnFoot) {
+  const Verdict verdict = Tried("picked-forest", 1);
+  EXPECT_LT(verdict.worst_m, 0.10) << verdict.broken;
+  EXPECT_LT(verdict.lost, 30u);  // of 40
+}
+
+// The second scan is not found in the first, 4 m before it. Those after it agree with one another,
+// and there is no map to be found in.
+TEST(AdversePicked, BeginsAnewAfterAFirstScanThatNothingIsFoundIn) {
+  Promise promise = Within(0.1);
+  promise.synth = {"--scene pavement --profile picked --sensor os1 --frames 12"};
+  const Verdict verdict = JudgeTrial(MapTrial(promise, 1, {}).frames, promise);
+  EXPECT_LT(verdict.lost, 8u) << verdict.broken;
+}
+
 // Vans drive about the sensor. With these seeds two scans fit one of them better than what stands.
 TEST(AdverseCarPark, IsTrackedWhereTwoScansAreMistaken) {
   for (const int seed : {2, 7}) {
@@ -351,6 +371,61 @@ TEST_F(AdverseCommandTest, TheTableTellsWhatWasKept) {
   EXPECT_EQ(Lines(Bytes(Path("out/frames/easy_1.csv"))).size(), 21u);
   adverse("again", "1");
   EXPECT_EQ(Bytes(Path("again/frames/hard_2.csv")), Bytes(Path("out/frames/hard_2.csv")));
+}
+
+bool AreEqual(const Promise& a, const Promise& b) {
+  return a.name == b.name && fmt::format("{}", fmt::join(a.synth, " ")) == b.synth.front() &&
+         a.config == b.config && a.set == b.set && a.within_m == b.within_m && a.lost == b.lost &&
+         a.degenerate == b.degenerate;
+}
+
+TEST_F(AdverseCommandTest, RandomRowsAreThoseOfTheirSeed) {
+  const auto drawn = [](int rows, int seed) {
+    return FormatPromises(DrawPromises(rows, seed, RandomPlaces::kAll));
+  };
+  EXPECT_EQ(drawn(30, 1), drawn(30, 1));
+  EXPECT_EQ(drawn(30, 1).find(drawn(10, 1)), 0u) << "more rows leave the first as they are";
+  EXPECT_NE(drawn(30, 1), drawn(30, 2));
+}
+
+TEST_F(AdverseCommandTest, RandomRowsCanBeTriedAndAreReadBackAsDrawn) {
+  for (const RandomPlaces places :
+       {RandomPlaces::kCar, RandomPlaces::kFoot, RandomPlaces::kIndoor, RandomPlaces::kAll}) {
+    const std::vector<Promise> drawn = DrawPromises(150, 3, places);
+    std::ofstream(Path("drawn.md")) << FormatPromises(drawn);
+    const std::vector<Promise> read = ReadPromises(Path("drawn.md"));
+    ASSERT_EQ(read.size(), drawn.size());
+    for (std::size_t i = 0; i < drawn.size(); ++i) {
+      EXPECT_TRUE(AreEqual(drawn[i], read[i])) << drawn[i].name;
+      EXPECT_NO_THROW(CheckTrial(read[i], {})) << drawn[i].name;
+    }
+  }
+}
+
+TEST_F(AdverseCommandTest, ARandomRowIsRepeatedFromTheTableThatItLeft) {
+  const auto adverse = [&](const std::string& out, std::vector<std::string> options) {
+    options.insert(options.begin(), {"adverse", "--out", Path(out), "--progress", "off"});
+    return Lamina(options);
+  };
+  // One that takes little time.
+  const std::vector<Promise> drawn = DrawPromises(40, 2, RandomPlaces::kIndoor);
+  const auto cheap = std::find_if(drawn.begin(), drawn.end(), [](const Promise& p) {
+    return p.name.find("hall-mid360") == 0 || p.name.find("hall-vlp16") == 0;
+  });
+  ASSERT_NE(cheap, drawn.end());
+  const std::string frames = "/frames/" + cheap->name + "_1.csv";
+  const Outcome random = adverse(
+      "out", {"--random", "40", "--random-seed", "2", "--places", "indoor", "--only", cheap->name});
+  ASSERT_LE(random.code, 1) << random.err;
+  EXPECT_EQ(Lines(Bytes(Path("out/trials.csv"))).size(), 2u) << "one seed";
+  const std::string table = Path("out/promises.md");
+  adverse("again", {"--promises", table, "--only", cheap->name, "--seeds", "1"});
+  EXPECT_EQ(Bytes(Path("again" + frames)), Bytes(Path("out" + frames)));
+
+  EXPECT_EQ(adverse("not", {"--random", "3", "--promises", kPromises}).code, 2);
+  const Outcome moon = adverse("not", {"--random", "3", "--places", "moon"});
+  EXPECT_EQ(moon.code, 2);
+  EXPECT_THAT(moon.err, AllOf(HasSubstr("--places"), HasSubstr("indoor")));
 }
 
 }  // namespace
