@@ -32,6 +32,13 @@
 // Where scans are of few points and a match leaves the way open, chance has a minimum everywhere.
 // There a way counts only if it is steady; otherwise, after all scans, the start is given up: no
 // map is to begin with them.
+//
+// Where everything about sets off together with the sensor, all of that may be held for what
+// stands: two scans have no other minimum, and each scan more is held where the ones before were.
+// So a sensor that stands or sets off is asked once more when all scans are there, whatever they
+// said one after the other: for the steady motion that makes their map the sharpest
+// (steady_motion.h). If that is another way, it is taken where it refutes that of odometry. Where
+// it is likelier but no way to be sure of, the start is given up.
 #pragma once
 
 #include <cstdint>
@@ -120,6 +127,9 @@ class StartTrack {
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
   VoxelMap MapOf(const std::vector<SE3>& poses, std::size_t scans,
                  std::size_t without = kNone) const;
+  // The direction that the fewest planes face.
+  static Eigen::Vector3d LeastFaced(const std::vector<PointCluster>& clusters,
+                                    const SE3& T_world_lidar, const VoxelMap& map);
   // Poses that differ by moves along u, and fit better than those beside them.
   std::vector<SE3> Minima(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
                           const VoxelMap& map, double middle_m, double reach_m) const;
@@ -136,12 +146,32 @@ class StartTrack {
   // Sorts the hypotheses, the best first, and drops what is refuted and what is another's double.
   void Rank();
   void Decide();
+  // Odometry's way is the only one left: closes, or leaves it to CheckSettingOff.
+  void Trust();
+  // Whether the sensor stands, or moves no faster than one that has just set off.
+  bool SettingOff() const;
+  // Closes, with a steady motion that refutes odometry's way, or gives up if one is likelier.
+  void CheckSettingOff();
   // Closes with the best hypothesis.
   void TakeBest();
   void GiveUp();
   // Puts the scans where the steady motion along the open direction has them under which they make
   // the sharpest map. False if it is no sharper than as odometry has them, or says too little.
   bool TakeSteady();
+  // The steady motion along a direction, beside what odometry has.
+  struct SteadyWay {
+    FoundMotion found;
+    std::vector<SE3> poses;  // under it
+    double way_m = 0.0;      // from the first scan to the newest
+    double apart_m = 0.0;    // by which it differs from odometry's, at most
+    double sharper = 0.0;    // by so many standard deviations; negative if odometry's is
+    bool known = false;      // well enough to be one
+  };
+  SteadyWay FindSteady(const Eigen::Vector3d& u) const;
+  // Closes with these poses, brought to the map of all others each, and the twists of `steady`.
+  // False, and nothing changes, if one of them meets too little.
+  bool TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& steady,
+                   const Eigen::Vector3d& u);
   // Brings the pose of a scan to the map that all others make, along u only as far as few surfaces
   // may (direction_profile.h). False if it meets too little of it.
   bool SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,
@@ -157,6 +187,7 @@ class StartTrack {
   double reach_m_s_, open_sigma_m_;
   SteadyMotionOptions steady_;
   bool open_ = true, overruled_ = false;
+  bool told_ = false;        // of several ways odometry's is left
   bool given_up_ = false;    // not archived: who asks does so at once
   std::vector<Scan> scans_;  // poses and twists: once closed
   std::vector<Hypothesis> hypotheses_;

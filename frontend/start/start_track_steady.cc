@@ -7,6 +7,15 @@
 #include "frontend/start/start_track.h"
 
 namespace lamina {
+namespace {
+
+// Scans from nearly one place have their points in the same few spots of each wall, and look sharp
+// for that alone: a way of less than a voxel refutes nothing.
+constexpr double kRefutedSigmas = 3.0;
+// Ways that differ by less are one.
+constexpr double kAgreesM = 0.15;
+
+}  // namespace
 
 std::vector<SteadyScan> StartTrack::WithoutWay(const Eigen::Vector3d& u, WayAlong* own) const {
   const std::vector<SE3> poses = OwnPoses();
@@ -32,34 +41,29 @@ std::vector<SteadyScan> StartTrack::WithoutWay(const Eigen::Vector3d& u, WayAlon
   return scans;
 }
 
-bool StartTrack::TakeSteady() {
+StartTrack::SteadyWay StartTrack::FindSteady(const Eigen::Vector3d& u) const {
   // A speed that is known worse, or at the end of what is looked for, may be any.
   constexpr double kMostOpenMS = 4.0, kMostOfReach = 0.8;
-  constexpr double kRefutedSigmas = 3.0;
-  // Where odometry agrees with a speed that is known so well, nothing is open any more.
-  constexpr double kKnownMS = 1.0, kAgreesM = 0.15;
-  const Eigen::Vector3d u = open_along_.normalized();
   WayAlong own;
   const SteadyMotionSearch search(steady_, u, WithoutWay(u, &own));
-  const FoundMotion found = search.Find();
-  if (found.open_speed_m_s > kMostOpenMS ||
-      std::abs(found.motion.speed_m_s) > kMostOfReach * steady_.most_speed_m_s)
-    return false;
-  const WayAlong way = search.WayUnder(found.motion);
-  std::vector<SE3> matched, steady;
-  double apart_m = 0.0;
+  SteadyWay steady;
+  steady.found = search.Find();
+  steady.known = steady.found.open_speed_m_s <= kMostOpenMS &&
+                 std::abs(steady.found.motion.speed_m_s) <= kMostOfReach * steady_.most_speed_m_s;
+  const WayAlong way = search.WayUnder(steady.found.motion);
   for (std::size_t k = 0; k < scans_.size(); ++k) {
     const double off_m = way.positions_m[k] - own.positions_m[k];
-    matched.push_back(scans_[k].T_world_lidar);
-    steady.emplace_back(matched.back().q, matched.back().t + off_m * u);
-    apart_m = std::max(apart_m, std::abs(off_m));
+    const SE3& T = scans_[k].T_world_lidar;
+    steady.poses.emplace_back(T.q, T.t + off_m * u);
+    steady.apart_m = std::max(steady.apart_m, std::abs(off_m));
   }
-  // Scans from nearly one place have their points in the same few spots of each wall, and look
-  // sharp for that alone.
-  const bool standing = std::abs(way.positions_m.back()) < steady_.voxel_size_m;
-  const bool refuted = !standing && search.Sharper(way, own) > kRefutedSigmas;
-  if (!refuted && (found.open_speed_m_s > kKnownMS || apart_m > kAgreesM)) return false;
-  std::vector<SE3> poses = refuted ? steady : matched;
+  steady.way_m = std::abs(way.positions_m.back());
+  steady.sharper = search.Sharper(way, own);
+  return steady;
+}
+
+bool StartTrack::TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& steady,
+                             const Eigen::Vector3d& u) {
   // The first one stays: the map begins there.
   MatchResult match;
   for (std::size_t k = 1; k < poses.size(); ++k) {
@@ -68,6 +72,31 @@ bool StartTrack::TakeSteady() {
   // Twists of a steady motion are steadier than those from pose to pose.
   Overrule(poses, steady, match);
   return true;
+}
+
+bool StartTrack::TakeSteady() {
+  // Where odometry agrees with a speed that is known so well, nothing is open any more.
+  constexpr double kKnownMS = 1.0;
+  const Eigen::Vector3d u = open_along_.normalized();
+  const SteadyWay steady = FindSteady(u);
+  if (!steady.known) return false;
+  const bool refuted = steady.way_m >= steady_.voxel_size_m && steady.sharper > kRefutedSigmas;
+  if (!refuted && (steady.found.open_speed_m_s > kKnownMS || steady.apart_m > kAgreesM))
+    return false;
+  return TakeSettled(refuted ? steady.poses : OwnPoses(), steady.poses, u);
+}
+
+void StartTrack::CheckSettingOff() {
+  constexpr double kDoubtedSigmas = 2.0;
+  const std::vector<SE3> own = OwnPoses();
+  const std::size_t last = own.size() - 1;
+  const Eigen::Vector3d u = LeastFaced(DeskewClusters(scans_[last].clusters, Twist(own, last)),
+                                       own[last], MapOf(own, last));
+  const SteadyWay steady = FindSteady(u);
+  if (steady.apart_m <= kAgreesM || steady.sharper < kDoubtedSigmas) return Clear();
+  const bool refuted =
+      steady.known && steady.way_m >= steady_.voxel_size_m && steady.sharper > kRefutedSigmas;
+  if (!refuted || !TakeSettled(steady.poses, steady.poses, u)) GiveUp();
 }
 
 bool StartTrack::SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,
