@@ -95,6 +95,9 @@ void Mapper::StartOver(OdometryFrame* frame) {
   window_ = SlidingWindow(options_.backend.window, map_);
   tracker_.StartOver();
   open_.ForgetKeyframes();
+  // What is being solved is of poses that are taken back: nothing of it is to be applied.
+  constexpr std::int64_t kTakenBack = -1;  // before the first keyframe
+  if (!solving_.empty()) solving_ = {kTakenBack};
   keyframes_since_solve_ = frames_since_keyframe_ = 0;
   const StartTrack::Scan& first = start_.scans().front();
   start_.Move(FirstMiddle(first.twist) * first.T_world_lidar.Inverse());

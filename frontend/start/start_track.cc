@@ -27,19 +27,6 @@ double FitAlong(const Surface& plane, const Eigen::Vector3d& p, const Eigen::Vec
   return facing * facing * GemanMcClureWeight(distance * distance / (kScaleM * kScaleM));
 }
 
-// The direction that the fewest planes face.
-Eigen::Vector3d LeastFaced(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
-                           const VoxelMap& map) {
-  Eigen::Matrix3d faced = Eigen::Matrix3d::Zero();
-  for (const PointCluster& cluster : clusters) {
-    const Surface* plane = PlaneAt(map, T_world_lidar * cluster.mean);
-    if (plane == nullptr) continue;
-    const Eigen::Vector3d normal = plane->normal.cast<double>();
-    faced += normal * normal.transpose();
-  }
-  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(faced).eigenvectors().col(0);
-}
-
 }  // namespace
 
 StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& map_options)
@@ -58,7 +45,7 @@ StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& ma
 }
 
 void StartTrack::Clear() {
-  open_ = overruled_ = unsure_ = given_up_ = false;
+  open_ = overruled_ = told_ = unsure_ = given_up_ = false;
   scans_.clear();
   hypotheses_.clear();
 }
@@ -72,6 +59,7 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
   scans_.push_back({frame.stamp_ns, clusters, frame.T_world_lidar, Vector6d::Zero()});
   if (scans_.size() == 1) return;
   all_tracked_ = all_tracked_ && frame.status == OdometryFrame::Status::kTracked;
+  if (told_) return Trust();
   if (frame.open_m > std::max(open_m_, open_sigma_m_)) {
     open_m_ = frame.open_m;
     open_along_ = frame.match.weakest_direction.tail<3>();
@@ -90,6 +78,23 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
     hypotheses_ = std::move(followed);
   }
   Decide();
+}
+
+Eigen::Matrix3d StartTrack::Faced(const std::vector<SE3>& poses, std::size_t scans) const {
+  const VoxelMap map = MapOf(poses, scans);
+  Eigen::Matrix3d faced = Eigen::Matrix3d::Zero();
+  const std::size_t last = scans_.size() - 1;
+  for (const PointCluster& cluster : DeskewClusters(scans_[last].clusters, Twist(poses, last))) {
+    const Surface* plane = PlaneAt(map, poses[last] * cluster.mean);
+    if (plane == nullptr) continue;
+    const Eigen::Vector3d normal = plane->normal.cast<double>();
+    faced += normal * normal.transpose();
+  }
+  return faced;
+}
+
+Eigen::Vector3d StartTrack::LeastFaced(const Eigen::Matrix3d& faced) {
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(faced).eigenvectors().col(0);
 }
 
 VoxelMap StartTrack::MapOf(const std::vector<SE3>& poses, std::size_t scans,
@@ -174,7 +179,7 @@ void StartTrack::Begin(const OdometryFrame& frame) {
   const VoxelMap map = MapOf({T_first, T}, 1);
   const std::vector<PointCluster> clusters =
       DeskewClusters(scans_[1].clusters, Twist({T_first, T}, 1));
-  u_ = LeastFaced(clusters, T, map);
+  u_ = LeastFaced(Faced({T_first, T}, 1));
   std::vector<SE3> starts = {T};
   // Along u the sensor may have moved so far to either side of where it was.
   const double gap_s = SecondsBetween(scans_[0].stamp_ns, scans_[1].stamp_ns);
@@ -277,7 +282,7 @@ void StartTrack::Decide() {
   if (unsure_ && last && 2 * without_planes_ >= scans_.size()) return Clear();
   if (hypotheses_.empty()) {
     if (unsure_ && last) return GiveUp();
-    if (!unsure_) Clear();
+    if (!unsure_) Trust();
     return;
   }
   Rank();
@@ -290,9 +295,25 @@ void StartTrack::Decide() {
   constexpr double kLikelySigmas = 1.0;
   const std::vector<SE3> own = OwnPoses();
   for (const Hypothesis& h : hypotheses_) {
-    if (SameWay(h.poses, own) && Better(best, h) < kLikelySigmas) return Clear();
+    if (SameWay(h.poses, own) && Better(best, h) < kLikelySigmas) return Trust();
   }
   TakeBest();
+}
+
+void StartTrack::Trust() {
+  told_ = true;
+  unsure_ = false;
+  hypotheses_.clear();
+  if (!all_tracked_ || !SettingOff()) return Clear();
+  if (scans_.size() >= kMostScans) CheckSettingOff();
+}
+
+bool StartTrack::SettingOff() const {
+  // Faster than this the sensor has left what set off with it behind.
+  constexpr double kMostMS = 5.0;
+  const std::size_t last = scans_.size() - 1;
+  const double gap_s = SecondsBetween(scans_[last - 1].stamp_ns, scans_[last].stamp_ns);
+  return (scans_[last].T_world_lidar.t - scans_[last - 1].T_world_lidar.t).norm() < kMostMS * gap_s;
 }
 
 void StartTrack::TakeBest() {
@@ -337,8 +358,8 @@ Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
 }
 
 void StartTrack::Archive(StateArchive& a) {
-  a(&open_, &overruled_, &unsure_, &all_tracked_, &open_m_, &open_along_, &scans_, &hypotheses_,
-    &without_planes_, &u_);
+  a(&open_, &overruled_, &told_, &unsure_, &all_tracked_, &open_m_, &open_along_, &scans_,
+    &hypotheses_, &without_planes_, &u_);
 }
 
 }  // namespace lamina

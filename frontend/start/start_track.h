@@ -32,6 +32,13 @@
 // Where scans are of few points and a match leaves the way open, chance has a minimum everywhere.
 // There a way counts only if it is steady; otherwise, after all scans, the start is given up: no
 // map is to begin with them.
+//
+// Where everything about sets off together with the sensor, all of that may be held for what
+// stands: two scans have no other minimum, and each scan more is held where the ones before were.
+// So a sensor that stands or sets off is asked once more when all scans are there, whatever they
+// said one after the other: for the steady motion that makes their map the sharpest
+// (steady_motion.h). If that refutes odometry's way, it is taken; where the speed itself is not
+// told, the start is given up.
 #pragma once
 
 #include <cstdint>
@@ -120,6 +127,10 @@ class StartTrack {
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
   VoxelMap MapOf(const std::vector<SE3>& poses, std::size_t scans,
                  std::size_t without = kNone) const;
+  // Sum of n n^T over the planes that the newest scan meets in a map of the first so many.
+  Eigen::Matrix3d Faced(const std::vector<SE3>& poses, std::size_t scans) const;
+  // The direction that the fewest planes face.
+  static Eigen::Vector3d LeastFaced(const Eigen::Matrix3d& faced);
   // Poses that differ by moves along u, and fit better than those beside them.
   std::vector<SE3> Minima(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
                           const VoxelMap& map, double middle_m, double reach_m) const;
@@ -136,6 +147,12 @@ class StartTrack {
   // Sorts the hypotheses, the best first, and drops what is refuted and what is another's double.
   void Rank();
   void Decide();
+  // Odometry's way is the only one left: closes, or leaves it to CheckSettingOff.
+  void Trust();
+  // Whether the sensor stands, or moves no faster than one that has just set off.
+  bool SettingOff() const;
+  // Closes, with the steady motion if that refutes odometry's way; gives up if none is told.
+  void CheckSettingOff();
   // Closes with the best hypothesis.
   void TakeBest();
   void GiveUp();
@@ -145,26 +162,37 @@ class StartTrack {
   // points wrongly, from no turn at all. False if it is no sharper than as odometry has them, or
   // says too little; `refuted`: what odometry has is none of the ways they may have gone.
   bool TakeSteady(bool* refuted);
+  // Closes with these poses, brought to the map of all others each, and the twists of `steady`.
+  // False, and nothing changes, if one of them meets too little.
+  bool TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& steady,
+                   const Eigen::Vector3d& u);
   // Brings the pose of a scan to the map that all others make, along u only as far as few surfaces
   // may (direction_profile.h). False if it meets too little of it.
   bool SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,
                     MatchResult* match) const;
-  // What the search for steady motions makes of a way.
+  // The steady motion along one direction, beside the way that poses have.
+  struct SteadyAlong {
+    std::vector<SE3> poses;  // under it
+    double speed_m_s = 0.0, open_speed_m_s = 0.0;
+    double apart_m = 0.0;  // by which the two differ, at most
+    double sharper = 0.0;  // by so many standard deviations; negative if the poses' way is
+    bool told = false;     // known well enough to be one
+    bool refutes = false;  // the poses' way, clearly
+  };
+  SteadyAlong FindAlong(const std::vector<SE3>& from, const Eigen::Vector3d& u) const;
+  // The same along one direction after the other.
   struct SteadyWay {
-    std::vector<SE3> poses;   // moved where a steady motion makes the map clearly sharper
-    std::vector<SE3> moving;  // under the steady motions that were found
+    std::vector<SE3> poses;   // moved where a steady motion that is told refutes them
+    std::vector<SE3> moving;  // under the steady motions that are told
     bool moved = false;
     bool refuted = false;  // by motions of which none is told from the others
     Eigen::Vector3d known = Eigen::Vector3d::Zero();  // the last direction whose speed is told
   };
-  // Along one direction after the other; `by_itself`: matches have no say in these poses.
-  SteadyWay FindSteady(const std::vector<SE3>& from, const std::vector<Eigen::Vector3d>& directions,
-                       bool by_itself) const;
-  // Straight ahead, across the sensor's vertical axis, without a turn. Moved only if that is
+  SteadyWay FindSteady(const std::vector<SE3>& from,
+                       const std::vector<Eigen::Vector3d>& directions) const;
+  // Straight ahead, across the sensor's vertical axis, without a turn. False if that is not
   // likelier than the other way.
-  SteadyWay FindStraight(const std::vector<SE3>& other) const;
-  // Sum of n n^T over the planes that the newest scan meets in a map of so many of the scans.
-  Eigen::Matrix3d Faced(const std::vector<SE3>& poses, std::size_t scans) const;
+  bool FindStraight(const std::vector<SE3>& other, std::vector<SE3>* poses) const;
   // The scans as if the sensor had not moved along u, and how it has by these poses.
   std::vector<SteadyScan> WithoutWay(const std::vector<SE3>& poses, const Eigen::Vector3d& u,
                                      WayAlong* own) const;
@@ -177,6 +205,7 @@ class StartTrack {
   double reach_m_s_, open_sigma_m_;
   SteadyMotionOptions steady_;
   bool open_ = true, overruled_ = false;
+  bool told_ = false;        // of several ways odometry's is left
   bool given_up_ = false;    // not archived: who asks does so at once
   std::vector<Scan> scans_;  // poses and twists: once closed
   std::vector<Hypothesis> hypotheses_;

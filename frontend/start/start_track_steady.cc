@@ -13,6 +13,8 @@ namespace {
 
 // By how much a steady motion has to make the map sharper to be taken in the place of another one.
 constexpr double kRefutedSigmas = 3.0;
+// Ways that differ by less are one.
+constexpr double kAgreesM = 0.15;
 
 // The direction at right angles to `without` that the fewest planes face.
 Eigen::Vector3d LeastAcross(const Eigen::Matrix3d& faced, const Eigen::Vector3d& without) {
@@ -48,96 +50,100 @@ std::vector<SteadyScan> StartTrack::WithoutWay(const std::vector<SE3>& poses,
   return scans;
 }
 
-Eigen::Matrix3d StartTrack::Faced(const std::vector<SE3>& poses, std::size_t scans) const {
-  const VoxelMap map = MapOf(poses, scans);
-  Eigen::Matrix3d faced = Eigen::Matrix3d::Zero();
-  const std::size_t last = scans_.size() - 1;
-  for (const PointCluster& cluster : DeskewClusters(scans_[last].clusters, Twist(poses, last))) {
-    const Surface* plane = PlaneAt(map, poses[last] * cluster.mean);
-    if (plane == nullptr) continue;
-    const Eigen::Vector3d normal = plane->normal.cast<double>();
-    faced += normal * normal.transpose();
+StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
+                                              const Eigen::Vector3d& u) const {
+  // A speed that is known worse, or at the end of what is looked for, may be any.
+  constexpr double kMostOpenMS = 4.0, kMostOfReach = 0.8;
+  WayAlong own;
+  const SteadyMotionSearch search(steady_, u, WithoutWay(from, u, &own));
+  const FoundMotion found = search.Find();
+  const WayAlong way = search.WayUnder(found.motion);
+  SteadyAlong steady;
+  steady.poses = from;
+  for (std::size_t k = 0; k < from.size(); ++k) {
+    const double off_m = way.positions_m[k] - own.positions_m[k];
+    steady.poses[k].t += off_m * u;
+    steady.apart_m = std::max(steady.apart_m, std::abs(off_m));
   }
-  return faced;
+  steady.speed_m_s = std::abs(found.motion.speed_m_s);
+  steady.open_speed_m_s = found.open_speed_m_s;
+  steady.told = found.open_speed_m_s <= kMostOpenMS &&
+                steady.speed_m_s <= kMostOfReach * steady_.most_speed_m_s;
+  // Scans from nearly one place have their points in the same few spots of each wall, and look
+  // sharp for that alone.
+  const bool standing = std::abs(way.positions_m.back()) < steady_.voxel_size_m;
+  steady.sharper = search.Sharper(way, own);
+  steady.refutes = !standing && steady.sharper > kRefutedSigmas;
+  return steady;
 }
 
 StartTrack::SteadyWay StartTrack::FindSteady(const std::vector<SE3>& from,
-                                             const std::vector<Eigen::Vector3d>& directions,
-                                             bool by_itself) const {
-  // A speed that is known worse, or at the end of what is looked for, may be any.
-  constexpr double kMostOpenMS = 4.0, kMostOfReach = 0.8;
-  // One that matches have no say in tells at least whether the sensor stood, or went the other way.
-  constexpr double kMostOpenShare = 0.5;
+                                             const std::vector<Eigen::Vector3d>& directions) const {
   // Where poses agree with a speed that is known so well, nothing is open any more.
-  constexpr double kKnownMS = 1.0, kAgreesM = 0.15;
+  constexpr double kKnownMS = 1.0;
   SteadyWay way;
   way.poses = way.moving = from;
   for (const Eigen::Vector3d& u : directions) {
-    WayAlong own;
-    const SteadyMotionSearch search(steady_, u, WithoutWay(way.poses, u, &own));
-    const FoundMotion found = search.Find();
-    const WayAlong steady = search.WayUnder(found.motion);
-    std::vector<SE3> moved = way.poses;
-    double apart_m = 0.0;
-    for (std::size_t k = 0; k < scans_.size(); ++k) {
-      const double off_m = steady.positions_m[k] - own.positions_m[k];
-      moved[k].t += off_m * u;
-      apart_m = std::max(apart_m, std::abs(off_m));
-    }
-    const double speed_m_s = std::abs(found.motion.speed_m_s);
-    const double most_open_m_s =
-        by_itself ? std::min(kMostOpenMS, kMostOpenShare * speed_m_s) : kMostOpenMS;
-    const bool told =
-        found.open_speed_m_s <= most_open_m_s && speed_m_s <= kMostOfReach * steady_.most_speed_m_s;
-    // Scans from nearly one place have their points in the same few spots of each wall, and look
-    // sharp for that alone.
-    const bool standing = std::abs(steady.positions_m.back()) < steady_.voxel_size_m;
-    const bool refuted = !standing && search.Sharper(steady, own) > kRefutedSigmas;
-    way.refuted = way.refuted || (refuted && !told);
-    if (!told || (!refuted && (found.open_speed_m_s > kKnownMS || apart_m > kAgreesM))) continue;
-    way.moving = moved;
+    const SteadyAlong steady = FindAlong(way.poses, u);
+    const bool agrees = steady.open_speed_m_s <= kKnownMS && steady.apart_m <= kAgreesM;
+    way.refuted = way.refuted || (steady.refutes && !steady.told);
+    if (!steady.told || !(steady.refutes || agrees)) continue;
+    way.moving = steady.poses;
     way.known = u;
-    if (!refuted) continue;
-    way.poses = moved;
+    if (!steady.refutes) continue;
+    way.poses = steady.poses;
     way.moved = true;
   }
   return way;
 }
 
-StartTrack::SteadyWay StartTrack::FindStraight(const std::vector<SE3>& other) const {
-  // It has to be no more than the likelier one of the two.
-  constexpr double kLikelySigmas = 1.0;
+bool StartTrack::FindStraight(const std::vector<SE3>& other, std::vector<SE3>* poses) const {
+  // It has to be no more than the likelier one of the two, and to tell at least that the sensor did
+  // not stand, or go the other way: matches have no say in it.
+  constexpr double kLikelySigmas = 1.0, kMostOpenShare = 0.5;
   const std::vector<SE3> resting(other.size(), other.front());
   const Eigen::Vector3d up = other.front().q * Eigen::Vector3d::UnitZ();
   const Eigen::Vector3d ahead = LeastAcross(Faced(resting, 1), up);
-  SteadyWay way = FindSteady(resting, {ahead}, true);
-  if (!way.moved) return way;
+  const SteadyAlong steady = FindAlong(resting, ahead);
+  if (!steady.told || !steady.refutes || steady.open_speed_m_s > kMostOpenShare * steady.speed_m_s)
+    return false;
   WayAlong straight, before;
-  const SteadyMotionSearch ours(steady_, ahead, WithoutWay(way.poses, ahead, &straight));
+  const SteadyMotionSearch ours(steady_, ahead, WithoutWay(steady.poses, ahead, &straight));
   const SteadyMotionSearch others(steady_, ahead, WithoutWay(other, ahead, &before));
-  way.moved = ours.Sharper(straight, others, before) > kLikelySigmas;
-  return way;
+  *poses = steady.poses;
+  return ours.Sharper(straight, others, before) > kLikelySigmas;
+}
+
+bool StartTrack::TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& steady,
+                             const Eigen::Vector3d& u) {
+  // The first one stays: the map begins there.
+  MatchResult match;
+  for (std::size_t k = 1; k < poses.size(); ++k) {
+    if (!SettleBeside(k, u, &poses, &match)) return false;
+  }
+  // Twists of a steady motion are steadier than those from pose to pose.
+  Overrule(poses, steady, match);
+  return true;
 }
 
 bool StartTrack::TakeSteady(bool* refuted) {
   const Eigen::Vector3d open = open_along_.normalized();
   const std::vector<SE3> own = OwnPoses();
   const Eigen::Vector3d up = own.back().q * Eigen::Vector3d::UnitZ();
-  SteadyWay way = FindSteady(own, {LeastAcross(Faced(own, own.size()), up), open}, false);
+  const SteadyWay way = FindSteady(own, {LeastAcross(Faced(own, own.size()), up), open});
   *refuted = way.refuted;
-  if (way.moved || way.known != open) {
-    SteadyWay straight = FindStraight(way.poses);
-    if (straight.moved) way = std::move(straight);
-    if (!way.moved) return false;
-  }
-  // The first one stays: the map begins there.
-  MatchResult match;
-  for (std::size_t k = 1; k < way.poses.size(); ++k) {
-    if (!SettleBeside(k, open, &way.poses, &match)) return false;
-  }
-  // Twists of a steady motion are steadier than those from pose to pose.
-  Overrule(way.poses, way.moving, match);
-  return true;
+  const bool settled = !way.moved && way.known == open;
+  std::vector<SE3> straight;
+  if (!settled && FindStraight(way.poses, &straight)) return TakeSettled(straight, straight, open);
+  return (settled || way.moved) && TakeSettled(way.poses, way.moving, open);
+}
+
+void StartTrack::CheckSettingOff() {
+  const std::vector<SE3> own = OwnPoses();
+  const Eigen::Vector3d u = LeastFaced(Faced(own, own.size() - 1));
+  const SteadyAlong steady = FindAlong(own, u);
+  if (steady.apart_m <= kAgreesM || !steady.refutes) return Clear();
+  if (!steady.told || !TakeSettled(steady.poses, steady.poses, u)) GiveUp();
 }
 
 bool StartTrack::SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,

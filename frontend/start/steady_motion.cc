@@ -210,6 +210,8 @@ FoundMotion SteadyMotionSearch::Find() const {
   // Scans see mostly the same: a speed at which they have much less in common than at others is
   // none, though nothing that they see contradicts it.
   constexpr double kLeastShared = 0.5;
+  // In standard deviations of the acceleration.
+  constexpr double kMostFromRest = 1.5;
   const auto most_steps = static_cast<int>(most_speed_m_s_ / step_m_s_);
   const auto coarse_speed = [&](std::size_t i) {
     return step_m_s_ * (static_cast<int>(i) - most_steps);
@@ -230,7 +232,26 @@ FoundMotion SteadyMotionSearch::Find() const {
     most = total;
   }
   FoundMotion found;
-  found.motion = Climb({coarse_speed(best), 0.0});
+  // A sensor that sets off ends at twice its mean speed.
+  const double duration_s = scans_.back().time_s - scans_.front().time_s;
+  const double most_mean_m_s = 0.5 * kMostFromRest * options_.acceleration_sigma_m_s2 * duration_s;
+  const auto most_off = static_cast<int>(std::min(most_mean_m_s, most_speed_m_s_) / step_m_s_);
+  const auto from_rest = [&](std::size_t i) {
+    const double mean_m_s = step_m_s_ * (static_cast<int>(i) - most_off);
+    return SteadyMotion{mean_m_s, 2.0 * mean_m_s / duration_s};
+  };
+  SteadyMotion start = {coarse_speed(best), 0.0};
+  std::vector<Evidence> off(static_cast<std::size_t>(2 * most_off + 1));
+  ParallelChunks(off.size(), 1, [&](std::size_t i, std::size_t) {
+    off[i] = EvidenceOf(WayUnder(from_rest(i)), kCoarseGrids);
+  });
+  for (std::size_t i = 0; i < off.size(); ++i) {
+    const double total = Total(from_rest(i), off[i].blocks);
+    if (total <= most || !possible(off[i])) continue;
+    start = from_rest(i);
+    most = total;
+  }
+  found.motion = Climb(start);
   const WayAlong way = WayUnder(found.motion);
   const std::vector<double> ours = EvidenceOf(way, kGrids).blocks;
   const std::vector<double> ours_coarse = EvidenceOf(way, kCoarseGrids).blocks;

@@ -109,8 +109,11 @@ TEST_F(StartTrackTest, TheStaticWorldOverrulesWhatMovesAlong) {
 
 TEST_F(StartTrackTest, TheStaticWorldStays) {
   StartTrack start(options_, map_);
-  for (int scan = 0; start.open() && scan < 10; ++scan)
+  for (int scan = 0; start.open() && scan < 15; ++scan) {
     start.Add(Matched(scan, 0.0), false, Scan(scan));
+    EXPECT_TRUE(scan < 10 || !start.contested()) << scan;
+  }
+  EXPECT_FALSE(start.given_up());
   EXPECT_FALSE(start.open());
   EXPECT_FALSE(start.overruled());
 }
@@ -119,7 +122,7 @@ TEST_F(StartTrackTest, AStreetWhereNothingMovesIsDecidedAtOnce) {
   vans_.clear();
   StartTrack start(options_, map_);
   for (int scan = 0; scan < 2; ++scan) start.Add(Matched(scan, 0.0), false, Scan(scan));
-  EXPECT_FALSE(start.open());
+  EXPECT_FALSE(start.contested());
   EXPECT_FALSE(start.overruled());
 }
 
@@ -167,6 +170,46 @@ TEST_F(StartFromRestTest, AWayPartsLaterFromThatOfALorryThatStartsAlongside) {
     const SE3 from_first = start.scans().front().T_world_lidar.Inverse() * T;
     EXPECT_LT((from_first.t - FromRest(k).t).norm(), 0.06) << k;
   }
+}
+
+// All that is near sets off with the sensor, and odometry, which is sure of each match, stays.
+TEST_F(StartFromRestTest, WhatSetsOffTogetherHoldsNobodyWhoIsAskedOnceMore) {
+  for (Van& van : vans_) van.rate = 0.05;
+  StartTrack start(options_, map_);
+  int scan = 0;
+  for (; start.open() && scan < 15; ++scan) {
+    start.Add(MatchedAt(scan, 0.0, 0.0), false, ScanFromRest(scan));
+    EXPECT_FALSE(start.given_up());
+  }
+  ASSERT_TRUE(start.overruled());
+  for (int k = 0; k < scan; ++k) {
+    const SE3& T = start.scans()[static_cast<std::size_t>(k)].T_world_lidar;
+    const SE3 from_first = start.scans().front().T_world_lidar.Inverse() * T;
+    EXPECT_LT((from_first.t - FromRest(k).t).norm(), 0.06) << k;
+  }
+}
+
+TEST_F(StartFromRestTest, OdometryThatIsRightStays) {
+  for (const bool standing : {true, false}) {
+    StartTrack start(options_, map_);
+    for (int scan = 0; start.open() && scan < 15; ++scan) {
+      const int at = standing ? 0 : scan;
+      start.Add(MatchedAt(scan, WayM(at), 0.0), false, ScanFromRest(at));
+      EXPECT_FALSE(start.given_up()) << standing << " " << scan;
+    }
+    EXPECT_FALSE(start.open()) << standing;
+    EXPECT_FALSE(start.overruled()) << standing;
+  }
+}
+
+TEST_F(StartFromRestTest, WhatLeavesTheVansBehindIsNotHeldOpen) {
+  constexpr double kFastM = 12.0;
+  vans_.clear();
+  StartTrack start(options_, map_);
+  for (int scan = 0; scan < 2; ++scan)
+    start.Add(MatchedAt(scan, kFastM * kPeriodS * scan, 0.0), false,
+              ScanFrom(BayStreet::PoseAt(kFastM * kPeriodS * scan), scan));
+  EXPECT_FALSE(start.open());
 }
 
 TEST_F(StartFromRestTest, AWayThatNoSensorTakesIsOverruled) {
