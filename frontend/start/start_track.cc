@@ -309,11 +309,15 @@ void StartTrack::Trust() {
 }
 
 bool StartTrack::SettingOff() const {
-  // Faster than this the sensor has left what set off with it behind.
+  // Two scans of a sensor that is faster show what stands and what moves with it as two minima, ...
+  constexpr double kAtRestMS = 1.0;
+  // ... and one that has become so fast has left what set off with it behind.
   constexpr double kMostMS = 5.0;
-  const std::size_t last = scans_.size() - 1;
-  const double gap_s = SecondsBetween(scans_[last - 1].stamp_ns, scans_[last].stamp_ns);
-  return (scans_[last].T_world_lidar.t - scans_[last - 1].T_world_lidar.t).norm() < kMostMS * gap_s;
+  const auto slower_than = [&](double most_m_s, std::size_t k) {
+    const double gap_s = SecondsBetween(scans_[k - 1].stamp_ns, scans_[k].stamp_ns);
+    return (scans_[k].T_world_lidar.t - scans_[k - 1].T_world_lidar.t).norm() < most_m_s * gap_s;
+  };
+  return slower_than(kAtRestMS, 1) && slower_than(kMostMS, scans_.size() - 1);
 }
 
 void StartTrack::TakeBest() {

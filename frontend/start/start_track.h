@@ -149,7 +149,7 @@ class StartTrack {
   void Decide();
   // Odometry's way is the only one left: closes, or leaves it to CheckSettingOff.
   void Trust();
-  // Whether the sensor stands, or moves no faster than one that has just set off.
+  // Whether the sensor stands, or was at rest when it started, by odometry, and has just set off.
   bool SettingOff() const;
   // Closes, with the steady motion if that refutes odometry's way; gives up if none is told.
   void CheckSettingOff();
@@ -179,7 +179,8 @@ class StartTrack {
     bool told = false;     // known well enough to be one
     bool refutes = false;  // the poses' way, clearly
   };
-  SteadyAlong FindAlong(const std::vector<SE3>& from, const Eigen::Vector3d& u) const;
+  SteadyAlong FindAlong(const std::vector<SE3>& from, const Eigen::Vector3d& u,
+                        double most_speed_m_s) const;
   // The same along one direction after the other.
   struct SteadyWay {
     std::vector<SE3> poses;   // moved where a steady motion that is told refutes them

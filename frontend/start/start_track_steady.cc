@@ -51,11 +51,14 @@ std::vector<SteadyScan> StartTrack::WithoutWay(const std::vector<SE3>& poses,
 }
 
 StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
-                                              const Eigen::Vector3d& u) const {
+                                              const Eigen::Vector3d& u,
+                                              double most_speed_m_s) const {
   // A speed that is known worse, or at the end of what is looked for, may be any.
   constexpr double kMostOpenMS = 4.0, kMostOfReach = 0.8;
   WayAlong own;
-  const SteadyMotionSearch search(steady_, u, WithoutWay(from, u, &own));
+  SteadyMotionOptions options = steady_;
+  options.most_speed_m_s = most_speed_m_s;
+  const SteadyMotionSearch search(options, u, WithoutWay(from, u, &own));
   const FoundMotion found = search.Find();
   const WayAlong way = search.WayUnder(found.motion);
   SteadyAlong steady;
@@ -67,8 +70,8 @@ StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
   }
   steady.speed_m_s = std::abs(found.motion.speed_m_s);
   steady.open_speed_m_s = found.open_speed_m_s;
-  steady.told = found.open_speed_m_s <= kMostOpenMS &&
-                steady.speed_m_s <= kMostOfReach * steady_.most_speed_m_s;
+  steady.told =
+      found.open_speed_m_s <= kMostOpenMS && steady.speed_m_s <= kMostOfReach * most_speed_m_s;
   // Scans from nearly one place have their points in the same few spots of each wall, and look
   // sharp for that alone.
   const bool standing = std::abs(way.positions_m.back()) < steady_.voxel_size_m;
@@ -84,7 +87,7 @@ StartTrack::SteadyWay StartTrack::FindSteady(const std::vector<SE3>& from,
   SteadyWay way;
   way.poses = way.moving = from;
   for (const Eigen::Vector3d& u : directions) {
-    const SteadyAlong steady = FindAlong(way.poses, u);
+    const SteadyAlong steady = FindAlong(way.poses, u, steady_.most_speed_m_s);
     const bool agrees = steady.open_speed_m_s <= kKnownMS && steady.apart_m <= kAgreesM;
     way.refuted = way.refuted || (steady.refutes && !steady.told);
     if (!steady.told || !(steady.refutes || agrees)) continue;
@@ -104,7 +107,7 @@ bool StartTrack::FindStraight(const std::vector<SE3>& other, std::vector<SE3>* p
   const std::vector<SE3> resting(other.size(), other.front());
   const Eigen::Vector3d up = other.front().q * Eigen::Vector3d::UnitZ();
   const Eigen::Vector3d ahead = LeastAcross(Faced(resting, 1), up);
-  const SteadyAlong steady = FindAlong(resting, ahead);
+  const SteadyAlong steady = FindAlong(resting, ahead, steady_.most_speed_m_s);
   if (!steady.told || !steady.refutes || steady.open_speed_m_s > kMostOpenShare * steady.speed_m_s)
     return false;
   WayAlong straight, before;
@@ -139,9 +142,11 @@ bool StartTrack::TakeSteady(bool* refuted) {
 }
 
 void StartTrack::CheckSettingOff() {
+  // The mean speed of a sensor that was at rest a second ago.
+  constexpr double kMostSpeedMS = 10.0;
   const std::vector<SE3> own = OwnPoses();
   const Eigen::Vector3d u = LeastFaced(Faced(own, own.size() - 1));
-  const SteadyAlong steady = FindAlong(own, u);
+  const SteadyAlong steady = FindAlong(own, u, std::min(kMostSpeedMS, steady_.most_speed_m_s));
   if (steady.apart_m <= kAgreesM || !steady.refutes) return Clear();
   if (!steady.told || !TakeSettled(steady.poses, steady.poses, u)) GiveUp();
 }
