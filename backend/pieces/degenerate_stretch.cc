@@ -1,11 +1,10 @@
 #include "backend/pieces/degenerate_stretch.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
 #include "core/base/angle.h"
+#include "core/geometry/decompositions.h"
 #include "frontend/matching/degeneracy.h"
 #include "frontend/matching/direction_profile.h"
 

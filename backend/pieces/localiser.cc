@@ -24,7 +24,7 @@ RegisteredScan Localiser::Process(const MapperScan& scan, bool may_restart) {
                             map_, /*map_is_older=*/true);
   if (frame.status == OdometryFrame::Status::kLost) {
     tracker_.Lose(frame, *scan.clusters);
-    result.to_restart = may_restart && may_restart_ && tracker_.MayRestart();
+    result.to_restart = may_restart && may_restart_ && tracker_.MayRestart(/*matched=*/true);
   } else {
     tracker_.Accept(frame);
   }

@@ -63,7 +63,7 @@ bool Mapper::EndsPiece(const MapperScan& scan, const OdometryFrame& frame, bool 
   }
   if (frame.status != OdometryFrame::Status::kLost) return false;
   tracker_.Lose(frame, *scan.clusters);
-  return may_restart && tracker_.MayRestart();
+  return may_restart && tracker_.MayRestart(matched_);
 }
 
 bool Mapper::FollowStart(const MapperScan& scan, OdometryFrame* frame) {

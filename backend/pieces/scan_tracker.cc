@@ -70,13 +70,13 @@ void ScanTracker::Lose(const OdometryFrame& frame, const std::vector<TimedCluste
   ++lost_in_a_row_;
 }
 
-bool ScanTracker::MayRestart() const {
+bool ScanTracker::MayRestart(bool matched) const {
   // After spray or a gap a few scans are needed to be found again; then the map does not have them.
   constexpr int kAgreeing = 5;
   const int after = restart_after_lost_frames_;
   if (lost_track_.scans() < std::min(kAgreeing, after)) return false;
   // Nothing is given up with a map of one scan, in which no other was found.
-  if (odometry_.RecentInliers() == 0.0 && odometry_.velocity().isZero()) return true;
+  if (!matched) return true;
   if (pieces_are_found_ && !odometry_.InReach(lost_track_.first_stamp_ns())) return true;
   return lost_in_a_row_ > after;
 }

@@ -59,8 +59,9 @@ class ScanTracker {
   void Lose(const OdometryFrame& frame, const std::vector<TimedCluster>& clusters);
 
   bool lost() const { return odometry_.lost(); }
-  // Whether a lost scan is to begin a piece of its own.
-  bool MayRestart() const;
+  // Whether a lost scan is to begin a piece of its own. `matched`: a scan was ever tracked in the
+  // map.
+  bool MayRestart(bool matched) const;
 
   Odometry& odometry() { return odometry_; }
   // Forgets all that it knows of the way.

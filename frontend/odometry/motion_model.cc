@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/base/angle.h"
+#include "core/geometry/decompositions.h"
 
 namespace lamina {
 namespace {

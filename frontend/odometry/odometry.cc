@@ -322,9 +322,11 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
   if (match.fit() < std::max(kLeastFit, options_.doubtful_fit_ratio * MedianOf(recent_fits_)))
     return false;
   if (gap && !StoodStill(match)) {
-    // Beyond the reach of the search there may be a better place, unless the scan meets as much of
-    // the map as scans did before: where the sensor has not been, the map has less.
-    const bool meets_all = recent > 0.0 && match.inlier_share >= kMeetsAll * recent;
+    // Beyond the reach of the search there may be a better place, unless the scan after a gap meets
+    // as much of the map as scans did before: where the sensor has not been, the map has less. One
+    // that was lost may be anywhere, where another street meets as much.
+    const bool meets_all = !lost_ && recent > 0.0 && match.inlier_share >= kMeetsAll * recent &&
+                           SigmaM(prediction) <= options_.search.max_way_m;
     if ((lost_ || motion_.moving_known()) && !Searchable(prediction) && !meets_all) return false;
     if (SigmasApart(prediction, match) > kLikelySigmas) return false;
   }

@@ -1,5 +1,5 @@
 // Promises for scenes drawn at random: a place, a sensor, a motion and what else befalls a
-// recording, in combinations that nobody thought of.
+// recording, in combinations that no table names.
 //
 // Drawn is whatever the generator has (tools/synth) in the company in which it occurs:
 //
