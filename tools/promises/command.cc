@@ -170,7 +170,8 @@ void AddAdverseCommand(CLI::App* app, std::function<int()>* run) {
                    "so many scenes drawn at random, instead of a table; --out keeps the table of "
                    "them as promises.md")
       ->excludes(promises);
-  command->add_option("--random-seed", a.random_seed, "for other scenes drawn at random")->capture_default_str();
+  command->add_option("--random-seed", a.random_seed, "for other scenes drawn at random")
+      ->capture_default_str();
   command
       ->add_option("--places", a.places,
                    fmt::format("random: where; {}", fmt::join(RandomPlacesNames(), ", ")))
