@@ -93,7 +93,9 @@ std::string DescribeTopics(const MessageContainer& container) {
 
 std::string DescribeScans(const ScanSource& source, const LaminaConfig& config,
                           const std::string& path, const std::string& topic) {
-  const OpeningLines opening = DescribeOpening(source, {0, source.size()}, config, "");
+  const FrameRange all{0, source.size()};
+  const FittingConfig fit = FindFittingConfig(source, all);
+  const OpeningLines opening = DescribeOpening(source, all, config, fit, "");
   std::string text;
   for (const std::string& line : opening.lines) text += Printable(line) + "\n";
   text +=
@@ -104,7 +106,7 @@ std::string DescribeScans(const ScanSource& source, const LaminaConfig& config,
   if (!opening.usable) return text + "map it  not as it is: see the doubts\n";
   text += "map it  lamina run --scans " + Printable(ShellWord(path));
   if (!topic.empty()) text += " --topic " + Printable(ShellWord(topic));
-  if (!opening.fitting_config.empty()) text += " --config " + opening.fitting_config;
+  if (!fit.name.empty()) text += " --config " + fit.name;
   return text + " --out out\n";
 }
 

@@ -153,15 +153,24 @@ struct Attempt {
   }
 };
 
+LaminaConfig ConfigOf(const RunArguments& arguments, const std::string& file) {
+  LaminaConfig config = LoadConfig(file, arguments.config.set);
+  if (!arguments.loops.empty()) config.loops.enabled = arguments.loops == "on";
+  return config;
+}
+
 // Says what was understood of the recording, and settles what it decides of the configuration:
-// scans that are compensated already, or whose times mislead, are not deskewed.
+// where none is given, one is taken that scans of such a sensor, or of such a place, ask for; scans
+// that are compensated already, or whose times mislead, are not deskewed.
 void OpenRun(const ScanSource& source, const FrameRange& range, const RunArguments& arguments,
              const std::atomic<bool>& stop, LaminaConfig* config) {
+  const FittingConfig fit = FindFittingConfig(source, range);
+  if (arguments.config.file.empty() && fit.measured) *config = ConfigOf(arguments, fit.name);
   const DeskewChoice choice =
       ChooseDeskew(source, range.begin, range.end, config->Mapping(), &stop);
   const bool use_times = choice.verdict == DeskewChoice::Verdict::kDeskew;
   if (!use_times) config->preparation.deskew = ScanPreparationOptions::Deskew::kOff;
-  const OpeningLines opening = DescribeOpening(source, range, *config, arguments.config.file);
+  const OpeningLines opening = DescribeOpening(source, range, *config, fit, arguments.config.file);
   for (const std::string& line : opening.lines) {
     if (!arguments.quiet) fmt::print(stderr, "{}\n", Printable(line));
   }
@@ -190,8 +199,7 @@ PieceErrors JudgeByTruth(const std::map<std::int64_t, Trajectory>& pieces, const
 
 int RunRecording(const RunArguments& arguments) {
   const auto limit = LimitThreads(arguments.threads);
-  LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
-  if (!arguments.loops.empty()) config.loops.enabled = arguments.loops == "on";
+  LaminaConfig config = ConfigOf(arguments, arguments.config.file);
   const auto source = OpenScans(arguments.scans, config.scans);
   const FrameRange range = ParseFrameRange(arguments.frames, source->size());
   RecordingPart part = PartOf(*source, range);
@@ -274,7 +282,10 @@ void AddRunCommand(CLI::App* app, std::function<int()>* run) {
   command->add_option("--out", a.out, "Folder for the results; made if it is not there")
       ->required();
   AddTopicOption(command, &a.config);
-  AddConfigOptions(command, ", e.g. kitti_raw; `lamina config default` explains every option",
+  AddConfigOptions(command,
+                   ", e.g. kitti_raw; `lamina config default` explains every option. Without: "
+                   "livox_avia for a narrow view, handheld where scans see a small place, else the "
+                   "defaults",
                    &a.config);
   AddFramesOption(command, &a.frames);
   AddThreadsOption(command, "", &a.threads);

@@ -3,15 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <filesystem>
 #include <limits>
 #include <utility>
 
-#include "core/base/angle.h"
 #include "core/base/error.h"
-#include "core/base/median.h"
 #include "core/base/printable_text.h"
 #include "tools/results/posed_scans.h"
 
@@ -20,29 +17,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Deskew = ScanPreparationOptions::Deskew;
-
-// Runs of elevations with nothing between them, if most of what lies between lowest and highest is
-// empty.
-int CountRings(const std::vector<double>& elevations, double lowest, double highest) {
-  constexpr double kBinDeg = 0.05;
-  const auto bins = static_cast<std::size_t>((highest - lowest) / kBinDeg) + 1;
-  if (bins < 8 || bins > 3600) return 0;
-  std::vector<std::size_t> counts(bins, 0);
-  for (const double e : elevations) {
-    if (e < lowest || e > highest) continue;
-    ++counts[std::min(bins - 1, static_cast<std::size_t>((e - lowest) / kBinDeg))];
-  }
-  // Fewer are strays.
-  const std::size_t least = std::max<std::size_t>(3, elevations.size() / 20000);
-  int rings = 0;
-  std::size_t empty = 0;
-  for (std::size_t i = 0; i < bins; ++i) {
-    const bool filled = counts[i] >= least;
-    empty += filled ? 0 : 1;
-    if (filled && (i == 0 || counts[i - 1] < least)) ++rings;
-  }
-  return 2 * empty > bins && rings >= 4 ? rings : 0;
-}
 
 struct FirstScan {
   Scan scan;
@@ -157,71 +131,27 @@ std::vector<std::string> DoubtsOfTimes(const FirstScan& first, Deskew deskew, co
   return doubts;
 }
 
-// The shipped configuration that is for such a recording, and why; empty if there is none.
-struct Fit {
-  std::string name, reason;
-};
-
-Fit FittingConfig(const ScanSource& source, const SensorGuess& sensor) {
-  const fs::path folder = fs::weakly_canonical(fs::absolute(source.Name(0))).parent_path();
-  const fs::path above = folder.parent_path();
-  if (folder.filename() == "velodyne" && above.parent_path().filename() == "sequences") {
-    return {"kitti_odometry", "a sequence of KITTI odometry"};
+std::string DescribeConfig(const FittingConfig& fit, const std::string& given) {
+  if (given.empty() && fit.measured) {
+    return fmt::format("configuration {}: {} (--config default for the defaults)", fit.name,
+                       fit.reason);
   }
-  if (folder.filename() == "data" && above.filename() == "velodyne_points") {
-    return {"kitti_raw", "a KITTI raw drive"};
-  }
-  if (sensor.points > 0 && sensor.around_deg < 150.0 && sensor.rings == 0) {
-    return {"livox_avia", "a narrow view without rings"};
-  }
-  return {};
-}
-
-std::string DescribeConfig(const Fit& fit, const std::string& config_name) {
-  const std::string given = fs::path(config_name).stem().string();
-  std::string text =
-      config_name.empty() ? "default options" : "configuration " + Printable(config_name);
-  if (fit.name.empty() || fit.name == given) return text;
+  std::string text = given.empty() ? "default options" : "configuration " + Printable(given);
+  if (fit.name.empty() || fit.name == fs::path(given).stem().string()) return text;
   return text + fmt::format("; --config {} may fit better: {}", fit.name, fit.reason);
 }
 
 }  // namespace
 
-SensorGuess GuessSensor(const std::vector<ScanPoint>& points) {
-  // Shares of points that may be strays; nearer ones may be the vehicle's own.
-  constexpr double kOutliers = 0.005, kLeastRangeM = 1.0;
-  SensorGuess guess;
-  guess.points = points.size();
-  std::vector<double> elevations, ranges;
-  std::array<bool, 72> seen{};
-  for (const ScanPoint& p : points) {
-    const double flat = std::hypot(p.x, p.y), range = std::hypot(flat, p.z);
-    if (!std::isfinite(range) || range < kLeastRangeM) continue;
-    ranges.push_back(range);
-    elevations.push_back(Degrees(std::atan2(p.z, flat)));
-    const double turn = 0.5 + std::atan2(p.y, p.x) / (2.0 * M_PI);
-    seen[std::min<std::size_t>(
-        seen.size() - 1, static_cast<std::size_t>(turn * static_cast<double>(seen.size())))] = true;
-  }
-  if (ranges.empty()) return guess;
-  guess.lowest_deg = Quantile(&elevations, kOutliers);
-  guess.highest_deg = Quantile(&elevations, 1.0 - kOutliers);
-  guess.farthest_m = Quantile(&ranges, 1.0 - kOutliers);
-  guess.rings = CountRings(elevations, guess.lowest_deg, guess.highest_deg);
-  guess.around_deg = 360.0 * static_cast<double>(std::count(seen.begin(), seen.end(), true)) /
-                     static_cast<double>(seen.size());
-  return guess;
-}
-
 OpeningLines DescribeOpening(const ScanSource& source, const FrameRange& range,
-                             const LaminaConfig& config, const std::string& config_name) {
+                             const LaminaConfig& config, const FittingConfig& fit,
+                             const std::string& given) {
   const RecordingDescription recording = source.Describe();
   const FirstScan first = ReadFirst(source, range);
   const SensorGuess sensor = GuessSensor(first.scan.points);
   const double period_s = SweepPeriodOfScan(source, range.begin, config.scans.frame_period_s);
   const TimeSpan span = SpanOf(first.scan.time_s);
   const Deskew deskew = config.preparation.deskew;
-  const Fit fit = FittingConfig(source, sensor);
   OpeningLines opening;
   opening.lines = {fmt::format("scans   {}; stamps {}, {:.4g} Hz", recording.scans,
                                recording.stamps, 1.0 / period_s)};
@@ -234,9 +164,8 @@ OpeningLines DescribeOpening(const ScanSource& source, const FrameRange& range,
         fmt::format("sensor  {}, {:.0f} to {:.0f} deg up, {:.0f} deg around, up to {:.0f} m; {}",
                     sensor.rings > 0 ? fmt::format("{} rings", sensor.rings) : "no clear rings",
                     sensor.lowest_deg, sensor.highest_deg, sensor.around_deg, sensor.farthest_m,
-                    DescribeConfig(fit, config_name)));
+                    DescribeConfig(fit, given)));
   }
-  opening.fitting_config = fit.name;
   opening.doubts = recording.doubts;
   std::string unusable = first.problem;
   if (unusable.empty()) unusable = DescribeRanges(first.scan, config.preparation, period_s);

@@ -53,7 +53,7 @@ WatchDaemon::WatchDaemon(WatchSetup setup)
     : setup_(std::move(setup)),
       files_(setup_.inbox, setup_.session, setup_.done),
       room_(setup_.session),
-      times_check_(setup_.config.scans),
+      opening_check_(setup_.config.scans),
       queries_([this] { Wake(); }),
       verdict_(setup_.config.frontend.matcher.max_iterations) {
   session_ = std::make_unique<Session>(MakeSessionSetup(), Hooks());
@@ -217,10 +217,10 @@ bool WatchDaemon::MapWaiting(const std::atomic<bool>& stop) {
     std::optional<InboxFile> file = inbox_->Next();
     if (!file) break;
     const bool of_recording = file->recording != nullptr;
-    times_check_.Add(scans_->size(), *file);
+    opening_check_.Add(scans_->size(), *file);
     scans_->Append(std::move(*file));
     ++taken;
-    if (times_check_.due()) CheckTimes(stop);
+    if (opening_check_.due()) CheckOpening(stop);
     if (of_recording && taken >= kBatchOfRecording) break;
   }
   if (taken > 0) session_->Process(scans_.get(), &stop);
@@ -233,10 +233,11 @@ bool WatchDaemon::MapWaiting(const std::atomic<bool>& stop) {
   return taken > 0;
 }
 
-void WatchDaemon::CheckTimes(const std::atomic<bool>& stop) {
+void WatchDaemon::CheckOpening(const std::atomic<bool>& stop) {
   NotifyWatchdog();
-  const auto warning = times_check_.Look(files_, setup_.config.Mapping(), stop);
-  if (warning) spdlog::warn("{}", *warning);
+  for (const std::string& warning : opening_check_.Look(files_, setup_.config.Mapping(), stop)) {
+    spdlog::warn("{}", warning);
+  }
   NotifyWatchdog();
 }
 

@@ -24,8 +24,8 @@
 #include "tools/watch/live/map_queries.h"
 #include "tools/watch/live/server.h"
 #include "tools/watch/live/view.h"
+#include "tools/watch/opening_check.h"
 #include "tools/watch/room.h"
-#include "tools/watch/times_check.h"
 
 namespace lamina {
 
@@ -69,7 +69,7 @@ class WatchDaemon {
   void Rest(LiveState state);
   void TakeNotices();
   bool MapWaiting(const std::atomic<bool>& stop);
-  void CheckTimes(const std::atomic<bool>& stop);
+  void CheckOpening(const std::atomic<bool>& stop);
   void OnMapped(const MappedScan& report);
   void OnScan(const MappedScan& report, const ScanRecord& row);
   void WarnRepeated(const std::string& kind, const std::string& line);
@@ -88,7 +88,7 @@ class WatchDaemon {
   std::unique_ptr<Session> session_;
   std::unique_ptr<Inbox> inbox_;
   std::unique_ptr<StreamedScans> scans_;
-  TimesCheck times_check_;
+  OpeningCheck opening_check_;
   MapQueries queries_;
   std::atomic<bool> reload_{false}, checkpoint_wanted_{false};
 

@@ -10,8 +10,10 @@
 #include <vector>
 
 #include "backend/mapping/deskew_choice.h"
+#include "core/base/angle.h"
 #include "tests/support/program/run_helpers.h"
 #include "tests/support/scenes/swept_drive.h"
+#include "tools/run/fitting_config.h"
 #include "tools/run/opening_lines.h"
 
 namespace lamina {
@@ -150,6 +152,61 @@ TEST_F(OpeningTest, TimesThatMisleadAreNotUsed) {
     EXPECT_THAT(Bytes(Path("out/config.yaml")), HasSubstr("deskew: off"));
   }
   EXPECT_THAT(run(1.0).err, Not(HasSubstr("understood wrongly")));
+}
+
+// Scans of a spinning sensor, all of whose points are on a sphere.
+std::string SphereBin(double radius_m) {
+  std::vector<ScanPoint> points;
+  for (int ring = -8; ring <= 8; ++ring) {
+    for (int k = 0; k < 600; ++k) {
+      const double up = Radians(2.0 * ring), turn = 2.0 * M_PI * k / 600.0;
+      points.push_back({static_cast<float>(radius_m * std::cos(up) * std::cos(turn)),
+                        static_cast<float>(radius_m * std::cos(up) * std::sin(turn)),
+                        static_cast<float>(radius_m * std::sin(up)), 0.0F});
+    }
+  }
+  return KittiBin(points);
+}
+
+TEST_F(OpeningTest, ASmallPlaceIsMappedFinerWhereNoConfigurationIsGiven) {
+  const std::string room =
+      WriteRecording("room", SyntheticRecording(synth::SceneKind::kRoom, 12, 2));
+  const Outcome taken = Run(room, {"--set", "map.budget_mb=300"});
+  EXPECT_THAT(taken.err, HasSubstr("configuration handheld: a small place, nine points of ten "
+                                   "within 5."));
+  const std::string config = Bytes(Path("out/config.yaml"));
+  EXPECT_THAT(config, AllOf(HasSubstr("root_size_m: 2\n"), HasSubstr("budget_mb: 300\n")));
+  // As if it had been asked for.
+  const std::string poses = Bytes(Path("out/trajectory_tum.txt"));
+  EXPECT_THAT(Run(room, {"--set", "map.budget_mb=300", "--config", "handheld"}).err,
+              HasSubstr("configuration handheld\n"));
+  EXPECT_EQ(Bytes(Path("out/config.yaml")), config);
+  EXPECT_EQ(Bytes(Path("out/trajectory_tum.txt")), poses);
+
+  EXPECT_THAT(Run(room, {"--config", "default"}).err,
+              HasSubstr("--config handheld may fit better"));
+  EXPECT_THAT(Bytes(Path("out/config.yaml")), HasSubstr("root_size_m: 1.6\n"));
+}
+
+TEST_F(OpeningTest, ASmallPlaceOnTheWayCounts) {
+  const auto fit = [&](const std::string& folder, const std::vector<double>& radii) {
+    Recording scans;
+    for (const double r : radii)
+      scans.push_back({SphereBin(r), 0.1 * static_cast<double>(scans.size())});
+    const auto source = OpenScans(WriteRecording(folder, scans), {});
+    return FindFittingConfig(*source, {0, source->size()});
+  };
+  EXPECT_EQ(fit("wide", {13, 13, 13, 13, 13, 13}).name, "");
+  EXPECT_EQ(fit("into", {13, 13, 13, 13, 13, 5}).name, "handheld");
+  EXPECT_EQ(fit("one", {5}).name, "handheld");
+}
+
+TEST_F(OpeningTest, ScansThatCannotBeReadTellNothingOfTheConfiguration) {
+  Recording scans;
+  for (int i = 0; i < 6; ++i) scans.push_back({"torn", 0.1 * i});
+  const auto source = OpenScans(WriteRecording("torn", scans), {});
+  EXPECT_EQ(FindFittingConfig(*source, {0, source->size()}).name, "");
+  EXPECT_EQ(FindFittingConfig(*source, {3, 3}).name, "");
 }
 
 TEST(SensorGuess, NarrowViewsAndNoPoints) {

@@ -1,0 +1,123 @@
+#include "tools/run/fitting_config.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <filesystem>
+
+#include "core/base/angle.h"
+#include "core/base/error.h"
+#include "core/base/median.h"
+
+namespace lamina {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Runs of elevations with nothing between them, if most of what lies between lowest and highest is
+// empty.
+int CountRings(const std::vector<double>& elevations, double lowest, double highest) {
+  constexpr double kBinDeg = 0.05;
+  const auto bins = static_cast<std::size_t>((highest - lowest) / kBinDeg) + 1;
+  if (bins < 8 || bins > 3600) return 0;
+  std::vector<std::size_t> counts(bins, 0);
+  for (const double e : elevations) {
+    if (e < lowest || e > highest) continue;
+    ++counts[std::min(bins - 1, static_cast<std::size_t>((e - lowest) / kBinDeg))];
+  }
+  // Fewer are strays.
+  const std::size_t least = std::max<std::size_t>(3, elevations.size() / 20000);
+  int rings = 0;
+  std::size_t empty = 0;
+  for (std::size_t i = 0; i < bins; ++i) {
+    const bool filled = counts[i] >= least;
+    empty += filled ? 0 : 1;
+    if (filled && (i == 0 || counts[i - 1] < least)) ++rings;
+  }
+  return 2 * empty > bins && rings >= 4 ? rings : 0;
+}
+
+// Spread over the range, both ends among them.
+std::vector<SensorGuess> GuessFromAFew(const ScanSource& source, const FrameRange& range) {
+  constexpr std::size_t kScans = 5;
+  const std::size_t size = range.end - std::min(range.begin, range.end);
+  std::vector<SensorGuess> guesses;
+  std::size_t last = range.end;
+  for (std::size_t i = 0; i < kScans && size > 0; ++i) {
+    const std::size_t scan = range.begin + i * (size - 1) / (kScans - 1);
+    if (scan == last) continue;
+    last = scan;
+    try {
+      const SensorGuess guess = GuessSensor(source.Read(scan).points);
+      if (guess.farthest_m > 0.0) guesses.push_back(guess);
+    } catch (const InputError&) {
+      // The run will say so.
+    }
+  }
+  return guesses;
+}
+
+bool IsNarrow(const SensorGuess& sensor) { return sensor.around_deg < 150.0 && sensor.rings == 0; }
+
+// Planes of a place are about as large as it is: of rooms and stairs, nine points of ten are within
+// 9 m; of streets, halls, and beside a lorry, within 13 m or more.
+constexpr double kSmallPlaceM = 10.0;
+
+}  // namespace
+
+SensorGuess GuessSensor(const std::vector<ScanPoint>& points) {
+  // Shares of points that may be strays; nearer ones may be the vehicle's own.
+  constexpr double kOutliers = 0.005, kLeastRangeM = 1.0;
+  SensorGuess guess;
+  guess.points = points.size();
+  std::vector<double> elevations, ranges;
+  std::array<bool, 72> seen{};
+  for (const ScanPoint& p : points) {
+    const double flat = std::hypot(p.x, p.y), range = std::hypot(flat, p.z);
+    if (!std::isfinite(range) || range < kLeastRangeM) continue;
+    ranges.push_back(range);
+    elevations.push_back(Degrees(std::atan2(p.z, flat)));
+    const double turn = 0.5 + std::atan2(p.y, p.x) / (2.0 * M_PI);
+    seen[std::min<std::size_t>(
+        seen.size() - 1, static_cast<std::size_t>(turn * static_cast<double>(seen.size())))] = true;
+  }
+  if (ranges.empty()) return guess;
+  guess.lowest_deg = Quantile(&elevations, kOutliers);
+  guess.highest_deg = Quantile(&elevations, 1.0 - kOutliers);
+  constexpr double kMost = 0.9;
+  guess.mostly_m = Quantile(&ranges, kMost);
+  guess.farthest_m = Quantile(&ranges, 1.0 - kOutliers);
+  guess.rings = CountRings(elevations, guess.lowest_deg, guess.highest_deg);
+  guess.around_deg = 360.0 * static_cast<double>(std::count(seen.begin(), seen.end(), true)) /
+                     static_cast<double>(seen.size());
+  return guess;
+}
+
+FittingConfig FindFittingConfig(const ScanSource& source, const FrameRange& range) {
+  const std::vector<SensorGuess> guesses = GuessFromAFew(source, range);
+  if (!guesses.empty() && std::all_of(guesses.begin(), guesses.end(), IsNarrow)) {
+    return {"livox_avia", "a narrow view without rings", true};
+  }
+  // What is mapped well in a small place is mapped well elsewhere, for more work.
+  const auto nearest =
+      std::min_element(guesses.begin(), guesses.end(),
+                       [](const auto& a, const auto& b) { return a.mostly_m < b.mostly_m; });
+  if (nearest != guesses.end() && nearest->mostly_m < kSmallPlaceM) {
+    return {"handheld",
+            fmt::format("a small place, nine points of ten within {:.1f} m", nearest->mostly_m),
+            true};
+  }
+  const fs::path folder = fs::weakly_canonical(fs::absolute(source.Name(0))).parent_path();
+  const fs::path above = folder.parent_path();
+  if (folder.filename() == "velodyne" && above.parent_path().filename() == "sequences") {
+    return {"kitti_odometry", "a sequence of KITTI odometry", false};
+  }
+  if (folder.filename() == "data" && above.filename() == "velodyne_points") {
+    return {"kitti_raw", "a KITTI raw drive", false};
+  }
+  return {};
+}
+
+}  // namespace lamina
