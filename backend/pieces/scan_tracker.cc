@@ -51,7 +51,7 @@ OdometryFrame ScanTracker::FindAgain(StampNs stamp_ns, const std::vector<TimedCl
   constexpr int kAlone = 3, kEach = 8, kThen = 5;
   const std::int64_t scans = lost_track_.scans();
   const bool search = scans > 1 ? scans <= kEach || scans % kThen == 0 : lost_in_a_row_ < kAlone;
-  OdometryFrame frame = odometry_.FindAgain(stamp_ns, lost_track_, map, search);
+  OdometryFrame frame = odometry_.FindAgain(stamp_ns, map, search, &lost_track_);
   if (frame.match.status == MatchResult::Status::kConverged)
     lost_track_.Guess(frame.match.T_world_lidar);
   return frame;

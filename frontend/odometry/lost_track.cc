@@ -9,11 +9,15 @@
 namespace lamina {
 
 LostTrack::LostTrack(const OdometryOptions& options, const VoxelMapOptions& map_options)
-    : matcher_(options.matcher), map_options_(map_options), motion_(options.motion) {}
+    : matcher_(options.matcher),
+      map_options_(map_options),
+      motion_options_(options.motion),
+      motion_(options.motion) {}
 
 void LostTrack::Add(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                     const Vector6d& twist, double usual_inliers) {
   Scan scan;
+  scan.stamp_ns = stamp_ns;
   if (scans_ > 0 && Agrees(stamp_ns, clusters, usual_inliers, &scan)) {
     motion_.Accept(stamp_ns, scan.T_first_lidar, true);
   } else {
@@ -23,6 +27,7 @@ void LostTrack::Add(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
     first_stamp_ns_ = stamp_ns;
     scan.clusters = DeskewClusters(clusters, twist);
   }
+  scan.timed = clusters;
   ++scans_;
   kept_.push_back(std::move(scan));
   if (kept_.size() > kKept) kept_.pop_front();
@@ -80,6 +85,53 @@ bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& cluste
   return true;
 }
 
+bool LostTrack::Drivable(const std::vector<SE3>& poses) const {
+  // Between three scans; what poses are wrong by comes on top.
+  constexpr double kSigmas = 3.0, kPosesM = 0.05;
+  const double most_m_s2 = kSigmas * motion_options_.acceleration_sigma_m_s2;
+  for (std::size_t k = 2; k < poses.size(); ++k) {
+    const double before_s = SecondsBetween(kept_[k - 2].stamp_ns, kept_[k - 1].stamp_ns);
+    const double after_s = SecondsBetween(kept_[k - 1].stamp_ns, kept_[k].stamp_ns);
+    if (before_s <= 0.0 || after_s <= 0.0) return false;
+    const Eigen::Vector3d expected =
+        poses[k - 1].t + after_s / before_s * (poses[k - 1].t - poses[k - 2].t);
+    const double most_m = 0.5 * most_m_s2 * after_s * (before_s + after_s) + kPosesM;
+    if ((poses[k].t - expected).norm() > most_m) return false;
+  }
+  return true;
+}
+
+bool LostTrack::Straighten(const PosePrediction& newest, const VoxelMap& map,
+                           double least_inliers) {
+  constexpr double kLeastFit = 0.7, kBentM = 0.1, kBentRad = 0.02;
+  if (kept_.size() < 2) return false;
+  const SE3 T_world_first = newest.T_world_lidar * T_first_newest().Inverse();
+  std::vector<SE3> poses;
+  bool bent = false;
+  for (const Scan& scan : kept_) {
+    const SE3 together = T_world_first * scan.T_first_lidar;
+    const MatchResult alone = matcher_.MatchPose(scan.clusters, {together, newest.covariance}, map);
+    if (alone.status != MatchResult::Status::kConverged || alone.fit() < kLeastFit ||
+        alone.inlier_share < least_inliers)
+      return false;
+    const SE3& pose = alone.T_world_lidar;
+    bent =
+        bent || (pose.t - together.t).norm() > kBentM || RotationAngle(pose, together) > kBentRad;
+    poses.push_back(pose);
+  }
+  if (!bent || !Drivable(poses)) return false;
+  const SE3 T_first_world = kept_.front().T_first_lidar * poses.front().Inverse();
+  motion_ = MotionModel(motion_options_);
+  for (std::size_t k = 0; k < kept_.size(); ++k) {
+    kept_[k].T_first_lidar = T_first_world * poses[k];
+    motion_.Accept(kept_[k].stamp_ns, kept_[k].T_first_lidar, k > 0);
+    if (k == 0) continue;
+    if (k == 1) kept_[0].clusters = DeskewClusters(kept_[0].timed, motion_.velocity());
+    kept_[k].clusters = DeskewClusters(kept_[k].timed, motion_.velocity());
+  }
+  return true;
+}
+
 Vector6d LostTrack::Twist() const { return motion_.velocity(); }
 
 std::vector<PointCluster> LostTrack::Together() const {
@@ -98,7 +150,7 @@ std::vector<PointCluster> LostTrack::Together() const {
 void LostTrack::Archive(StateArchive& a) {
   a(&motion_, &scans_, &first_stamp_ns_, &T_world_first_guess_, &guesses_);
   kept_.resize(a.Size(kept_.size(), 1));
-  for (Scan& scan : kept_) a(&scan.T_first_lidar, &scan.clusters);
+  for (Scan& scan : kept_) a(&scan.stamp_ns, &scan.T_first_lidar, &scan.timed, &scan.clusters);
 }
 
 }  // namespace lamina

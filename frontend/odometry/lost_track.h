@@ -44,6 +44,12 @@ class LostTrack {
   // The newest scans, at most kKept, gathered by voxel, in the LiDAR frame of the newest.
   std::vector<PointCluster> Together() const;
 
+  // Scans that see each other badly slide along a street, and together then lie in no place well.
+  // Where each alone fits the map, matched from where all together lie in it, the map knows the way
+  // from one to the next: takes it from there, and says whether the track was bent before.
+  // `least_inliers`: the share of a scan that must lie on planes.
+  bool Straighten(const PosePrediction& newest, const VoxelMap& map, double least_inliers);
+
   // Where the map seemed to have the newest scan, though not for sure.
   void Guess(const SE3& T_world_newest);
   // How many guesses in a row led to the same place as this one does.
@@ -54,16 +60,21 @@ class LostTrack {
  private:
   static constexpr std::size_t kKept = 8;
   struct Scan {
+    StampNs stamp_ns = 0;
     SE3 T_first_lidar;
-    std::vector<PointCluster> clusters;
+    std::vector<TimedCluster> timed;
+    std::vector<PointCluster> clusters;  // deskewed
   };
   // Whether the clusters agree with the scans before; fills their pose and deskews them under the
   // motion that it gives.
   bool Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& clusters, double usual_inliers,
               Scan* scan) const;
+  // Whether a sensor can have come by these poses of the kept scans.
+  bool Drivable(const std::vector<SE3>& poses) const;
 
   ScanMatcher matcher_;
   VoxelMapOptions map_options_;
+  MotionOptions motion_options_;
   MotionModel motion_;  // its world is the frame of the first scan
   std::deque<Scan> kept_;
   std::int64_t scans_ = 0;

@@ -93,10 +93,10 @@ class Odometry {
 
   // Where the map has the scans of a track that was lost: the pose of its newest one. They are
   // expected where the first of them would have been, and believed on more evidence than a scan
-  // that was never lost.
+  // that was never lost. A track that the map straightens is looked for anew.
   // Without `search` no match is tried, and the prediction is all that is filled in.
-  OdometryFrame FindAgain(StampNs stamp_ns, const LostTrack& track, const VoxelMap& map,
-                          bool search) const;
+  OdometryFrame FindAgain(StampNs stamp_ns, const VoxelMap& map, bool search,
+                          LostTrack* track) const;
 
   // Makes a frame the last one: the next prediction starts from it. Not for lost frames, unless
   // mapping is to start anew from there.
@@ -134,6 +134,11 @@ class Odometry {
   double RecentInliers() const;
 
  private:
+  // Where the newest scan of the track is expected.
+  PosePrediction PredictTrack(const LostTrack& track) const;
+  // The best match of the track's scans together, and what was searched for.
+  void SearchTogether(const SearchedScan& scan, PoseHypotheses* hypotheses,
+                      OdometryFrame* frame) const;
   // Whether a match is farther from the prediction than its uncertainty explains.
   bool Surprising(const MatchResult& match, const PosePrediction& prediction) const;
   // Puts a match near the prediction in the place of such a one if planes say as much for it, and

@@ -17,6 +17,19 @@ class LostTrackTest : public testing::Test {
   std::vector<TimedCluster> Spray(int points = 10000) {
     return BuildScanClusters(BayStreet::Spray(points, &draws_), map_.LeafSize());
   }
+  VoxelMap MapAround(double along_m) {
+    VoxelMap map(map_);
+    for (int frame = 0; frame < 20; ++frame) {
+      const SE3 pose = BayStreet::PoseAt(along_m + frame - 10.0);
+      for (const TimedCluster& c :
+           BuildScanClusters(street_.Scan(pose, 10000, &draws_), map_.LeafSize())) {
+        const PointCluster moved = c.points.Moved(pose);
+        map.AddWindow(map.LeafAt(moved.mean), moved, frame);
+      }
+    }
+    map.Refresh();
+    return map;
+  }
   static StampNs Stamp(int i) { return i * 100'000'000LL; }
 
   const BayStreet street_{1};
@@ -96,6 +109,50 @@ TEST_F(LostTrackTest, SprayAgreesWithNothing) {
   EXPECT_EQ(track.scans(), 1);
   track.Clear();
   EXPECT_EQ(track.scans(), 0);
+}
+
+// Braking while nothing is seen: scans that see little of each other slide on at the speed of
+// before.
+TEST_F(LostTrackTest, IsStraightenedByTheMapItLiesIn) {
+  constexpr int kPoints = 1500;
+  constexpr double kStepM = 0.5;
+  Matrix6d unknown = Matrix6d::Identity();
+  Vector6d twist = Vector6d::Zero();
+  twist(3) = 15.0;
+  int bent = 0;
+  for (int trial = 0; trial < 8; ++trial) {
+    const double from_m = 20.0 + 7.0 * trial;
+    const VoxelMap street = MapAround(from_m);
+    LostTrack track(options_, map_);
+    for (int i = 0; i < 4; ++i) track.Add(Stamp(i), Scan(from_m + kStepM * i, kPoints), twist);
+    ASSERT_EQ(track.scans(), 4) << trial;
+    const SE3 newest = BayStreet::PoseAt(from_m + 3.0 * kStepM);
+    const SE3 truth = BayStreet::PoseAt(from_m).Inverse() * newest;
+    const auto off_m = [&] { return (track.T_first_newest().t - truth.t).norm(); };
+    const double before_m = off_m();
+    const bool was_bent = track.Straighten({newest, unknown}, street, 0.3);
+    EXPECT_EQ(was_bent, before_m > 0.1) << trial << ": " << before_m << " m, then " << off_m();
+    EXPECT_LT(off_m(), 0.1) << trial;
+    bent += was_bent ? 1 : 0;
+    if (was_bent) {
+      EXPECT_NEAR(track.Twist()(3), 10.0 * kStepM, 0.6) << trial;
+    }
+    EXPECT_FALSE(track.Straighten({newest, unknown}, street, 0.3)) << trial;
+  }
+  EXPECT_GE(bent, 3);
+}
+
+// Scans that lie on too few planes of the map are not in it, and nothing is learnt of their way.
+TEST_F(LostTrackTest, IsNotStraightenedByAMapThatItHardlyMeets) {
+  Vector6d twist = Vector6d::Zero();
+  twist(3) = 15.0;
+  LostTrack track(options_, map_);
+  for (int i = 0; i < 4; ++i) track.Add(Stamp(i), Scan(20.0 + 0.5 * i, 1500), twist);
+  const SE3 before = track.T_first_newest();
+  const PosePrediction newest{BayStreet::PoseAt(21.5), Matrix6d::Identity()};
+  EXPECT_FALSE(track.Straighten(newest, MapAround(20.0), 0.99));
+  EXPECT_FALSE(track.Straighten(newest, VoxelMap(map_), 0.3));
+  EXPECT_EQ(track.T_first_newest().t, before.t);
 }
 
 TEST_F(LostTrackTest, CountsGuessesOfOnePlace) {

@@ -315,7 +315,8 @@ INSTANTIATE_TEST_SUITE_P(
                       WeakScene{"gap-2", 2, 0.05}, WeakScene{"packets", 3, 0.05},
                       WeakScene{"bays-2000", 1, 0.1}, WeakScene{"start-2000", 1, 0.1},
                       WeakScene{"bays-2000", 4, 0.3}, WeakScene{"brake-5000", 5, 0.15},
-                      WeakScene{"packets", 2, 0.1}, WeakScene{"gap-2", 4, 0.05}),
+                      WeakScene{"packets", 2, 0.1}, WeakScene{"gap-2", 4, 0.05},
+                      WeakScene{"gap-brake", 3, 0.1}),
     [](const auto& p) {
       std::string name = p.param.name + "_" + std::to_string(p.param.seed);
       std::replace(name.begin(), name.end(), '-', '_');
