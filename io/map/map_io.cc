@@ -12,6 +12,7 @@
 
 #include "core/base/error.h"
 #include "io/file/file_writer.h"
+#include "io/file/folder_list.h"
 #include "io/las/copc_file.h"
 #include "io/las/las_file.h"
 
@@ -112,7 +113,7 @@ class RecordFile {
 
  private:
   static bool IsPly(const std::string& path) {
-    const auto ending = std::filesystem::path(path).extension();
+    const std::string ending = LowerEnding(path);
     if (ending == ".ply" || ending == ".pcd") return ending == ".ply";
     throw OptionError(fmt::format("{}: the name must end in .ply or .pcd", path));
   }
@@ -232,18 +233,13 @@ class LasCloud final : public CloudFile {
   File file_;
 };
 
-bool EndsWith(std::string_view text, std::string_view end) {
-  return text.size() >= end.size() && text.substr(text.size() - end.size()) == end;
-}
-
 std::unique_ptr<CloudFile> OpenCloud(const std::string& path) {
-  const std::string name = std::filesystem::path(path).filename().string();
-  if (EndsWith(name, ".copc.laz")) return std::make_unique<LasCloud<CopcFile>>(path);
-  if (EndsWith(name, ".laz")) return std::make_unique<LasCloud<LasFile>>(path, true);
-  if (EndsWith(name, ".las")) return std::make_unique<LasCloud<LasFile>>(path, false);
-  if (EndsWith(name, ".ply") || EndsWith(name, ".pcd")) {
-    return std::make_unique<PlyOrPcdCloud>(path);
-  }
+  const std::string ending = LowerEnding(path);
+  if (ending == ".laz" && LowerEnding(std::filesystem::path(path).stem().string()) == ".copc")
+    return std::make_unique<LasCloud<CopcFile>>(path);
+  if (ending == ".laz") return std::make_unique<LasCloud<LasFile>>(path, true);
+  if (ending == ".las") return std::make_unique<LasCloud<LasFile>>(path, false);
+  if (ending == ".ply" || ending == ".pcd") return std::make_unique<PlyOrPcdCloud>(path);
   throw OptionError(
       fmt::format("{}: the name must end in .ply, .pcd, .las, .laz or .copc.laz", path));
 }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/base/error.h"
+#include "io/file/folder_list.h"
 #include "io/map/trajectory_io.h"
 #include "tools/cli/common.h"
 #include "tools/results/piece_poses.h"
@@ -70,7 +71,7 @@ std::string GeoJsonText(const Pieces& pieces) {
 
 std::size_t ExportTrajectory(const std::string& run, const std::string& path) {
   const std::string file = (std::filesystem::path(run) / "trajectory_tum.txt").string();
-  const std::string ending = std::filesystem::path(path).extension().string();
+  const std::string ending = LowerEnding(path);
   if (ending != ".csv" && ending != ".geojson") {
     throw OptionError(fmt::format("--trajectory {}: the name must end in .csv or .geojson", path));
   }

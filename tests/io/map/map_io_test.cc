@@ -118,6 +118,18 @@ TEST_F(MapTest, CloudRoundTripInPieces) {
   }
 }
 
+// As files that are read.
+TEST_F(MapTest, EndingsCountInAnyCase) {
+  for (const char* name : {"c.PLY", "c.Pcd", "c.LAS", "c.LAZ", "c.COPC.LAZ"}) {
+    CloudWriter writer(Path(name));
+    writer.Append(std::vector<ScanPoint>{{1, 2, 3, 0.5F}, {4, 5, 6, 0.5F}});
+    writer.Commit();
+    EXPECT_EQ(ReadScanFile(Path(name), {}).points.size(), 2U) << name;
+  }
+  EXPECT_THAT(Bytes(Path("c.COPC.LAZ")), testing::HasSubstr("copc"));
+  EXPECT_THAT(Bytes(Path("c.LAZ")), testing::Not(testing::HasSubstr("copc")));
+}
+
 TEST_F(MapTest, CloudWithoutCommitLeavesNothing) {
   { CloudWriter(Path("c.ply")).Append(std::vector<ScanPoint>(1)); }
   EXPECT_TRUE(fs::is_empty(folder_));
