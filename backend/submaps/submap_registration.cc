@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "core/base/angle.h"
+#include "frontend/scan/thinned_clusters.h"
 
 namespace lamina {
 namespace {
@@ -34,13 +35,6 @@ std::unique_ptr<VoxelMap> MapOf(const Submap& submap, VoxelMapOptions options) {
   }
   map->Refresh();
   return map;
-}
-
-std::vector<PointCluster> EveryNth(const std::vector<PointCluster>& clusters, std::size_t most) {
-  const std::size_t stride = std::max<std::size_t>(1, (clusters.size() + most - 1) / most);
-  std::vector<PointCluster> some;
-  for (std::size_t i = 0; i < clusters.size(); i += stride) some.push_back(clusters[i]);
-  return some;
 }
 
 double StructureInCommon(const SubmapQuery& query, const VoxelMap& map, const SE3& T) {
@@ -112,11 +106,11 @@ MatchResult SubmapRegistration::Descend(const std::vector<PointCluster>& cluster
   SE3 start = T_target_clusters;
   if (coarse) {
     MatchResult first =
-        coarse_.MatchPose(EveryNth(clusters, kCoarseClusters), Open(start), target.coarse());
+        coarse_.MatchPose(Thinned(clusters, kCoarseClusters), Open(start), target.coarse());
     if (first.status == MatchResult::Status::kTooFewMatches) return first;
     start = first.T_world_lidar;
   }
-  return fine_.Match(EveryNth(clusters, kFineClusters), Open(start), target.fine());
+  return fine_.Match(Thinned(clusters, kFineClusters), Open(start), target.fine());
 }
 
 SubmapMatch SubmapRegistration::Register(const SubmapQuery& query, const SubmapTarget& target,

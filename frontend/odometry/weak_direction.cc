@@ -6,6 +6,7 @@
 #include "frontend/matching/degeneracy.h"
 #include "frontend/matching/direction_profile.h"
 #include "frontend/odometry/odometry.h"
+#include "frontend/scan/thinned_clusters.h"
 
 namespace lamina {
 namespace {
@@ -25,14 +26,8 @@ bool TurnsNearby(const Vector6d& direction) {
   return kRotationArmM * direction.tail<3>().norm() < kNearM * direction.head<3>().norm();
 }
 
-// So many of them at most as tell two motions apart, which differ for all.
-std::vector<PointCluster> EverySoMany(const std::vector<PointCluster>& clusters) {
-  constexpr std::size_t kEnough = 4000;
-  const std::size_t step = 1 + clusters.size() / kEnough;
-  std::vector<PointCluster> some;
-  for (std::size_t i = 0; i < clusters.size(); i += step) some.push_back(clusters[i]);
-  return some;
-}
+// So many clusters tell two motions apart, which differ for all.
+constexpr std::size_t kEnoughClusters = 4000;
 
 // A prediction that leaves more open says nothing of which minimum is the right one.
 constexpr double kSteadyM = 0.12;
@@ -71,7 +66,7 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
   const bool expected = motion_.moving_known() && sigma_m < kBesideM;
   if (expected && match.degenerate == 0 && TurnsNearby(v)) return;
   const std::vector<PointCluster> some =
-      setting_off ? EverySoMany(*deskewed) : std::vector<PointCluster>();
+      setting_off ? Thinned(*deskewed, kEnoughClusters) : std::vector<PointCluster>();
   const DirectionProfile profile(setting_off ? some : *deskewed, map, match.T_world_lidar, v,
                                  options_.matcher.noise_floor_m);
   if (!setting_off && profile.Blocks() > kManyBlocks) return;
