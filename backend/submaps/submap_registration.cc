@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "core/base/angle.h"
-#include "frontend/scan/thinned_clusters.h"
+#include "frontend/scan/thinning.h"
 
 namespace lamina {
 namespace {

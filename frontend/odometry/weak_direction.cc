@@ -6,7 +6,7 @@
 #include "frontend/matching/degeneracy.h"
 #include "frontend/matching/direction_profile.h"
 #include "frontend/odometry/odometry.h"
-#include "frontend/scan/thinned_clusters.h"
+#include "frontend/scan/thinning.h"
 
 namespace lamina {
 namespace {

@@ -39,6 +39,15 @@ int CountRings(const std::vector<double>& elevations, double lowest, double high
   return 2 * empty > bins && rings >= 4 ? rings : 0;
 }
 
+// As many as tell of ranges. The step is odd: organised clouds have 2^k rows, each a beam.
+std::vector<ScanPoint> SomeOf(const std::vector<ScanPoint>& points) {
+  constexpr std::size_t kEnough = 10000;
+  const std::size_t step = (points.size() / kEnough) | 1U;
+  std::vector<ScanPoint> some;
+  for (std::size_t i = 0; i < points.size(); i += step) some.push_back(points[i]);
+  return some;
+}
+
 // Spread over the range, both ends among them.
 std::vector<SensorGuess> GuessFromAFew(const ScanSource& source, const FrameRange& range) {
   constexpr std::size_t kScans = 5;
@@ -50,7 +59,7 @@ std::vector<SensorGuess> GuessFromAFew(const ScanSource& source, const FrameRang
     if (scan == last) continue;
     last = scan;
     try {
-      const SensorGuess guess = GuessSensor(source.Read(scan).points);
+      const SensorGuess guess = GuessSensor(SomeOf(source.Read(scan).points));
       if (guess.farthest_m > 0.0) guesses.push_back(guess);
     } catch (const InputError&) {
       // The run will say so.

@@ -1,0 +1,27 @@
+#include "frontend/scan/thinning.h"
+
+#include <gtest/gtest.h>
+
+#include <numeric>
+
+namespace lamina {
+namespace {
+
+TEST(Thinning, LeavesSoManyAtMostFromAllOfTheScan) {
+  for (const std::size_t size : {0, 1, 9, 10, 11, 20, 21, 99, 100}) {
+    std::vector<int> all(size);
+    std::iota(all.begin(), all.end(), 0);
+    const std::vector<int> some = Thinned(all, 10);
+    ASSERT_LE(some.size(), 10U) << size;
+    if (size <= 10) {
+      EXPECT_EQ(some, all);
+    } else {
+      EXPECT_GT(some.size(), 5U) << size;
+      EXPECT_EQ(some.front(), 0);
+      EXPECT_GE(some.back() + (some[1] - some[0]), static_cast<int>(size)) << size;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace lamina
