@@ -1,5 +1,7 @@
 #include "core/map/voxel_key.h"
 
+#include <algorithm>
+
 namespace lamina {
 
 void VoxelIndex::Rehash(std::size_t expected_size) {
@@ -12,6 +14,11 @@ void VoxelIndex::Rehash(std::size_t expected_size) {
   for (const Slot& slot : old) {
     if (slot.value != kNone) FindOrInsert(slot.key, slot.value);
   }
+}
+
+void VoxelIndex::Clear() {
+  std::fill(slots_.begin(), slots_.end(), Slot());
+  size_ = 0;
 }
 
 void VoxelIndex::Erase(VoxelKey key) {

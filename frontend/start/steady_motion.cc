@@ -11,6 +11,7 @@
 
 #include "core/base/median.h"
 #include "core/base/parallel.h"
+#include "core/base/processor.h"
 #include "core/map/voxel_key.h"
 #include "frontend/matching/block_votes.h"
 
@@ -44,6 +45,83 @@ double Votes(const std::vector<double>& one, const std::vector<double>& other) {
 }
 
 }  // namespace
+
+// Voxels of a grid, with what all scans put into them, in the order in which they come up. One
+// after another is filled: memory stays.
+struct SteadyMotionSearch::Grid {
+  void Begin(std::size_t clusters);
+  // Voxels of a scan's clusters, moved along u by the way and by the speed times the time of each.
+  void FindVoxels(const SteadyScan& scan, const Eigen::Vector3d& u, double way_m, double speed_m_s,
+                  const Eigen::Vector3d& shift_m, double inverse_size);
+  // What was found goes into its voxels.
+  void AddScan(const SteadyScan& scan, std::size_t number);
+
+  VoxelIndex index;
+  std::vector<PointCluster> voxels;
+  std::vector<std::size_t> first_scan;  // of each voxel
+  std::vector<char> shared;             // whether several scans see it
+  std::vector<std::int32_t> voxel_of;   // of each cluster of the scans so far
+
+ private:
+  // So many clusters ahead memory is asked for.
+  static constexpr std::size_t kAhead = 8;
+
+  std::vector<Eigen::Vector3d> means_;  // of the scan at hand
+  std::vector<VoxelKey> keys_;
+};
+
+void SteadyMotionSearch::Grid::Begin(std::size_t clusters) {
+  if (index.expected_size() < clusters / 4) {
+    index = VoxelIndex(clusters / 4);
+  } else {
+    index.Clear();
+  }
+  voxels.clear();
+  first_scan.clear();
+  shared.clear();
+  voxel_of.clear();
+  voxels.reserve(clusters / 4);
+  voxel_of.reserve(clusters);
+}
+
+LAMINA_FOR_EACH_PROCESSOR
+void SteadyMotionSearch::Grid::FindVoxels(const SteadyScan& scan, const Eigen::Vector3d& u,
+                                          double way_m, double speed_m_s,
+                                          const Eigen::Vector3d& shift_m, double inverse_size) {
+  const std::size_t count = scan.clusters.size();
+  means_.resize(count);
+  keys_.resize(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const double during_m =
+        scan.cluster_times_s.empty() ? 0.0 : speed_m_s * scan.cluster_times_s[i];
+    means_[i] = scan.clusters[i].mean + (way_m + during_m) * u;
+    keys_[i] = VoxelKeyOf(means_[i] + shift_m, inverse_size);
+  }
+  auto next = static_cast<std::int32_t>(voxels.size());
+  for (std::size_t i = 0; i < count; ++i) {
+    if (i + kAhead < count) index.Prefetch(keys_[i + kAhead]);
+    const std::int32_t voxel = index.FindOrInsert(keys_[i], next);
+    if (voxel == next) ++next;
+    voxel_of.push_back(voxel);
+  }
+  voxels.resize(static_cast<std::size_t>(next));
+}
+
+LAMINA_FOR_EACH_PROCESSOR
+void SteadyMotionSearch::Grid::AddScan(const SteadyScan& scan, std::size_t number) {
+  first_scan.resize(voxels.size(), number);
+  shared.resize(voxels.size(), 0);
+  const std::size_t count = scan.clusters.size();
+  const std::int32_t* const of = voxel_of.data() + (voxel_of.size() - count);
+  for (std::size_t i = 0; i < count; ++i) {
+    if (i + kAhead < count) __builtin_prefetch(&voxels[static_cast<std::size_t>(of[i + kAhead])]);
+    const auto voxel = static_cast<std::size_t>(of[i]);
+    PointCluster moved = scan.clusters[i];
+    moved.mean = means_[i];
+    voxels[voxel] += moved;
+    if (first_scan[voxel] != number) shared[voxel] = 1;
+  }
+}
 
 SteadyMotionSearch::SteadyMotionSearch(const SteadyMotionOptions& options, const Eigen::Vector3d& u,
                                        std::vector<SteadyScan> scans)
@@ -103,45 +181,26 @@ WayAlong SteadyMotionSearch::WayUnder(const SteadyMotion& motion) const {
 }
 
 void SteadyMotionSearch::AddGrid(const SteadyMotionSearch& places, const WayAlong& way,
-                                 const Eigen::Vector3d& shift_m, Evidence* sums) const {
+                                 const Eigen::Vector3d& shift_m, Grid* grid, Evidence* sums) const {
   const double noise2 = options_.noise_m * options_.noise_m;
-  VoxelIndex index(block_of_.size() / 4);
-  std::vector<PointCluster> voxels;
-  std::vector<std::size_t> first_scan;
-  std::vector<bool> shared;
-  std::vector<std::int32_t> voxel_of(block_of_.size());
-  std::size_t place = 0;
+  grid->Begin(block_of_.size());
   for (std::size_t k = 0; k < scans_.size(); ++k) {
-    const SteadyScan& scan = scans_[k];
-    for (std::size_t i = 0; i < scan.clusters.size(); ++i, ++place) {
-      PointCluster cluster = scan.clusters[i];
-      const double during_m =
-          scan.cluster_times_s.empty() ? 0.0 : way.speeds_m_s[k] * scan.cluster_times_s[i];
-      cluster.mean += (way.positions_m[k] + during_m) * u_;
-      voxel_of[place] =
-          index.FindOrInsert(VoxelKeyOf(cluster.mean + shift_m, 1.0 / options_.voxel_size_m),
-                             static_cast<std::int32_t>(voxels.size()));
-      const auto voxel = static_cast<std::size_t>(voxel_of[place]);
-      if (voxel == voxels.size()) {
-        voxels.emplace_back();
-        first_scan.push_back(k);
-        shared.push_back(false);
-      }
-      voxels[voxel] += cluster;
-      if (first_scan[voxel] != k) shared[voxel] = true;
-    }
+    grid->FindVoxels(scans_[k], u_, way.positions_m[k], way.speeds_m_s[k], shift_m,
+                     1.0 / options_.voxel_size_m);
+    grid->AddScan(scans_[k], k);
   }
+  const std::vector<PointCluster>& voxels = grid->voxels;
   std::vector<double> sharpness(voxels.size(), 0.0);
   for (std::size_t v = 0; v < voxels.size(); ++v) {
-    if (shared[v]) sums->shared += voxels[v].count;
+    if (grid->shared[v]) sums->shared += voxels[v].count;
     if (voxels[v].count >= kLeastPoints)
       sharpness[v] = -0.5 * std::log(LeastVariance(voxels[v]) + noise2);
   }
-  place = 0;
+  std::size_t place = 0;
   for (const SteadyScan& scan : scans_) {
     for (const PointCluster& cluster : scan.clusters) {
       sums->blocks[static_cast<std::size_t>(places.block_of_[place])] +=
-          cluster.count * sharpness[static_cast<std::size_t>(voxel_of[place])];
+          cluster.count * sharpness[static_cast<std::size_t>(grid->voxel_of[place])];
       ++place;
     }
   }
@@ -157,8 +216,9 @@ SteadyMotionSearch::Evidence SteadyMotionSearch::EvidenceIn(const SteadyMotionSe
                                                             std::size_t grids) const {
   Evidence sums;
   sums.blocks.resize(places.block_points_.size(), 0.0);
+  Grid voxels;
   for (std::size_t grid = 0; grid < grids; ++grid)
-    AddGrid(places, way, options_.voxel_size_m * Eigen::Vector3d(kShifts[grid]), &sums);
+    AddGrid(places, way, options_.voxel_size_m * Eigen::Vector3d(kShifts[grid]), &voxels, &sums);
   for (std::size_t b = 0; b < sums.blocks.size(); ++b)
     sums.blocks[b] /= static_cast<double>(grids) * (places.block_points_[b] + kHalfPoints);
   sums.shared /= static_cast<double>(grids);

@@ -97,8 +97,9 @@ class SteadyMotionSearch {
   // By the blocks of `places`, which has the same scans.
   Evidence EvidenceIn(const SteadyMotionSearch& places, const WayAlong& way,
                       std::size_t grids) const;
+  struct Grid;
   void AddGrid(const SteadyMotionSearch& places, const WayAlong& way,
-               const Eigen::Vector3d& shift_m, Evidence* sums) const;
+               const Eigen::Vector3d& shift_m, Grid* grid, Evidence* sums) const;
   // L from that of its blocks.
   double Total(const SteadyMotion& motion, const std::vector<double>& blocks) const;
   // From a motion to the maximum near by.

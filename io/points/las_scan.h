@@ -14,6 +14,7 @@
 #include <string_view>
 
 #include "core/geometry/scan_source.h"
+#include "io/points/point_times.h"
 
 namespace lamina {
 

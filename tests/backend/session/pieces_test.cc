@@ -128,7 +128,7 @@ TEST_F(PiecesTest, AlternatingRecordingsAreContinuedAfterAnyScan) {
     mapping_.pipeline.max_recordings = most;
     fs::remove_all(Path("whole"));
     const Result whole = FinishSession(Setup("whole"), all);
-    for (int stop = 4; stop < 33; stop += 5) {
+    for (int stop = 4; stop < 33; stop += most == 2 ? 7 : 11) {
       SCOPED_TRACE(std::to_string(most) + " at once, left after " + std::to_string(stop));
       const SessionSetup setup = Setup("stopped");
       fs::remove_all(setup.folder);
@@ -146,7 +146,7 @@ TEST_F(PiecesTest, WhenCheckpointsAreMadeChangesNothing) {
   SessionSetup setup = Setup("rarely");
   setup.session.checkpoint_every_scans = 1000;
   const Result rarely = FinishSession(setup, all);
-  for (int stop = 2; stop < 33; stop += 4) {
+  for (int stop = 2; stop < 33; stop += 7) {
     SCOPED_TRACE("left after " + std::to_string(stop));
     setup = Setup("stopped");
     fs::remove_all(setup.folder);

@@ -68,7 +68,7 @@ Drive Map(const SynthOptions& synth, const std::string& correction) {
 }
 
 TEST(BeamCorrection, ATownBySuchASensorDriftsNoMore) {
-  const SynthOptions synth = HalfKnown(120);
+  const SynthOptions synth = HalfKnown(80);
   const Drive as_it_is = Map(synth, "off");
   const Drive corrected = Map(synth, "auto");
   EXPECT_EQ(as_it_is.opening.outcome, Outcomes::kNotLookedFor);
