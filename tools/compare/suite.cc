@@ -29,7 +29,7 @@ StationOptions Stations(StationScene scene, int seed, bool quick) {
   options.scene = scene;
   options.seed = seed;
   if (quick) {
-    options.scans = 8;
+    options.scans = 6;
     options.lines = 80;
     options.ray_step = 3;
   }

@@ -45,6 +45,7 @@ TEST(LocalisationTrial, ASensorThatIsLostWhileItMapsIsFoundWhereItHasBeenAndNowh
   options.lost = true;
   options.on_map = 1;
   options.off_map = 0;
+  options.window_s = 4.0;
   options.elsewhere = 1;
   const LocalisationTrial trial = RunLocalisationTrial(hall, 1, options);
   ASSERT_EQ(trial.windows.size(), 2u);
@@ -60,6 +61,7 @@ TEST(LocalisationTrial, WindowsOfAnotherVisitAreFoundAndThoseOfAnotherPlaceAreNo
   LocalisationTrialOptions options;
   options.on_map = 2;
   options.off_map = 0;
+  options.window_s = 4.0;
   options.elsewhere = 1;
   const LocalisationTrial trial = RunLocalisationTrial(hall, 1, options);
   ASSERT_EQ(trial.windows.size(), 3u);

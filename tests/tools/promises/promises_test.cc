@@ -276,7 +276,7 @@ TEST(AdverseRooms, AreNotMistakenForOneAnotherAfterABlindStretch) {
 // In foliage the sheets that beams sweep are planes which move along with the sensor: with this
 // seed they had it stand still while it walked.
 TEST(AdverseForest, WalksOnBetweenPlanesOfItsOwnBeams) {
-  const Verdict verdict = Tried("forest-mid360", 2, 100);
+  const Verdict verdict = Tried("forest-mid360", 2, 70);
   EXPECT_LT(verdict.worst_m, 0.15);
   EXPECT_EQ(verdict.lost, 0u);
 }
