@@ -17,8 +17,6 @@ constexpr double kScaleM = 0.06;
 constexpr double kSameM = 0.1;
 // Scans farther apart leave more open than matching from a prediction can bridge.
 constexpr double kMostGapS = 0.25;
-// So many are enough where they tell a steady motion, and at the latest it is decided.
-constexpr std::size_t kManyScans = 8, kMostScans = 13;
 
 // How much a cluster at p that meets this plane counts along u, as far as it fits.
 double FitAlong(const Surface& plane, const Eigen::Vector3d& p, const Eigen::Vector3d& u) {
@@ -280,6 +278,7 @@ void StartTrack::Decide() {
   // Where planes leave the way open by themselves, as in a tunnel, poses are called degenerate, and
   // another start would be no better.
   if (unsure_ && last && 2 * without_planes_ >= scans_.size()) return Clear();
+  if (unsure_ && last && SettingOff(OwnPoses())) return CheckSettingOff(OwnPoses());
   if (hypotheses_.empty()) {
     if (unsure_ && last) return GiveUp();
     if (!unsure_) Trust();
@@ -287,6 +286,8 @@ void StartTrack::Decide() {
   }
   Rank();
   const Hypothesis& best = hypotheses_.front();
+  // What sets off together is as steady as what stands, and two of them part late.
+  if (!last && SettingOff(best.poses) && (unsure_ || !SameWay(best.poses, OwnPoses()))) return;
   const bool told = !unsure_ || (all_tracked_ && Steady(best.poses));
   const bool alone = hypotheses_.size() == 1 && (!unsure_ || scans_.size() >= kManyScans);
   if (!last && !(told && alone)) return;
@@ -297,6 +298,7 @@ void StartTrack::Decide() {
   for (const Hypothesis& h : hypotheses_) {
     if (SameWay(h.poses, own) && Better(best, h) < kLikelySigmas) return Trust();
   }
+  if (SettingOff(best.poses)) return CheckSettingOff(std::vector<SE3>(best.poses));
   TakeBest();
 }
 
@@ -304,18 +306,19 @@ void StartTrack::Trust() {
   told_ = true;
   unsure_ = false;
   hypotheses_.clear();
-  if (!all_tracked_ || !SettingOff()) return Clear();
-  if (scans_.size() >= kMostScans) CheckSettingOff();
+  const std::vector<SE3> own = OwnPoses();
+  if (!all_tracked_ || !SettingOff(own)) return Clear();
+  if (scans_.size() >= kMostScans) CheckSettingOff(own);
 }
 
-bool StartTrack::SettingOff() const {
+bool StartTrack::SettingOff(const std::vector<SE3>& poses) const {
   // Two scans of a sensor that is faster show what stands and what moves with it as two minima, ...
   constexpr double kAtRestMS = 1.0;
   // ... and one that has become so fast has left what set off with it behind.
   constexpr double kMostMS = 5.0;
   const auto slower_than = [&](double most_m_s, std::size_t k) {
     const double gap_s = SecondsBetween(scans_[k - 1].stamp_ns, scans_[k].stamp_ns);
-    return (scans_[k].T_world_lidar.t - scans_[k - 1].T_world_lidar.t).norm() < most_m_s * gap_s;
+    return (poses[k].t - poses[k - 1].t).norm() < most_m_s * gap_s;
   };
   return slower_than(kAtRestMS, 1) && slower_than(kMostMS, scans_.size() - 1);
 }
@@ -348,7 +351,11 @@ void StartTrack::GiveUp() {
 
 bool StartTrack::unsettled() const {
   constexpr double kOpenM = 0.1;
-  return open_ && unsure_ && open_m_ > kOpenM && !(all_tracked_ && Steady(OwnPoses()));
+  if (!open_) return false;
+  const std::vector<SE3> own = OwnPoses();
+  const bool as_best = hypotheses_.empty() || SameWay(hypotheses_.front().poses, own);
+  if (!as_best && scans_.size() > 2 && SettingOff(hypotheses_.front().poses)) return true;
+  return unsure_ && open_m_ > kOpenM && !(all_tracked_ && Steady(own) && !SettingOff(own));
 }
 
 Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {

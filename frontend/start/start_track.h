@@ -35,10 +35,14 @@
 //
 // Where everything about sets off together with the sensor, all of that may be held for what
 // stands: two scans have no other minimum, and each scan more is held where the ones before were.
-// So a sensor that stands or sets off is asked once more when all scans are there, whatever they
-// said one after the other: for the steady motion that makes their map the sharpest
-// (steady_motion.h). If that refutes odometry's way, it is taken; where the speed itself is not
-// told, the start is given up.
+// So the way of a sensor that stands or sets off is asked about once more when all scans are there,
+// whatever they said one after the other: for the steady motion that makes their map the sharpest
+// (steady_motion.h), once by the sensor's noise and once by decimetres. The first is the more
+// exact; but scans from one place have their points on the same lines of everything, which makes
+// edges, foliage and cars look as sharp as walls, and to decimetres they hardly do. A way from
+// which neither differs is right. One that both refute is overruled, if they agree on what it is
+// instead. All else is not told yet, and the start is given up: the next one begins with a sensor
+// that moves, of which two scans show what stands and what goes along as two minima.
 #pragma once
 
 #include <cstdint>
@@ -86,7 +90,7 @@ class StartTrack {
   // Once closed: whether no way explains the scans. What they made of a map is of no use.
   bool given_up() const { return given_up_; }
   // Whether nothing so far tells the way along the direction that a match left open: odometry's
-  // poses may be chance.
+  // poses may be chance, or the way of what sets off together with the sensor.
   bool unsettled() const;
   const std::vector<Scan>& scans() const { return scans_; }
   const MatchResult& match() const { return match_; }
@@ -112,6 +116,8 @@ class StartTrack {
     void Archive(StateArchive& a) { a(&poses, &fits); }
   };
   static constexpr std::size_t kMostHypotheses = 6;
+  // So many scans are enough where they tell a steady motion, and at the latest it is decided.
+  static constexpr std::size_t kManyScans = 8, kMostScans = 13;
   // Ways that nowhere differ by more are one.
   static constexpr double kSameWayM = 0.05;
   static bool SameWay(const std::vector<SE3>& a, const std::vector<SE3>& b);
@@ -147,12 +153,15 @@ class StartTrack {
   // Sorts the hypotheses, the best first, and drops what is refuted and what is another's double.
   void Rank();
   void Decide();
-  // Odometry's way is the only one left: closes, or leaves it to CheckSettingOff.
+  // Odometry's way is the only one left: closes, or waits for CheckSettingOff.
   void Trust();
-  // Whether the sensor stands, or was at rest when it started, by odometry, and has just set off.
-  bool SettingOff() const;
-  // Closes, with the steady motion if that refutes odometry's way; gives up if none is told.
-  void CheckSettingOff();
+  // Whether the sensor stands, or was at rest when it started, by these poses, and has just set
+  // off.
+  bool SettingOff(const std::vector<SE3>& poses) const;
+  // Closes, if all scans together agree that the sensor set off like that, which is odometry's way
+  // or the best hypothesis; or like odometry has it; or with the steady motion that they agree on
+  // instead. Gives up if they do not.
+  void CheckSettingOff(const std::vector<SE3>& poses);
   // Closes with the best hypothesis.
   void TakeBest();
   void GiveUp();
@@ -173,6 +182,7 @@ class StartTrack {
   // The steady motion along one direction, beside the way that poses have.
   struct SteadyAlong {
     std::vector<SE3> poses;  // under it
+    Eigen::Vector3d along = Eigen::Vector3d::UnitX();
     double speed_m_s = 0.0, open_speed_m_s = 0.0;
     double apart_m = 0.0;  // by which the two differ, at most
     double sharper = 0.0;  // by so many standard deviations; negative if the poses' way is
@@ -180,7 +190,12 @@ class StartTrack {
     bool refutes = false;  // the poses' way, clearly
   };
   SteadyAlong FindAlong(const std::vector<SE3>& from, const Eigen::Vector3d& u,
-                        double most_speed_m_s) const;
+                        double most_speed_m_s, double noise_m) const;
+  // The same along the direction that the fewest planes face, of a sensor that was at rest.
+  SteadyAlong FindFromRest(const std::vector<SE3>& from, double noise_m) const;
+  // Whether the sensor has left behind, by these poses, what may have set off with it, or all scans
+  // tell the two apart.
+  bool Parted(const std::vector<SE3>& poses) const;
   // The same along one direction after the other.
   struct SteadyWay {
     std::vector<SE3> poses;   // moved where a steady motion that is told refutes them

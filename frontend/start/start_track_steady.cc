@@ -15,6 +15,15 @@ namespace {
 constexpr double kRefutedSigmas = 3.0;
 // Ways that differ by less are one.
 constexpr double kAgreesM = 0.15;
+// To which surfaces are as sharp as they are, wherever the points on them lie.
+constexpr double kRoughM = 0.12;
+
+// The largest distance between two ways.
+double Apart(const std::vector<SE3>& a, const std::vector<SE3>& b) {
+  double apart_m = 0.0;
+  for (std::size_t k = 0; k < a.size(); ++k) apart_m = std::max(apart_m, (a[k].t - b[k].t).norm());
+  return apart_m;
+}
 
 // The direction at right angles to `without` that the fewest planes face.
 Eigen::Vector3d LeastAcross(const Eigen::Matrix3d& faced, const Eigen::Vector3d& without) {
@@ -51,18 +60,20 @@ std::vector<SteadyScan> StartTrack::WithoutWay(const std::vector<SE3>& poses,
 }
 
 StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
-                                              const Eigen::Vector3d& u,
-                                              double most_speed_m_s) const {
+                                              const Eigen::Vector3d& u, double most_speed_m_s,
+                                              double noise_m) const {
   // A speed that is known worse, or at the end of what is looked for, may be any.
   constexpr double kMostOpenMS = 4.0, kMostOfReach = 0.8;
   WayAlong own;
   SteadyMotionOptions options = steady_;
   options.most_speed_m_s = most_speed_m_s;
+  options.noise_m = noise_m;
   const SteadyMotionSearch search(options, u, WithoutWay(from, u, &own));
   const FoundMotion found = search.Find();
   const WayAlong way = search.WayUnder(found.motion);
   SteadyAlong steady;
   steady.poses = from;
+  steady.along = u;
   for (std::size_t k = 0; k < from.size(); ++k) {
     const double off_m = way.positions_m[k] - own.positions_m[k];
     steady.poses[k].t += off_m * u;
@@ -87,7 +98,7 @@ StartTrack::SteadyWay StartTrack::FindSteady(const std::vector<SE3>& from,
   SteadyWay way;
   way.poses = way.moving = from;
   for (const Eigen::Vector3d& u : directions) {
-    const SteadyAlong steady = FindAlong(way.poses, u, steady_.most_speed_m_s);
+    const SteadyAlong steady = FindAlong(way.poses, u, steady_.most_speed_m_s, steady_.noise_m);
     const bool agrees = steady.open_speed_m_s <= kKnownMS && steady.apart_m <= kAgreesM;
     way.refuted = way.refuted || (steady.refutes && !steady.told);
     if (!steady.told || !(steady.refutes || agrees)) continue;
@@ -107,7 +118,7 @@ bool StartTrack::FindStraight(const std::vector<SE3>& other, std::vector<SE3>* p
   const std::vector<SE3> resting(other.size(), other.front());
   const Eigen::Vector3d up = other.front().q * Eigen::Vector3d::UnitZ();
   const Eigen::Vector3d ahead = LeastAcross(Faced(resting, 1), up);
-  const SteadyAlong steady = FindAlong(resting, ahead, steady_.most_speed_m_s);
+  const SteadyAlong steady = FindAlong(resting, ahead, steady_.most_speed_m_s, steady_.noise_m);
   if (!steady.told || !steady.refutes || steady.open_speed_m_s > kMostOpenShare * steady.speed_m_s)
     return false;
   WayAlong straight, before;
@@ -137,18 +148,38 @@ bool StartTrack::TakeSteady(bool* refuted) {
   *refuted = way.refuted;
   const bool settled = !way.moved && way.known == open;
   std::vector<SE3> straight;
-  if (!settled && FindStraight(way.poses, &straight)) return TakeSettled(straight, straight, open);
-  return (settled || way.moved) && TakeSettled(way.poses, way.moving, open);
+  if (!settled && FindStraight(way.poses, &straight))
+    return Parted(straight) && TakeSettled(straight, straight, open);
+  return (settled || way.moved) && Parted(way.poses) && TakeSettled(way.poses, way.moving, open);
 }
 
-void StartTrack::CheckSettingOff() {
+StartTrack::SteadyAlong StartTrack::FindFromRest(const std::vector<SE3>& from,
+                                                 double noise_m) const {
   // The mean speed of a sensor that was at rest a second ago.
   constexpr double kMostSpeedMS = 10.0;
+  const Eigen::Vector3d u = LeastFaced(Faced(from, from.size() - 1));
+  return FindAlong(from, u, std::min(kMostSpeedMS, steady_.most_speed_m_s), noise_m);
+}
+
+bool StartTrack::Parted(const std::vector<SE3>& poses) const {
+  if (!SettingOff(poses)) return true;
+  return poses.size() >= kMostScans && FindFromRest(poses, kRoughM).apart_m <= kAgreesM;
+}
+
+void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
+  // By how much two ways that are one may differ, each being found to half of that.
+  constexpr double kAlikeM = 2.0 * kAgreesM;
   const std::vector<SE3> own = OwnPoses();
-  const Eigen::Vector3d u = LeastFaced(Faced(own, own.size() - 1));
-  const SteadyAlong steady = FindAlong(own, u, std::min(kMostSpeedMS, steady_.most_speed_m_s));
-  if (steady.apart_m <= kAgreesM || !steady.refutes) return Clear();
-  if (!steady.told || !TakeSettled(steady.poses, steady.poses, u)) GiveUp();
+  const SteadyAlong fine = FindFromRest(poses, steady_.noise_m);
+  const SteadyAlong rough = FindFromRest(poses, kRoughM);
+  if (Apart(own, fine.poses) <= kAgreesM && Apart(own, rough.poses) <= kAgreesM) return Clear();
+  if (rough.apart_m <= kAgreesM && (fine.apart_m <= kAgreesM || !fine.refutes)) {
+    if (SameWay(poses, own)) return Clear();
+    return TakeBest();
+  }
+  const bool alike = Apart(fine.poses, rough.poses) <= kAlikeM;
+  const bool told = alike && fine.told && rough.told && fine.refutes && rough.refutes;
+  if (!told || !TakeSettled(fine.poses, fine.poses, fine.along)) GiveUp();
 }
 
 bool StartTrack::SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,

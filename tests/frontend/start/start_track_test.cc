@@ -47,19 +47,31 @@ class StartTrackTest : public testing::Test {
     std::vector<TimedPoint> points;
     while (points.size() < 40000) {
       const double azimuth = draws_.Uniform(-M_PI, M_PI);
-      const double elevation = Radians(draws_.Uniform(-25.0, 15.0));
-      const Eigen::Vector3d direction(std::cos(elevation) * std::cos(azimuth),
-                                      std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
-      double range = street_.Cast(T.t, direction);
-      for (const Van& van : vans_) {
-        const Eigen::Vector3d centre(T.t.x() + van.AlongAt(kPeriodS * scan), van.y, 1.1);
-        range = std::min(range, CastBox(centre, {2.4, 0.95, 0.9}, T.t, direction));
-      }
-      if (range > 100.0) continue;
-      const Eigen::Vector3f p = ((range + draws_.Normal(0.01)) * direction).cast<float>();
-      points.push_back({p.x(), p.y(), p.z(), 0.0F});
+      AddRay(T, scan, azimuth, Radians(draws_.Uniform(-25.0, 15.0)), &points);
     }
     return BuildScanClusters(points, map_.LeafSize());
+  }
+  // The same of 16 rings.
+  std::vector<TimedCluster> Rings(const SE3& T, int scan) {
+    std::vector<TimedPoint> points;
+    for (int ring = 0; ring < 16; ++ring) {
+      for (int step = 0; step < 900; ++step)
+        AddRay(T, scan, Radians(0.4 * step - 180.0), Radians(2.0 * ring - 15.0), &points);
+    }
+    return BuildScanClusters(points, map_.LeafSize());
+  }
+  void AddRay(const SE3& T, int scan, double azimuth, double elevation,
+              std::vector<TimedPoint>* points) {
+    const Eigen::Vector3d direction(std::cos(elevation) * std::cos(azimuth),
+                                    std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
+    double range = street_.Cast(T.t, direction);
+    for (const Van& van : vans_) {
+      const Eigen::Vector3d centre(T.t.x() + van.AlongAt(kPeriodS * scan), van.y, 1.1);
+      range = std::min(range, CastBox(centre, {2.4, 0.95, 0.9}, T.t, direction));
+    }
+    if (range > 100.0) return;
+    const Eigen::Vector3f p = ((range + draws_.Normal(0.01)) * direction).cast<float>();
+    points->push_back({p.x(), p.y(), p.z(), 0.0F});
   }
 
   // What odometry made of a scan: a match so far along the way from the truth.
@@ -187,6 +199,29 @@ TEST_F(StartFromRestTest, WhatSetsOffTogetherHoldsNobodyWhoIsAskedOnceMore) {
     const SE3 from_first = start.scans().front().T_world_lidar.Inverse() * T;
     EXPECT_LT((from_first.t - FromRest(k).t).norm(), 0.06) << k;
   }
+}
+
+// Sixteen rings lie on the same lines of all things as long as the sensor hardly moves, and a map
+// of lines is sharp. Odometry has the sensor stand among vans that set off with it.
+TEST_F(StartFromRestTest, AWayOnTheSameLinesOfAllThingsIsNotBelieved) {
+  for (const double rate : {0.05, 0.3}) {
+    for (Van& van : vans_) van.rate = rate;
+    StartTrack start(options_, map_);
+    int scan = 0;
+    for (; start.open() && scan < 15; ++scan)
+      start.Add(MatchedAt(scan, 0.0, 0.0), false, Rings(BayStreet::PoseAt(WayM(scan)), scan));
+    EXPECT_TRUE(start.given_up() || start.overruled()) << rate;
+  }
+}
+
+TEST_F(StartFromRestTest, OfFewRingsASensorThatStandsIsBelieved) {
+  StartTrack start(options_, map_);
+  for (int scan = 0; start.open() && scan < 15; ++scan) {
+    start.Add(MatchedAt(scan, 0.0, 0.0), false, Rings(BayStreet::PoseAt(0.0), scan));
+    EXPECT_FALSE(start.given_up()) << scan;
+  }
+  EXPECT_FALSE(start.open());
+  EXPECT_FALSE(start.overruled());
 }
 
 TEST_F(StartFromRestTest, OdometryThatIsRightStays) {

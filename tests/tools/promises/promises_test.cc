@@ -245,6 +245,19 @@ TEST(AdverseCarPark, DoesNotGoAlongWithWhatSetsOffTogether) {
   EXPECT_LT(swept.worst_m, 0.10);
 }
 
+// Of a few rings, or a few points, what goes along looks as sharp as what stands: such a start is
+// not believed, and the next one is of a sensor that moves.
+TEST(AdverseCarPark, WhatGoesAlongIsNotBelievedThoughItLooksAsSharp) {
+  for (const auto& [name, seed] : {std::pair{"carpark-start-vlp16", 5},
+                                   {"carpark-mid360", 4},
+                                   {"carpark-mid360", 5},
+                                   {"carpark-mid360", 8}}) {
+    const Verdict verdict = Tried(name, seed);
+    EXPECT_LT(verdict.worst_m, 0.20) << name << " " << seed << ": " << verdict.broken;
+    EXPECT_LT(verdict.lost + verdict.degenerate, 40u) << name << " " << seed;
+  }
+}
+
 // A turn that was not foreseen lets the next row of cars, or the vans, fit first.
 TEST(AdverseCarPark, IsTrackedWhereTheSensorShakes) {
   for (const int seed : {3, 9}) {
