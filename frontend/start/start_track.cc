@@ -353,9 +353,10 @@ bool StartTrack::unsettled() const {
   constexpr double kOpenM = 0.1;
   if (!open_) return false;
   const std::vector<SE3> own = OwnPoses();
+  // All scans are asked which of the two it is, but not yet.
   const bool as_best = hypotheses_.empty() || SameWay(hypotheses_.front().poses, own);
   if (!as_best && scans_.size() > 2 && SettingOff(hypotheses_.front().poses)) return true;
-  return unsure_ && open_m_ > kOpenM && !(all_tracked_ && Steady(own) && !SettingOff(own));
+  return unsure_ && open_m_ > kOpenM && !(all_tracked_ && Steady(own));
 }
 
 Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {

@@ -90,7 +90,7 @@ class StartTrack {
   // Once closed: whether no way explains the scans. What they made of a map is of no use.
   bool given_up() const { return given_up_; }
   // Whether nothing so far tells the way along the direction that a match left open: odometry's
-  // poses may be chance, or the way of what sets off together with the sensor.
+  // poses may be chance; or whether another way than theirs is the best so far.
   bool unsettled() const;
   const std::vector<Scan>& scans() const { return scans_; }
   const MatchResult& match() const { return match_; }
