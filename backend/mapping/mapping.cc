@@ -273,6 +273,7 @@ RegisteredScan Mapping::Register(Recording* recording, MappedScan* report,
     const std::unique_ptr<PieceMapper> before = std::move(recording->mapper);
     ++counts_.restarts;
     BeginPiece(map_.CanHold(start.t) ? start : SE3(), recording);
+    recording->mapper->mapper().StartAfter(before->mapper());
     if (follows) recording->mapper->mapper().GoOnFrom(before->mapper(), std::move(settled));
     report->began_piece = true;
     if (loops_ != nullptr) lost_searches_->Begin(recording->piece, recording->before);

@@ -59,6 +59,10 @@ class Mapper {
 
   // Where a stretch of degenerate scans is over: the keyframes that determine one another again.
   std::vector<WindowFrame> SettledFrames() const;
+  // The first scans come after those of another mapper, which gave up a start or did not.
+  void StartAfter(const Mapper& before) {
+    if (before.start_.given_up()) start_.FollowGivenUp();
+  }
   // The next scan follows the last one of another mapper, in the same world, and the map of this
   // one begins with these keyframes of it. Before any scan.
   void GoOnFrom(const Mapper& before, std::vector<WindowFrame> frames);

@@ -69,6 +69,9 @@ class StartTrack {
   // Whether there is more than one hypothesis, or the way is open.
   bool contested() const { return open_ && (unsure_ || !hypotheses_.empty()); }
 
+  // Before the first scan: these follow a start that was given up.
+  void FollowGivenUp() { again_ = true; }
+
   // The next scan, and what odometry made of it. The first has no match. The second gives the
   // hypotheses about its match; scans that are far apart in time, or made-up stamps, give none.
   void Add(const OdometryFrame& frame, bool stamp_made_up,
@@ -160,7 +163,8 @@ class StartTrack {
   bool SettingOff(const std::vector<SE3>& poses) const;
   // Closes, if all scans together agree that the sensor set off like that, which is odometry's way
   // or the best hypothesis; or like odometry has it; or with the steady motion that they agree on
-  // instead. Gives up if they do not.
+  // instead. Gives up if they do not, but once: what had set off moves by then, and what is at rest
+  // still, among much that moves, stands.
   void CheckSettingOff(const std::vector<SE3>& poses);
   // Closes with the best hypothesis.
   void TakeBest();
@@ -223,6 +227,7 @@ class StartTrack {
   bool open_ = true, overruled_ = false;
   bool told_ = false;        // of several ways odometry's is left
   bool given_up_ = false;    // not archived: who asks does so at once
+  bool again_ = false;       // after one that was given up
   std::vector<Scan> scans_;  // poses and twists: once closed
   std::vector<Hypothesis> hypotheses_;
   // Whether a match left the way open, and whether all scans so far were tracked.

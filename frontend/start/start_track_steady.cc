@@ -179,7 +179,12 @@ void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
   }
   const bool alike = Apart(fine.poses, rough.poses) <= kAlikeM;
   const bool told = alike && fine.told && rough.told && fine.refutes && rough.refutes;
-  if (!told || !TakeSettled(fine.poses, fine.poses, fine.along)) GiveUp();
+  if (told && TakeSettled(fine.poses, fine.poses, fine.along)) return;
+  // Of a way that is none to speak of all scans are of one place, whatever else moves.
+  constexpr double kStandsM = 0.3;
+  const std::vector<SE3> one_place(own.size(), own.front());
+  if (again_ && Apart(own, one_place) < kStandsM) return Clear();
+  GiveUp();
 }
 
 bool StartTrack::SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,
