@@ -214,6 +214,24 @@ TEST_F(StartFromRestTest, AWayOnTheSameLinesOfAllThingsIsNotBelieved) {
   }
 }
 
+// By then what had set off would be faster; among walking people a sensor may stand for hours.
+TEST_F(StartFromRestTest, StandingIsGivenUpOnlyOnce) {
+  int given_up = 0;
+  for (const double rate : {0.05, 0.3}) {
+    for (Van& van : vans_) van.rate = rate;
+    const auto gives_up = [&](StartTrack start) {
+      for (int scan = 0; start.open() && scan < 15; ++scan)
+        start.Add(MatchedAt(scan, 0.0, 0.0), false, Rings(BayStreet::PoseAt(WayM(scan)), scan));
+      return start.given_up();
+    };
+    given_up += gives_up(StartTrack(options_, map_)) ? 1 : 0;
+    StartTrack again(options_, map_);
+    again.FollowGivenUp();
+    EXPECT_FALSE(gives_up(again)) << rate;
+  }
+  EXPECT_GE(given_up, 1);
+}
+
 TEST_F(StartFromRestTest, OfFewRingsASensorThatStandsIsBelieved) {
   StartTrack start(options_, map_);
   for (int scan = 0; start.open() && scan < 15; ++scan) {
