@@ -91,7 +91,9 @@ class PoseSearch {
   // The best of the matches from the hypotheses and the given one, without a covariance.
   MatchResult Best(const SearchedScan& scan, const PoseHypotheses& hypotheses,
                    const MatchResult& given) const;
-  // Whether no other place that the hypotheses lead to fits about as well.
+  // Whether no other place that the hypotheses lead to fits about as well, and the match is turned
+  // no farther than they reach: after seconds in a hand a descent may turn a room's half into the
+  // other one, and no hypothesis would show it.
   bool Unique(const SearchedScan& scan, const PoseHypotheses& hypotheses,
               const MatchResult& best) const;
 

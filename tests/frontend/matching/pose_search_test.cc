@@ -1,0 +1,39 @@
+#include "frontend/matching/pose_search.h"
+
+#include <gtest/gtest.h>
+
+#include "core/base/angle.h"
+#include "tests/support/scenes/random_rooms.h"
+
+namespace lamina {
+namespace {
+
+// A descent may end anywhere; that it has no rival among the turns that were tried says nothing of
+// those about where it ended.
+TEST(PoseSearchTest, AMatchTurnedAwayFromAllThatWasTriedIsNotUnique) {
+  Draws draws(3);
+  const World room = World::Room();
+  VoxelMap map(VoxelMapOptions{});
+  FillMap(room, 5, 1500, 0.01, &draws, &map);
+  const SE3 truth(Eigen::Quaterniond::Identity(), {0.3, -0.2, 0.1});
+  const std::vector<PointCluster> clusters =
+      Untimed(ScanFrom(truth, room.Sample(1500, 0.01, &draws), map.options().LeafSize()));
+  const ScanMatcher matcher{ScanMatcherOptions{}};
+  const PoseSearch search(PoseSearchOptions{}, &matcher);
+  PosePrediction prediction{truth};
+  prediction.covariance.setIdentity();
+  const MatchResult match = matcher.Match(clusters, prediction, map);
+  ASSERT_EQ(match.status, MatchResult::Status::kConverged);
+  const SearchedScan scan{clusters, prediction, map, false};
+  for (const auto& [turned_deg, unique] :
+       {std::pair{0.0, true}, {25.0, true}, {50.0, false}, {180.0, false}}) {
+    const Eigen::Quaterniond turn = ExpSO3(Radians(turned_deg) * Eigen::Vector3d::UnitZ());
+    PoseHypotheses hypotheses;
+    hypotheses.dense = search.TurnsAbout({SE3(turn, truth.t)});
+    EXPECT_EQ(search.Unique(scan, hypotheses, match), unique) << turned_deg;
+  }
+  EXPECT_TRUE(search.Unique(scan, PoseHypotheses{}, match));
+}
+
+}  // namespace
+}  // namespace lamina
