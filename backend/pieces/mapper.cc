@@ -102,6 +102,8 @@ void Mapper::StartOver(OdometryFrame* frame) {
   const StartTrack::Scan& first = start_.scans().front();
   start_.Move(FirstMiddle(first.twist) * first.T_world_lidar.Inverse());
   OdometryFrame taken;
+  taken.match.degenerate_directions = start_.match().degenerate_directions;
+  taken.match.degenerate_information = start_.match().degenerate_information;
   for (std::size_t k = 0; k < start_.scans().size(); ++k) {
     const StartTrack::Scan& scan = start_.scans()[k];
     taken.status = k == 0 ? OdometryFrame::Status::kFirst : OdometryFrame::Status::kTracked;

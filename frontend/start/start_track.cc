@@ -263,6 +263,12 @@ void StartTrack::Overrule(const std::vector<SE3>& poses, const std::vector<SE3>&
     scans_[k].twist = Twist(moving, std::max<std::size_t>(k, 1));
   }
   match_ = match;
+  // What all scans together tell of the way, bundle adjustment must not undo by planes that few of
+  // them have seen: in the sheets that rings sweep the sensor has not moved.
+  constexpr double kKnownM = 0.001;
+  match_.degenerate_directions.setZero();
+  match_.degenerate_directions.col(0).tail<3>() = u_;
+  match_.degenerate_information = Vector6d::Unit(0) / (kKnownM * kKnownM);
   hypotheses_.clear();
 }
 

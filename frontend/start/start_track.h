@@ -40,9 +40,10 @@
 // (steady_motion.h), once by the sensor's noise and once by decimetres. The first is the more
 // exact; but scans from one place have their points on the same lines of everything, which makes
 // edges, foliage and cars look as sharp as walls, and to decimetres they hardly do. A way from
-// which neither differs is right. One that both refute is overruled, if they agree on what it is
-// instead. All else is not told yet, and the start is given up: the next one begins with a sensor
-// that moves, of which two scans show what stands and what goes along as two minima.
+// which neither differs is right, but for one that stands where setting off would be as sharp. One
+// that both refute is overruled, if they agree on what it is instead. All else is not told yet, and
+// the start is given up: the next one begins with a sensor that moves, of which two scans show what
+// stands and what goes along as two minima.
 #pragma once
 
 #include <cstdint>
@@ -88,7 +89,7 @@ class StartTrack {
   };
   // Once closed: whether another hypothesis than that of odometry is left. Then scans() has all
   // scans so far under that hypothesis, the first one where odometry has it, and match() is that of
-  // the newest.
+  // the newest. What holds it along the way (MatchResult::degenerate_information) is to hold all.
   bool overruled() const { return overruled_; }
   // Once closed: whether no way explains the scans. What they made of a map is of no use.
   bool given_up() const { return given_up_; }

@@ -15,6 +15,8 @@ namespace {
 constexpr double kRefutedSigmas = 3.0;
 // Ways that differ by less are one.
 constexpr double kAgreesM = 0.15;
+// Where poses agree with a speed that is known so well, nothing is open any more.
+constexpr double kKnownMS = 1.0;
 // To which surfaces are as sharp as they are, wherever the points on them lie.
 constexpr double kRoughM = 0.12;
 
@@ -68,7 +70,8 @@ StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
   SteadyMotionOptions options = steady_;
   options.most_speed_m_s = most_speed_m_s;
   options.noise_m = noise_m;
-  const SteadyMotionSearch search(options, u, WithoutWay(from, u, &own));
+  const SteadyMotionSearch search(options, u, from.front().q * Eigen::Vector3d::UnitZ(),
+                                  WithoutWay(from, u, &own));
   const FoundMotion found = search.Find();
   const WayAlong way = search.WayUnder(found.motion);
   SteadyAlong steady;
@@ -93,8 +96,6 @@ StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
 
 StartTrack::SteadyWay StartTrack::FindSteady(const std::vector<SE3>& from,
                                              const std::vector<Eigen::Vector3d>& directions) const {
-  // Where poses agree with a speed that is known so well, nothing is open any more.
-  constexpr double kKnownMS = 1.0;
   SteadyWay way;
   way.poses = way.moving = from;
   for (const Eigen::Vector3d& u : directions) {
@@ -122,8 +123,8 @@ bool StartTrack::FindStraight(const std::vector<SE3>& other, std::vector<SE3>* p
   if (!steady.told || !steady.refutes || steady.open_speed_m_s > kMostOpenShare * steady.speed_m_s)
     return false;
   WayAlong straight, before;
-  const SteadyMotionSearch ours(steady_, ahead, WithoutWay(steady.poses, ahead, &straight));
-  const SteadyMotionSearch others(steady_, ahead, WithoutWay(other, ahead, &before));
+  const SteadyMotionSearch ours(steady_, ahead, up, WithoutWay(steady.poses, ahead, &straight));
+  const SteadyMotionSearch others(steady_, ahead, up, WithoutWay(other, ahead, &before));
   *poses = steady.poses;
   return ours.Sharper(straight, others, before) > kLikelySigmas;
 }
@@ -135,6 +136,7 @@ bool StartTrack::TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& ste
   for (std::size_t k = 1; k < poses.size(); ++k) {
     if (!SettleBeside(k, u, &poses, &match)) return false;
   }
+  u_ = u;
   // Twists of a steady motion are steadier than those from pose to pose.
   Overrule(poses, steady, match);
   return true;
@@ -172,7 +174,13 @@ void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
   const std::vector<SE3> own = OwnPoses();
   const SteadyAlong fine = FindFromRest(poses, steady_.noise_m);
   const SteadyAlong rough = FindFromRest(poses, kRoughM);
-  if (Apart(own, fine.poses) <= kAgreesM && Apart(own, rough.poses) <= kAgreesM) return Clear();
+  // Of a way that is none to speak of all scans are of one place, whatever else moves.
+  constexpr double kStandsM = 0.3;
+  const bool stands = Apart(own, std::vector<SE3>(own.size(), own.front())) < kStandsM;
+  if (Apart(own, fine.poses) <= kAgreesM && Apart(own, rough.poses) <= kAgreesM) {
+    // It may as well have set off with all that holds it, which is then seen from a moving sensor.
+    return stands && !again_ && fine.open_speed_m_s > kKnownMS ? GiveUp() : Clear();
+  }
   if (rough.apart_m <= kAgreesM && (fine.apart_m <= kAgreesM || !fine.refutes)) {
     if (SameWay(poses, own)) return Clear();
     return TakeBest();
@@ -180,10 +188,7 @@ void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
   const bool alike = Apart(fine.poses, rough.poses) <= kAlikeM;
   const bool told = alike && fine.told && rough.told && fine.refutes && rough.refutes;
   if (told && TakeSettled(fine.poses, fine.poses, fine.along)) return;
-  // Of a way that is none to speak of all scans are of one place, whatever else moves.
-  constexpr double kStandsM = 0.3;
-  const std::vector<SE3> one_place(own.size(), own.front());
-  if (again_ && Apart(own, one_place) < kStandsM) return Clear();
+  if (again_ && stands) return Clear();
   GiveUp();
 }
 

@@ -38,6 +38,15 @@ double LeastVariance(const PointCluster& cluster) {
   return std::max(0.0, solver.eigenvalues()(0));
 }
 
+// The same in the plane of two orthonormal vectors.
+double LeastVariance(const PointCluster& cluster, const Eigen::Vector3d& u,
+                     const Eigen::Vector3d& v) {
+  const Eigen::Matrix3d covariance = cluster.Covariance().Dense();
+  const Eigen::Vector3d along = covariance * u;
+  const double uu = u.dot(along), vv = v.dot(covariance * v), uv = v.dot(along);
+  return std::max(0.0, 0.5 * (uu + vv) - std::hypot(0.5 * (uu - vv), uv));
+}
+
 double Votes(const std::vector<double>& one, const std::vector<double>& other) {
   BlockVotes votes;
   for (std::size_t b = 0; b < one.size(); ++b) votes.Add(one[b] - other[b]);
@@ -51,15 +60,18 @@ double Votes(const std::vector<double>& one, const std::vector<double>& other) {
 struct SteadyMotionSearch::Grid {
   void Begin(std::size_t clusters);
   // Voxels of a scan's clusters, moved along u by the way and by the speed times the time of each.
-  void FindVoxels(const SteadyScan& scan, const Eigen::Vector3d& u, double way_m, double speed_m_s,
-                  const Eigen::Vector3d& shift_m, double inverse_size);
+  // What is judged in space has voxels of its own.
+  void FindVoxels(const SteadyScan& scan, const char* is_in_space, const Eigen::Vector3d& u,
+                  double way_m, double speed_m_s, const Eigen::Vector3d& shift_m,
+                  double inverse_size);
   // What was found goes into its voxels.
-  void AddScan(const SteadyScan& scan, std::size_t number);
+  void AddScan(const SteadyScan& scan, const char* is_in_space, std::size_t number);
 
   VoxelIndex index;
   std::vector<PointCluster> voxels;
   std::vector<std::size_t> first_scan;  // of each voxel
   std::vector<char> shared;             // whether several scans see it
+  std::vector<char> in_space;           // whether it is judged there, not in the plan
   std::vector<std::int32_t> voxel_of;   // of each cluster of the scans so far
 
  private:
@@ -79,15 +91,18 @@ void SteadyMotionSearch::Grid::Begin(std::size_t clusters) {
   voxels.clear();
   first_scan.clear();
   shared.clear();
+  in_space.clear();
   voxel_of.clear();
   voxels.reserve(clusters / 4);
   voxel_of.reserve(clusters);
 }
 
 LAMINA_FOR_EACH_PROCESSOR
-void SteadyMotionSearch::Grid::FindVoxels(const SteadyScan& scan, const Eigen::Vector3d& u,
-                                          double way_m, double speed_m_s,
+void SteadyMotionSearch::Grid::FindVoxels(const SteadyScan& scan, const char* is_in_space,
+                                          const Eigen::Vector3d& u, double way_m, double speed_m_s,
                                           const Eigen::Vector3d& shift_m, double inverse_size) {
+  constexpr double kApartM = 10000.0;  // farther than anything is seen
+  const Eigen::Vector3d space_shift_m = shift_m - Eigen::Vector3d::Constant(kApartM);
   const std::size_t count = scan.clusters.size();
   means_.resize(count);
   keys_.resize(count);
@@ -95,7 +110,8 @@ void SteadyMotionSearch::Grid::FindVoxels(const SteadyScan& scan, const Eigen::V
     const double during_m =
         scan.cluster_times_s.empty() ? 0.0 : speed_m_s * scan.cluster_times_s[i];
     means_[i] = scan.clusters[i].mean + (way_m + during_m) * u;
-    keys_[i] = VoxelKeyOf(means_[i] + shift_m, inverse_size);
+    keys_[i] =
+        VoxelKeyOf(means_[i] + (is_in_space[i] != 0 ? space_shift_m : shift_m), inverse_size);
   }
   auto next = static_cast<std::int32_t>(voxels.size());
   for (std::size_t i = 0; i < count; ++i) {
@@ -108,9 +124,11 @@ void SteadyMotionSearch::Grid::FindVoxels(const SteadyScan& scan, const Eigen::V
 }
 
 LAMINA_FOR_EACH_PROCESSOR
-void SteadyMotionSearch::Grid::AddScan(const SteadyScan& scan, std::size_t number) {
+void SteadyMotionSearch::Grid::AddScan(const SteadyScan& scan, const char* is_in_space,
+                                       std::size_t number) {
   first_scan.resize(voxels.size(), number);
   shared.resize(voxels.size(), 0);
+  in_space.resize(voxels.size(), 0);
   const std::size_t count = scan.clusters.size();
   const std::int32_t* const of = voxel_of.data() + (voxel_of.size() - count);
   for (std::size_t i = 0; i < count; ++i) {
@@ -120,13 +138,15 @@ void SteadyMotionSearch::Grid::AddScan(const SteadyScan& scan, std::size_t numbe
     moved.mean = means_[i];
     voxels[voxel] += moved;
     if (first_scan[voxel] != number) shared[voxel] = 1;
+    in_space[voxel] = is_in_space[i];
   }
 }
 
 SteadyMotionSearch::SteadyMotionSearch(const SteadyMotionOptions& options, const Eigen::Vector3d& u,
-                                       std::vector<SteadyScan> scans)
-    : options_(options), u_(u), scans_(std::move(scans)) {
+                                       const Eigen::Vector3d& axis, std::vector<SteadyScan> scans)
+    : options_(options), u_(u), across_(axis.cross(u).normalized()), scans_(std::move(scans)) {
   ThinOut();
+  ChooseViews(axis);
   VoxelIndex blocks(256);
   for (const SteadyScan& scan : scans_) {
     for (const PointCluster& cluster : scan.clusters) {
@@ -167,6 +187,29 @@ void SteadyMotionSearch::ThinOut() {
   }
 }
 
+void SteadyMotionSearch::ChooseViews(const Eigen::Vector3d& axis) {
+  constexpr double kColumnM = 4.0, kGroundM = 0.3, kAlongAxis = 0.7;
+  VoxelIndex columns(256);
+  std::vector<double> lowest_m, heights_m;
+  std::vector<std::int32_t> column_of;
+  for (const SteadyScan& scan : scans_) {
+    for (const PointCluster& cluster : scan.clusters) {
+      heights_m.push_back(axis.dot(cluster.mean));
+      const Eigen::Vector3d foot = cluster.mean - heights_m.back() * axis;
+      const auto next = static_cast<std::int32_t>(lowest_m.size());
+      column_of.push_back(columns.FindOrInsert(VoxelKeyOf(foot, 1.0 / kColumnM), next));
+      if (column_of.back() == next) lowest_m.push_back(heights_m.back());
+      double& lowest = lowest_m[static_cast<std::size_t>(column_of.back())];
+      lowest = std::min(lowest, heights_m.back());
+    }
+  }
+  const bool upwards = std::abs(axis.dot(u_)) > kAlongAxis;
+  for (std::size_t i = 0; i < heights_m.size(); ++i) {
+    const double ground_m = lowest_m[static_cast<std::size_t>(column_of[i])] + kGroundM;
+    in_space_.push_back(upwards || heights_m[i] < ground_m ? 1 : 0);
+  }
+}
+
 WayAlong SteadyMotionSearch::WayUnder(const SteadyMotion& motion) const {
   const auto at = [&](double t) {
     return motion.speed_m_s * t + 0.5 * motion.acceleration_m_s2 * t * t;
@@ -184,17 +227,21 @@ void SteadyMotionSearch::AddGrid(const SteadyMotionSearch& places, const WayAlon
                                  const Eigen::Vector3d& shift_m, Grid* grid, Evidence* sums) const {
   const double noise2 = options_.noise_m * options_.noise_m;
   grid->Begin(block_of_.size());
+  const char* is_in_space = in_space_.data();
   for (std::size_t k = 0; k < scans_.size(); ++k) {
-    grid->FindVoxels(scans_[k], u_, way.positions_m[k], way.speeds_m_s[k], shift_m,
+    grid->FindVoxels(scans_[k], is_in_space, u_, way.positions_m[k], way.speeds_m_s[k], shift_m,
                      1.0 / options_.voxel_size_m);
-    grid->AddScan(scans_[k], k);
+    grid->AddScan(scans_[k], is_in_space, k);
+    is_in_space += scans_[k].clusters.size();
   }
   const std::vector<PointCluster>& voxels = grid->voxels;
   std::vector<double> sharpness(voxels.size(), 0.0);
   for (std::size_t v = 0; v < voxels.size(); ++v) {
     if (grid->shared[v]) sums->shared += voxels[v].count;
-    if (voxels[v].count >= kLeastPoints)
-      sharpness[v] = -0.5 * std::log(LeastVariance(voxels[v]) + noise2);
+    if (voxels[v].count < kLeastPoints) continue;
+    const double variance =
+        grid->in_space[v] != 0 ? LeastVariance(voxels[v]) : LeastVariance(voxels[v], u_, across_);
+    sharpness[v] = -0.5 * std::log(variance + noise2);
   }
   std::size_t place = 0;
   for (const SteadyScan& scan : scans_) {
@@ -264,9 +311,6 @@ SteadyMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
 }
 
 FoundMotion SteadyMotionSearch::Find() const {
-  // Speeds nearer than so many steps are told apart in all grids.
-  constexpr int kNearSteps = 4;
-  constexpr double kRefutedSigmas = 2.0;
   // Scans see mostly the same: a speed at which they have much less in common than at others is
   // none, though nothing that they see contradicts it.
   constexpr double kLeastShared = 0.5;
@@ -291,7 +335,6 @@ FoundMotion SteadyMotionSearch::Find() const {
     best = i;
     most = total;
   }
-  FoundMotion found;
   // A sensor that sets off ends at twice its mean speed.
   const double duration_s = scans_.back().time_s - scans_.front().time_s;
   const double most_mean_m_s = 0.5 * kMostFromRest * options_.acceleration_sigma_m_s2 * duration_s;
@@ -311,23 +354,38 @@ FoundMotion SteadyMotionSearch::Find() const {
     start = from_rest(i);
     most = total;
   }
-  found.motion = Climb(start);
-  const WayAlong way = WayUnder(found.motion);
+  std::vector<Rival> rivals;
+  for (std::size_t i = 0; i < coarse.size(); ++i) {
+    if (possible(coarse[i])) rivals.push_back({{coarse_speed(i), 0.0}, coarse[i].blocks});
+  }
+  for (std::size_t i = 0; i < off.size(); ++i) {
+    if (possible(off[i])) rivals.push_back({from_rest(i), off[i].blocks});
+  }
+  const SteadyMotion found = Climb(start);
+  return {found, OpenSpeed(found, rivals)};
+}
+
+double SteadyMotionSearch::OpenSpeed(const SteadyMotion& motion,
+                                     const std::vector<Rival>& rivals) const {
+  // Speeds nearer than so many steps are told apart in all grids.
+  constexpr int kNearSteps = 4;
+  constexpr double kRefutedSigmas = 2.0;
+  const WayAlong way = WayUnder(motion);
   const std::vector<double> ours = EvidenceOf(way, kGrids).blocks;
   const std::vector<double> ours_coarse = EvidenceOf(way, kCoarseGrids).blocks;
-  for (std::size_t i = 0; i < coarse.size(); ++i) {
-    const double apart = std::abs(coarse_speed(i) - found.motion.speed_m_s);
-    if (apart <= kNearSteps * step_m_s_ || !possible(coarse[i])) continue;
-    if (Votes(ours_coarse, coarse[i].blocks) < kRefutedSigmas)
-      found.open_speed_m_s = std::max(found.open_speed_m_s, apart);
+  double open_m_s = 0.0;
+  for (const Rival& rival : rivals) {
+    const double apart = std::abs(rival.motion.speed_m_s - motion.speed_m_s);
+    if (apart > kNearSteps * step_m_s_ && Votes(ours_coarse, rival.blocks) < kRefutedSigmas)
+      open_m_s = std::max(open_m_s, apart);
   }
   for (int step = -kNearSteps; step <= kNearSteps; ++step) {
     const double apart = step_m_s_ * step;
-    const SteadyMotion other = {found.motion.speed_m_s + apart, found.motion.acceleration_m_s2};
+    const SteadyMotion other = {motion.speed_m_s + apart, motion.acceleration_m_s2};
     if (step != 0 && Votes(ours, EvidenceOf(WayUnder(other), kGrids).blocks) < kRefutedSigmas)
-      found.open_speed_m_s = std::max(found.open_speed_m_s, std::abs(apart));
+      open_m_s = std::max(open_m_s, std::abs(apart));
   }
-  return found;
+  return open_m_s;
 }
 
 double SteadyMotionSearch::Sharper(const WayAlong& one, const WayAlong& other) const {

@@ -15,8 +15,13 @@
 //
 // the mean over the n_b points in the block b of 4 m about the sensor, in which points are of one
 // thing, may move together, and so count as one observation; lambda is the smallest eigenvalue of
-// the points in the voxel of point i, the paper's cost of a voxel (Huang et al., RA-L 2021, eq. 7),
-// and s the sensor's noise. The logarithm bounds what one voxel can cost, so that corners and
+// the points in the voxel of point i, as in the paper's cost of a voxel (Huang et al., RA-L 2021,
+// eq. 7), but of their covariance in the plan: seen along the axis about which the sensor turns.
+// The points of one ring in a voxel lie in the sheet that its beams sweep, whatever stands there.
+// In space that is as thin as a wall, and thinnest if the sensor has not moved; the plan shows the
+// outline of what stands there, which is thin only where it belongs. The ground has no outline:
+// what lies lowest in its column of 4 m is judged in space, and so is everything if u is the axis.
+// s is the sensor's noise. The logarithm bounds what one voxel can cost, so that corners and
 // foliage do not outweigh walls. Several shifted grids of voxels keep v from being drawn to where
 // the faces of one grid lie. L rises over metres per second to its maximum, where the match of a
 // single scan has a minimum every few decimetres.
@@ -67,16 +72,18 @@ struct WayAlong {
 // What a search finds.
 struct FoundMotion {
   SteadyMotion motion;
-  // Largest difference of speed that another motion may have without being refuted by this one.
+  // Largest difference of speed that another motion, steady or from rest, may have without being
+  // refuted by this one.
   double open_speed_m_s = 0.0;
 };
 
 // Runs on several threads, with the same bits at any number.
 class SteadyMotionSearch {
  public:
-  // At least two scans, by increasing time.
+  // At least two scans, by increasing time. `axis`: the sensor's vertical one, a unit vector of the
+  // world; the plan is spanned by u and what is across both.
   SteadyMotionSearch(const SteadyMotionOptions& options, const Eigen::Vector3d& u,
-                     std::vector<SteadyScan> scans);
+                     const Eigen::Vector3d& axis, std::vector<SteadyScan> scans);
 
   WayAlong WayUnder(const SteadyMotion& motion) const;
   FoundMotion Find() const;
@@ -88,6 +95,8 @@ class SteadyMotionSearch {
  private:
   // Keeps some of the clusters of scans that have very many. Those kept do not depend on poses.
   void ThinOut();
+  // Decides what is judged in space: all that may be ground, by the lowest point of each column.
+  void ChooseViews(const Eigen::Vector3d& axis);
   struct Evidence {
     std::vector<double> blocks;  // L_b of each
     double shared = 0.0;         // points in voxels that several scans see
@@ -102,13 +111,21 @@ class SteadyMotionSearch {
                const Eigen::Vector3d& shift_m, Grid* grid, Evidence* sums) const;
   // L from that of its blocks.
   double Total(const SteadyMotion& motion, const std::vector<double>& blocks) const;
+  // Another motion that is possible, and L_b under it in the coarse grids.
+  struct Rival {
+    SteadyMotion motion;
+    std::vector<double> blocks;
+  };
+  // FoundMotion::open_speed_m_s.
+  double OpenSpeed(const SteadyMotion& motion, const std::vector<Rival>& rivals) const;
   // From a motion to the maximum near by.
   SteadyMotion Climb(const SteadyMotion& start) const;
 
   SteadyMotionOptions options_;
-  Eigen::Vector3d u_;
+  Eigen::Vector3d u_, across_;  // the plan
   std::vector<SteadyScan> scans_;
   std::vector<std::int32_t> block_of_;  // of each cluster of each scan
+  std::vector<char> in_space_;          // whether it is judged there, not in the plan
   std::vector<double> block_points_;
   double middle_s_ = 0.0, step_m_s_ = 0.0, most_speed_m_s_ = 0.0;
 };

@@ -114,6 +114,9 @@ TEST_F(StartTrackTest, TheStaticWorldOverrulesWhatMovesAlong) {
     EXPECT_NEAR(taken.twist(3), kSpeedM, 0.3) << k;
   }
   EXPECT_GT(start.match().inlier_share, 0.3);
+  // Bundle adjustment keeps the way that all scans together have told.
+  EXPECT_NEAR(std::abs(start.match().degenerate_directions(3, 0)), 1.0, 0.01);
+  EXPECT_GT(start.match().degenerate_information(0), 1e5);
   start.Clear();
   EXPECT_FALSE(start.overruled());
   EXPECT_TRUE(start.scans().empty());

@@ -245,6 +245,17 @@ TEST(AdverseCarPark, DoesNotGoAlongWithWhatSetsOffTogether) {
   EXPECT_LT(swept.worst_m, 0.10);
 }
 
+// A lorry sets off beside a sensor of 16 rings, whose planes would have both stand. One start is
+// overruled, one is given up as neither is told from the other.
+TEST(AdverseLorry, DoesNotHoldWhoSetsOffBesideIt) {
+  for (const int seed : {1, 9}) {
+    const Verdict verdict = Tried("lorry-start-vlp16", seed, 60);
+    EXPECT_LT(verdict.worst_m, 0.10) << seed;
+    EXPECT_EQ(verdict.lost, 0u) << seed;
+    EXPECT_LE(verdict.degenerate, 20u) << seed;
+  }
+}
+
 // Of a few rings, or a few points, what goes along looks as sharp as what stands: such a start is
 // not believed, and the next one is of a sensor that moves.
 TEST(AdverseCarPark, WhatGoesAlongIsNotBelievedThoughItLooksAsSharp) {
