@@ -20,12 +20,13 @@ bool Apart(const SE3& a, const SE3& b, double share = 1.0) {
 }
 
 // Whether a pose is turned away from all turns that were tried, farther than descents turn: what is
-// about there was not looked at.
-bool TurnedAway(const PoseHypotheses& hypotheses, const SE3& T_world_lidar) {
+// about there was not looked at. Where none were tried, as about a start that is given without a
+// heading, this says nothing.
+bool TurnedAway(const std::vector<SE3>& dense, const SE3& T_world_lidar) {
   constexpr double kDescentRad = Radians(15.0);
   const auto away = [&](const SE3& T) { return RotationAngle(T, T_world_lidar) > kDescentRad; };
-  return !hypotheses.dense.empty() &&
-         std::all_of(hypotheses.dense.begin(), hypotheses.dense.end(), away);
+  const bool turned = !dense.empty() && RotationAngle(dense.front(), dense.back()) > kDescentRad;
+  return turned && std::all_of(dense.begin(), dense.end(), away);
 }
 
 constexpr double kCompareScale = 1.5;  // of the score's scale
@@ -303,7 +304,7 @@ MatchResult PoseSearch::BestBeside(const SearchedScan& scan, const Eigen::Vector
 
 bool PoseSearch::Unique(const SearchedScan& scan, const PoseHypotheses& hypotheses,
                         const MatchResult& best) const {
-  if (TurnedAway(hypotheses, best.T_world_lidar)) return false;
+  if (TurnedAway(hypotheses.dense, best.T_world_lidar)) return false;
   constexpr std::size_t kRivals = 6;
   const auto apart = [&](const SE3& T) { return Apart(T, best.T_world_lidar); };
   for (const MatchResult& r :

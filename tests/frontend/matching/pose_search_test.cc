@@ -32,7 +32,11 @@ TEST(PoseSearchTest, AMatchTurnedAwayFromAllThatWasTriedIsNotUnique) {
     hypotheses.dense = search.TurnsAbout({SE3(turn, truth.t)});
     EXPECT_EQ(search.Unique(scan, hypotheses, match), unique) << turned_deg;
   }
-  EXPECT_TRUE(search.Unique(scan, PoseHypotheses{}, match));
+  PoseHypotheses offsets;
+  EXPECT_TRUE(search.Unique(scan, offsets, match));
+  const Eigen::Quaterniond unknown_heading = ExpSO3(Radians(50.0) * Eigen::Vector3d::UnitZ());
+  offsets.dense = search.OffsetsAbout(SE3(unknown_heading, truth.t));
+  EXPECT_TRUE(search.Unique(scan, offsets, match));
 }
 
 }  // namespace
