@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <utility>
 
 #include "core/base/angle.h"
+#include "core/base/median.h"
 #include "core/base/parallel.h"
 
 namespace lamina {
@@ -19,14 +21,47 @@ bool Apart(const SE3& a, const SE3& b, double share = 1.0) {
   return (a.t - b.t).norm() > share * kApartM || RotationAngle(a, b) > share * kApartRad;
 }
 
+// By which a descent turns a pose at most, as a rule.
+constexpr double kDescentRad = Radians(15.0);
+
 // Whether a pose is turned away from all turns that were tried, farther than descents turn: what is
 // about there was not looked at. Where none were tried, as about a start that is given without a
 // heading, this says nothing.
 bool TurnedAway(const std::vector<SE3>& dense, const SE3& T_world_lidar) {
-  constexpr double kDescentRad = Radians(15.0);
   const auto away = [&](const SE3& T) { return RotationAngle(T, T_world_lidar) > kDescentRad; };
   const bool turned = !dense.empty() && RotationAngle(dense.front(), dense.back()) > kDescentRad;
   return turned && std::all_of(dense.begin(), dense.end(), away);
+}
+
+// Whether a quarter turn is within what a prediction leaves open.
+bool MayHaveTurnedAbout(const PosePrediction& prediction) {
+  constexpr double kLikelySigmas = 3.0;
+  const double sigma = std::sqrt(prediction.covariance.diagonal().head<3>().maxCoeff());
+  return kLikelySigmas * sigma > 0.5 * M_PI;
+}
+
+// Half-way between the outermost of the values, single ones beyond them left aside.
+double Middle(std::vector<double> values) {
+  constexpr double kOutside = 0.05;
+  return 0.5 * (Quantile(&values, kOutside) + Quantile(&values, 1.0 - kOutside));
+}
+
+// A pose turned by quarters about the sensor's z axis through the middle of what it sees: a room,
+// or a court, whose walls are a rectangle comes upon itself.
+std::vector<SE3> TurnedByQuarters(const std::vector<PointCluster>& clusters, const SE3& T) {
+  std::vector<SE3> turned;
+  if (clusters.empty()) return turned;
+  std::vector<double> x, y;
+  for (const PointCluster& cluster : clusters) {
+    x.push_back(cluster.mean.x());
+    y.push_back(cluster.mean.y());
+  }
+  const Eigen::Vector3d middle(Middle(std::move(x)), Middle(std::move(y)), 0.0);
+  for (int quarters = 1; quarters < 4; ++quarters) {
+    const Eigen::Quaterniond q = ExpSO3(0.5 * M_PI * quarters * Eigen::Vector3d::UnitZ());
+    turned.emplace_back(T.q * q, T * (middle - q * middle));
+  }
+  return turned;
 }
 
 constexpr double kCompareScale = 1.5;  // of the score's scale
@@ -76,6 +111,23 @@ std::vector<SE3> PoseSearch::TurnsAbout(const std::vector<SE3>& centres) const {
           const Eigen::Vector3d w = Radians(options_.step_deg) * Eigen::Vector3d(x, y, z);
           hypotheses.emplace_back(centre.q * ExpSO3(w), centre.t);
         }
+      }
+    }
+  }
+  return hypotheses;
+}
+
+std::vector<SE3> PoseSearch::AllRound(const std::vector<SE3>& centres) const {
+  constexpr int kTurns = 12;
+  constexpr double kBesideM = 2.0;
+  const Eigen::Vector3d offsets[] = {
+      {0, 0, 0}, {kBesideM, 0, 0}, {-kBesideM, 0, 0}, {0, kBesideM, 0}, {0, -kBesideM, 0}};
+  std::vector<SE3> hypotheses;
+  for (const SE3& centre : centres) {
+    for (const Eigen::Vector3d& offset : offsets) {
+      for (int k = 0; k < kTurns; ++k) {
+        const Eigen::Vector3d turn = 2.0 * M_PI * k / kTurns * Eigen::Vector3d::UnitZ();
+        hypotheses.emplace_back(centre.q * ExpSO3(turn), centre * offset);
       }
     }
   }
@@ -307,10 +359,19 @@ bool PoseSearch::Unique(const SearchedScan& scan, const PoseHypotheses& hypothes
   if (TurnedAway(hypotheses.dense, best.T_world_lidar)) return false;
   constexpr std::size_t kRivals = 6;
   const auto apart = [&](const SE3& T) { return Apart(T, best.T_world_lidar); };
-  for (const MatchResult& r :
-       MatchFrom(scan, scan.clusters, Starts(scan, hypotheses, kRivals, apart))) {
+  std::vector<SE3> rivals = Starts(scan, hypotheses, kRivals, apart);
+  double clear_sigmas = scan.clear_sigmas;
+  if (RotationAngle(best.T_world_lidar, scan.prediction.T_world_lidar) > kDescentRad &&
+      MayHaveTurnedAbout(scan.prediction)) {
+    // A place that repeats does so for each scan that follows.
+    constexpr double kTurnedSigmas = 4.0;
+    clear_sigmas = std::max(clear_sigmas, kTurnedSigmas);
+    const std::vector<SE3> turned = TurnedByQuarters(scan.clusters, best.T_world_lidar);
+    rivals.insert(rivals.end(), turned.begin(), turned.end());
+  }
+  for (const MatchResult& r : MatchFrom(scan, scan.clusters, rivals)) {
     if (r.status != MatchResult::Status::kTooFewMatches && apart(r.T_world_lidar) &&
-        !Better(scan.clear_sigmas, scan, best, r))
+        !Better(clear_sigmas, scan, best, r))
       return false;
   }
   return true;

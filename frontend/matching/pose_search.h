@@ -75,6 +75,9 @@ class PoseSearch {
 
   // Turns of the sensor about each of these poses.
   std::vector<SE3> TurnsAbout(const std::vector<SE3>& centres) const;
+  // Turns about the sensor's z axis, all round, at each of these poses and some way beside them.
+  // Coarse.
+  std::vector<SE3> AllRound(const std::vector<SE3>& centres) const;
   // Offsets along x and y of the sensor.
   std::vector<SE3> OffsetsAbout(const SE3& centre) const;
   // Offsets to all sides, as far as the prediction is uncertain where that is beyond what

@@ -39,5 +39,32 @@ TEST(PoseSearchTest, AMatchTurnedAwayFromAllThatWasTriedIsNotUnique) {
   EXPECT_TRUE(search.Unique(scan, offsets, match));
 }
 
+// Half a room fits the other half, though no hypothesis was turned so far.
+TEST(PoseSearchTest, AMatchThatWasTurnedHasARivalWhereTheRoomComesUponItself) {
+  World box = World::Corner();
+  box.facets.push_back({{-5.1, 0, 0}, {0, 5, 0}, {0, 0, 1.5}});
+  box.facets.push_back({{0, -4.3, 0}, {5, 0, 0}, {0, 0, 1.5}});
+  World furnished = box;
+  furnished.facets.push_back({{2.6, 1.2, 0}, {0, 2.0, 0}, {0, 0, 1.5}});
+  furnished.facets.push_back({{-1.4, -2.6, 0}, {1.8, 0, 0}, {0, 0, 1.5}});
+  for (const auto& [room, unique] : {std::pair{furnished, true}, {box, false}}) {
+    Draws draws(4);
+    VoxelMap map(VoxelMapOptions{});
+    FillMap(room, 5, 1500, 0.01, &draws, &map);
+    const SE3 truth(ExpSO3(0.6 * Eigen::Vector3d::UnitZ()), {0.9, -0.7, 0.1});
+    const std::vector<PointCluster> clusters =
+        Untimed(ScanFrom(truth, room.Sample(1500, 0.01, &draws), map.options().LeafSize()));
+    const ScanMatcher matcher{ScanMatcherOptions{}};
+    const PoseSearch search(PoseSearchOptions{}, &matcher);
+    PosePrediction prediction{truth};
+    prediction.covariance.setIdentity();
+    const MatchResult match = matcher.Match(clusters, prediction, map);
+    prediction.T_world_lidar.q = truth.q * ExpSO3(1.0 * Eigen::Vector3d::UnitZ());
+    PoseHypotheses hypotheses;
+    hypotheses.dense = search.TurnsAbout({truth});
+    EXPECT_EQ(search.Unique({clusters, prediction, map, false}, hypotheses, match), unique);
+  }
+}
+
 }  // namespace
 }  // namespace lamina
