@@ -289,12 +289,14 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
                         SigmasApart(prediction, match) <= options_.max_prediction_sigmas);
   const double recent = RecentInliers();
   if (match.inlier_share < options_.lost_inlier_ratio * recent) return false;
+  // What fits no better than chance fits badly, whatever went before: also where the prediction
+  // vouches for it, but not where scans have never fitted better.
+  constexpr double kLeastFit = 0.65, kMeetsAll = 0.9;
+  const double usual_fit = options_.doubtful_fit_ratio * MedianOf(recent_fits_);
+  if (match.fit() < std::min(kLeastFit, usual_fit)) return false;
   if (vouched) return true;
   if (match.status != MatchResult::Status::kConverged) return false;
-  // What fits no better than chance fits badly, whatever went before.
-  constexpr double kLeastFit = 0.65, kMeetsAll = 0.9;
-  if (match.fit() < std::max(kLeastFit, options_.doubtful_fit_ratio * MedianOf(recent_fits_)))
-    return false;
+  if (match.fit() < std::max(kLeastFit, usual_fit)) return false;
   if (gap && !StoodStill(match)) {
     // Beyond the reach of the search there may be a better place, unless the scan after a gap meets
     // as much of the map as scans did before: where the sensor has not been, the map has less. One

@@ -1,7 +1,8 @@
 // One scan in, one pose out: predict, deskew, match, search, judge.
 //
 // A match counts as tracked on evidence that does not come from the match itself:
-//   - enough of the scan lies on the map's planes, compared with the scans before;
+//   - enough of the scan lies on the map's planes, compared with the scans before, and what meets
+//     them fits better than chance would;
 //   - it lies within what the prediction allows, whose uncertainty grows with the gap; a match
 //     beyond that, or after a gap or a loss, must fit the planes that it meets as well as scans did
 //     before, and be clearly better than every other place that a search finds;

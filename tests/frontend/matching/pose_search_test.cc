@@ -8,35 +8,48 @@
 namespace lamina {
 namespace {
 
+SE3 Turned(const SE3& T, double degrees) {
+  return SE3(T.q * ExpSO3(Radians(degrees) * Eigen::Vector3d::UnitZ()), T.t);
+}
+
+// A scan in the map of a room, matched where it was taken.
+struct MatchedScan {
+  MatchedScan(const World& room, const SE3& T_world_lidar) : truth(T_world_lidar) {
+    Draws draws(3);
+    FillMap(room, 5, 1500, 0.01, &draws, &map);
+    clusters = Untimed(ScanFrom(truth, room.Sample(1500, 0.01, &draws), map.options().LeafSize()));
+    prediction.T_world_lidar = truth;
+    prediction.covariance.setIdentity();
+    match = matcher.Match(clusters, prediction, map);
+  }
+  bool Unique(const std::vector<SE3>& dense) const {
+    PoseHypotheses hypotheses;
+    hypotheses.dense = dense;
+    return search.Unique({clusters, prediction, map, false}, hypotheses, match);
+  }
+
+  SE3 truth;
+  VoxelMap map{VoxelMapOptions{}};
+  std::vector<PointCluster> clusters;
+  ScanMatcher matcher{ScanMatcherOptions{}};
+  PoseSearch search{PoseSearchOptions{}, &matcher};
+  PosePrediction prediction;
+  MatchResult match;
+};
+
 // A descent may end anywhere; that it has no rival among the turns that were tried says nothing of
 // those about where it ended.
 TEST(PoseSearchTest, AMatchTurnedAwayFromAllThatWasTriedIsNotUnique) {
-  Draws draws(3);
-  const World room = World::Room();
-  VoxelMap map(VoxelMapOptions{});
-  FillMap(room, 5, 1500, 0.01, &draws, &map);
-  const SE3 truth(Eigen::Quaterniond::Identity(), {0.3, -0.2, 0.1});
-  const std::vector<PointCluster> clusters =
-      Untimed(ScanFrom(truth, room.Sample(1500, 0.01, &draws), map.options().LeafSize()));
-  const ScanMatcher matcher{ScanMatcherOptions{}};
-  const PoseSearch search(PoseSearchOptions{}, &matcher);
-  PosePrediction prediction{truth};
-  prediction.covariance.setIdentity();
-  const MatchResult match = matcher.Match(clusters, prediction, map);
-  ASSERT_EQ(match.status, MatchResult::Status::kConverged);
-  const SearchedScan scan{clusters, prediction, map, false};
+  const MatchedScan scan(World::Room(), SE3(Eigen::Quaterniond::Identity(), {0.3, -0.2, 0.1}));
+  ASSERT_EQ(scan.match.status, MatchResult::Status::kConverged);
   for (const auto& [turned_deg, unique] :
        {std::pair{0.0, true}, {25.0, true}, {50.0, false}, {180.0, false}}) {
-    const Eigen::Quaterniond turn = ExpSO3(Radians(turned_deg) * Eigen::Vector3d::UnitZ());
-    PoseHypotheses hypotheses;
-    hypotheses.dense = search.TurnsAbout({SE3(turn, truth.t)});
-    EXPECT_EQ(search.Unique(scan, hypotheses, match), unique) << turned_deg;
+    EXPECT_EQ(scan.Unique(scan.search.TurnsAbout({Turned(scan.truth, turned_deg)})), unique)
+        << turned_deg;
   }
-  PoseHypotheses offsets;
-  EXPECT_TRUE(search.Unique(scan, offsets, match));
-  const Eigen::Quaterniond unknown_heading = ExpSO3(Radians(50.0) * Eigen::Vector3d::UnitZ());
-  offsets.dense = search.OffsetsAbout(SE3(unknown_heading, truth.t));
-  EXPECT_TRUE(search.Unique(scan, offsets, match));
+  EXPECT_TRUE(scan.Unique({}));
+  // No turns were tried about a start whose heading is not known.
+  EXPECT_TRUE(scan.Unique(scan.search.OffsetsAbout(Turned(scan.truth, 50.0))));
 }
 
 // Half a room fits the other half, though no hypothesis was turned so far.
@@ -48,21 +61,9 @@ TEST(PoseSearchTest, AMatchThatWasTurnedHasARivalWhereTheRoomComesUponItself) {
   furnished.facets.push_back({{2.6, 1.2, 0}, {0, 2.0, 0}, {0, 0, 1.5}});
   furnished.facets.push_back({{-1.4, -2.6, 0}, {1.8, 0, 0}, {0, 0, 1.5}});
   for (const auto& [room, unique] : {std::pair{furnished, true}, {box, false}}) {
-    Draws draws(4);
-    VoxelMap map(VoxelMapOptions{});
-    FillMap(room, 5, 1500, 0.01, &draws, &map);
-    const SE3 truth(ExpSO3(0.6 * Eigen::Vector3d::UnitZ()), {0.9, -0.7, 0.1});
-    const std::vector<PointCluster> clusters =
-        Untimed(ScanFrom(truth, room.Sample(1500, 0.01, &draws), map.options().LeafSize()));
-    const ScanMatcher matcher{ScanMatcherOptions{}};
-    const PoseSearch search(PoseSearchOptions{}, &matcher);
-    PosePrediction prediction{truth};
-    prediction.covariance.setIdentity();
-    const MatchResult match = matcher.Match(clusters, prediction, map);
-    prediction.T_world_lidar.q = truth.q * ExpSO3(1.0 * Eigen::Vector3d::UnitZ());
-    PoseHypotheses hypotheses;
-    hypotheses.dense = search.TurnsAbout({truth});
-    EXPECT_EQ(search.Unique({clusters, prediction, map, false}, hypotheses, match), unique);
+    MatchedScan scan(room, SE3(ExpSO3(0.6 * Eigen::Vector3d::UnitZ()), {0.9, -0.7, 0.1}));
+    scan.prediction.T_world_lidar = Turned(scan.truth, 60.0);
+    EXPECT_EQ(scan.Unique(scan.search.TurnsAbout({scan.truth})), unique);
   }
 }
 

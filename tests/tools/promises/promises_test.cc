@@ -307,6 +307,10 @@ TEST(AdverseRooms, AreFoundAgainAfterAGapAndNotTurnedAbout) {
   }
 }
 
+// Without stamps a jump of 54 m looks like a scan's way, and the street there much the same: the
+// scan meets a third of what the ones before did, and what it meets it does not fit.
+TEST(AdverseJump, IsNoticedWithoutStamps) { EXPECT_LT(Tried("jump-untimed", 22).worst_m, 0.1); }
+
 // In foliage the sheets that beams sweep are planes which move along with the sensor: with this
 // seed they had it stand still while it walked.
 TEST(AdverseForest, WalksOnBetweenPlanesOfItsOwnBeams) {
