@@ -290,10 +290,11 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
   const double recent = RecentInliers();
   if (match.inlier_share < options_.lost_inlier_ratio * recent) return false;
   // What fits no better than chance fits badly, whatever went before: also where the prediction
-  // vouches for it, but not where scans have never fitted better.
-  constexpr double kLeastFit = 0.65, kMeetsAll = 0.9;
+  // vouches for it, if so few meet planes that the scan may be of another place.
+  constexpr double kLeastFit = 0.65, kMeetsAll = 0.9, kMeetsFew = 0.4;
   const double usual_fit = options_.doubtful_fit_ratio * MedianOf(recent_fits_);
-  if (match.fit() < std::min(kLeastFit, usual_fit)) return false;
+  if (match.inlier_share < kMeetsFew * recent && match.fit() < std::min(kLeastFit, usual_fit))
+    return false;
   if (vouched) return true;
   if (match.status != MatchResult::Status::kConverged) return false;
   if (match.fit() < std::max(kLeastFit, usual_fit)) return false;
