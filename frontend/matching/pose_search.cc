@@ -33,11 +33,15 @@ bool TurnedAway(const std::vector<SE3>& dense, const SE3& T_world_lidar) {
   return turned && std::all_of(dense.begin(), dense.end(), away);
 }
 
+// Standard deviation of the turn, about the axis that is known worst.
+double SigmaRad(const PosePrediction& prediction) {
+  return std::sqrt(prediction.covariance.diagonal().head<3>().maxCoeff());
+}
+
 // Whether a quarter turn is within what a prediction leaves open.
 bool MayHaveTurnedAbout(const PosePrediction& prediction) {
   constexpr double kLikelySigmas = 3.0;
-  const double sigma = std::sqrt(prediction.covariance.diagonal().head<3>().maxCoeff());
-  return kLikelySigmas * sigma > 0.5 * M_PI;
+  return kLikelySigmas * SigmaRad(prediction) > 0.5 * M_PI;
 }
 
 // Half-way between the outermost of the values, single ones beyond them left aside.
@@ -170,7 +174,7 @@ std::vector<SE3> PoseSearch::AlongTheWay(const PosePrediction& prediction,
   // What a turn does not explain: a part of the way.
   constexpr double kSideways = 0.05;
   const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
-  const double turn_sigma = std::sqrt(prediction.covariance.diagonal().head<3>().maxCoeff());
+  const double turn_sigma = SigmaRad(prediction);
   const double reach = std::min(kSigmas * sigma, options_.max_way_m);
   std::vector<SE3> hypotheses;
   if (reach < kStepM) return hypotheses;
