@@ -1,6 +1,7 @@
 #include "config/yaml_options.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
@@ -110,6 +111,19 @@ class Assigner final : public NamedOptionVisitor {
     InPlace(*setting, [&] { OptionChecker("").Text(FullName(name).c_str(), value, most_bytes); });
   }
 
+  void NumberRows(const char* name, std::vector<std::vector<double>>* rows,
+                  const std::vector<OptionColumn>& columns, std::size_t most) override {
+    const Setting* setting = FindAny(name);
+    if (setting == nullptr) return;
+    try {
+      *rows = YAML::Load(setting->value).as<std::vector<std::vector<double>>>();
+    } catch (const YAML::Exception&) {
+      throw OptionError(fmt::format("{}: {} = {}: must be a list of rows, each a list of numbers",
+                                    setting->place, FullName(name), setting->value));
+    }
+    InPlace(*setting,
+            [&] { OptionChecker("").NumberRows(FullName(name).c_str(), rows, columns, most); });
+  }
   void FolderPoses(const char* name, std::map<std::string, SE3>* poses, double most_m) override {
     const Setting* whole = Find(name);
     if (whole != nullptr && whole->value != "{}") {
@@ -133,15 +147,18 @@ class Assigner final : public NamedOptionVisitor {
   const std::vector<std::string>& names() const { return names_; }
 
  private:
-  const Setting* Find(const char* name) {
+  const Setting* FindAny(const char* name) {
     names_.push_back(FullName(name));
     const auto found = settings_.find(names_.back());
-    if (found == settings_.end()) return nullptr;
-    if (found->second.list) {
-      throw OptionError(fmt::format("{}: '{}' must be a single value or a group",
-                                    found->second.place, found->first));
+    return found == settings_.end() ? nullptr : &found->second;
+  }
+  const Setting* Find(const char* name) {
+    const Setting* setting = FindAny(name);
+    if (setting != nullptr && setting->list) {
+      throw OptionError(
+          fmt::format("{}: '{}' must be a single value or a group", setting->place, names_.back()));
     }
-    return &found->second;
+    return setting;
   }
 
   static SE3 PoseOf(const std::string& name, const Setting& setting) {
@@ -250,6 +267,14 @@ class Emitter final : public OptionVisitor {
     YAML::Emitter quoted;
     quoted << YAML::DoubleQuoted << *value;
     Line(name, quoted.c_str());
+  }
+  void NumberRows(const char* name, std::vector<std::vector<double>>* rows,
+                  const std::vector<OptionColumn>&, std::size_t) override {
+    if (rows->empty()) return Line(name, "[]");
+    text += std::string(indent_, ' ') + name + ":\n";
+    for (const std::vector<double>& row : *rows) {
+      text += std::string(indent_ + 2, ' ') + fmt::format("- [{}]\n", fmt::join(row, ", "));
+    }
   }
   void FolderPoses(const char* name, std::map<std::string, SE3>* poses, double) override {
     if (poses->empty()) return Line(name, "{}");

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <optional>
 
+#include "backend/calibration/calibration_drive.h"
+#include "backend/calibration/recording_beams.h"
 #include "backend/calibration/recording_calibration.h"
 #include "backend/mapping/pipeline.h"
 #include "core/base/angle.h"
@@ -23,16 +25,25 @@ constexpr std::size_t kOpeningScans = 50, kLeastKeyframes = 40, kMostOpeningScan
 constexpr std::size_t kLeastPlanes = 200;
 
 // Generated drives, a quarter of the planes thinner than: 2 mm with an exact sensor, 7 mm with 2 cm
-// of noise, 9 / 13 / 18 mm with beams off by 0.125 / 0.25 / 0.5 degrees, 6 mm with beams that are
-// off by 0.1 degrees each, but not all alike; 13 mm on real recordings. The noise floor of matching
-// is 20 mm.
+// of noise, 6 to 8 mm with beams that are off by 0.1 degrees each, 9 / 13 / 18 mm with beams off by
+// 0.125 / 0.25 / 0.5 degrees; 13 mm on real recordings. The noise floor of matching is 20 mm.
 bool IsLookedAt(const MapThickness& map, const MappingOptions& options) {
-  constexpr double kAllowedShare = 0.4;
+  constexpr double kAllowedShare = 0.25;
   return map.planes >= kLeastPlanes &&
          map.thin_m > kAllowedShare * options.mapper.odometry.matcher.noise_floor_m;
 }
 
 bool Stopped(const std::atomic<bool>* stop) { return stop != nullptr && stop->load(); }
+
+// Whether all scans are of one sensor, in whose frame they are mapped.
+bool IsOneSensor(const ScanSource& source, std::size_t begin, std::size_t end) {
+  for (std::size_t i = begin; i < end; ++i) {
+    if (source.Sensor(i) != source.Sensor(begin)) return false;
+    const SE3 T = source.T_vehicle_lidar(i);
+    if (!T.t.isZero(0.0) || T.q.vec().norm() > 0.0) return false;
+  }
+  return true;
+}
 
 // Whether the points of a scan lie all around the sensor, or around half of it at least.
 bool SeesAround(const ScanSource& source, std::size_t begin, std::size_t end,
@@ -68,22 +79,17 @@ class Lean {
   double largest_rad_ = 0.0;
 };
 
-// Calibrates the first scans. Refused if nothing is found beyond doubt; whether planes become
-// thinner by what is found is not known yet.
-OpeningCalibration CalibrateOpening(const ScanSource& source, std::size_t begin, std::size_t end,
-                                    MappingOptions mapping, CalibrationOptions calibration,
-                                    const std::atomic<bool>* stop) {
+// The elevation offset of all beams by the first scans, refused if it is not beyond doubt.
+void CalibrateElevation(const ScanSource& source, std::size_t begin, std::size_t end,
+                        const MappingOptions& mapping, CalibrationOptions calibration,
+                        const std::atomic<bool>* stop, OpeningCalibration* opening) {
   constexpr double kClearSigmas = 3.0, kMostLeanDeg = 10.0;
-  mapping.loops.enabled = false;
   calibration.max_passes = 1;
   // Of so few scans a range offset takes up what they have in common by chance: elevation alone.
   calibration.max_range_sigma_m = 1e-6;
-  OpeningCalibration opening;
-  opening.outcome = Outcome::kRefused;
-  opening.scans = end - begin;
   if (!SeesAround(source, begin, end, mapping)) {
-    opening.why = "the sensor sees to one side";
-    return opening;
+    opening->why = "the sensor sees to one side";
+    return;
   }
   Lean lean;
   RecordingCalibration found;
@@ -92,28 +98,56 @@ OpeningCalibration CalibrateOpening(const ScanSource& source, std::size_t begin,
         source, begin, end, mapping, calibration, [&](const MappedScan& scan) { lean.Add(scan); },
         nullptr, stop);
   } catch (const InputError& error) {
-    opening.why = error.what();  // too few frames that are connected
+    opening->why = error.what();  // too few frames that are connected
+    return;
+  }
+  if (Stopped(stop) || found.passes.empty()) return;
+  const bool determined = found.result.determined[0];
+  opening->elevation_rad = determined ? found.offsets(0) : 0.0;
+  opening->sigma_rad = found.result.sigma(0);
+  if (lean.largest_deg() > kMostLeanDeg) {
+    opening->why = "the sensor leans over as it moves";
+  } else if (!determined) {
+    opening->why = "these scans do not determine by what";
+  } else if (std::abs(opening->elevation_rad) <= kClearSigmas * opening->sigma_rad) {
+    opening->why = "by what is within its standard deviation";
+  } else {
+    opening->outcome = Outcome::kCorrected;
+  }
+}
+
+// Calibrates the first scans, mapped as `drive`, of a recording that ends at `all_end`. Refused if
+// nothing is found beyond doubt; whether their map becomes thinner by what is found is not known
+// yet.
+OpeningCalibration CalibrateOpening(const ScanSource& source, std::size_t begin, std::size_t end,
+                                    std::size_t all_end, const CalibrationDrive& drive,
+                                    MappingOptions mapping, const CalibrationOptions& calibration,
+                                    const std::atomic<bool>* stop) {
+  mapping.loops.enabled = false;
+  OpeningCalibration opening;
+  opening.outcome = Outcome::kRefused;
+  opening.scans = end - begin;
+  if (!IsOneSensor(source, begin, all_end)) {
+    opening.why = "scans are of several sensors, or of one that is mounted on a vehicle";
     return opening;
   }
-  if (Stopped(stop) || found.passes.empty()) return OpeningCalibration();
-  const bool determined = found.result.determined[0];
-  opening.elevation_rad = determined ? found.offsets(0) : 0.0;
-  opening.sigma_rad = found.result.sigma(0);
-  if (lean.largest_deg() > kMostLeanDeg) {
-    opening.why = "the sensor leans over as it moves";
-  } else if (!determined) {
-    opening.why = "these scans do not determine by what";
-  } else if (std::abs(opening.elevation_rad) <= kClearSigmas * opening.sigma_rad) {
-    opening.why = "by what is within its standard deviation";
-  } else {
-    opening.outcome = Outcome::kCorrected;
+  const RecordingBeams each =
+      CalibrateDriveBeams(source, begin, end, drive, mapping, calibration, stop);
+  if (Stopped(stop)) return OpeningCalibration();
+  if (each.on_cones) {
+    opening.why = each.why;
+    opening.beams = each.beams;
+    if (!each.beams.empty()) opening.outcome = Outcome::kCorrected;
+    return opening;
   }
-  return opening;
+  CalibrateElevation(source, begin, end, mapping, calibration, stop, &opening);
+  return Stopped(stop) ? OpeningCalibration() : opening;
 }
 
 bool LooksFor(const ScanPreparationOptions& preparation) {
   return preparation.beam_correction == BeamCorrection::kAuto &&
-         preparation.vertical_correction_deg == 0.0 && preparation.range_offset_m == 0.0;
+         preparation.vertical_correction_deg == 0.0 && preparation.range_offset_m == 0.0 &&
+         preparation.beams.empty();
 }
 
 MapThickness ThicknessOf(Mapping* mapping) {
@@ -123,10 +157,9 @@ MapThickness ThicknessOf(Mapping* mapping) {
 
 // Of the maps of the same scans, the geometric mean of both figures: beams that are off each by
 // themselves thicken a quarter of the planes, whatever is corrected for all.
-bool Thinner(const MapThickness& after, const MapThickness& before) {
-  constexpr double kThinner = 0.99;
+bool Thinner(const MapThickness& after, const MapThickness& before, double share) {
   return after.planes >= kLeastPlanes &&
-         after.thin_m * after.median_m < kThinner * kThinner * before.thin_m * before.median_m;
+         after.thin_m * after.median_m < share * share * before.thin_m * before.median_m;
 }
 
 // The mapping of a recording, begun as often as it takes.
@@ -154,12 +187,14 @@ class CorrectingRun {
     if (Stopped(stop_) || run_.mapping->counts().keyframes < kLeastKeyframes) return;
     const MapThickness before = ThicknessOf(run_.mapping);
     if (!IsLookedAt(before, options_)) return;
-    run_.opening = CalibrateOpening(source_, begin_, Next(), options_, calibration, stop_);
+    run_.opening = CalibrateOpening(source_, begin_, Next(), end_, drive_.Longest(), options_,
+                                    calibration, stop_);
     run_.opening.before = before;
     if (run_.opening.outcome == Outcome::kCorrected) Try();
   }
   MappedRecording MapRest() {
-    MapUntil(end_);
+    drive_.Clear();
+    run_.processed += MapScans(source_, {begin_, Next(), end_}, run_.mapping, stop_);
     return run_;
   }
 
@@ -168,20 +203,30 @@ class CorrectingRun {
   void Begin(const MappingOptions& options) {
     run_.mapping = begin_mapping_(options);
     run_.processed = 0;
+    drive_.Clear();
   }
+  // Of the opening.
   void MapUntil(std::size_t end) {
-    run_.processed += MapScans(source_, {begin_, Next(), end}, run_.mapping, stop_);
+    run_.processed += MapScans(source_, {begin_, Next(), end}, run_.mapping, stop_,
+                               [&](const MappedScan& scan) { drive_.Add(scan); });
   }
+  // The thickness that is believed of what was found, as a share of what it was: of an angle, and
+  // of each beam by itself, which explains more by chance.
+  static constexpr double kThinner = 0.99, kThinnerByEach = 0.9;
+
   // Begins anew with what was found, and once more if the map is not thinner by it.
   void Try() {
     const std::size_t lost = run_.mapping->counts().lost;
     MappingOptions corrected = options_;
     corrected.preparation.vertical_correction_deg = Degrees(run_.opening.elevation_rad);
+    corrected.preparation.beams = run_.opening.beams;
     Begin(corrected);
     MapUntil(begin_ + run_.opening.scans);
     if (Stopped(stop_)) return;
     run_.opening.after = ThicknessOf(run_.mapping);
-    if (run_.mapping->counts().lost <= lost && Thinner(run_.opening.after, run_.opening.before))
+    const double share = run_.opening.beams.empty() ? kThinner : kThinnerByEach;
+    if (run_.mapping->counts().lost <= lost &&
+        Thinner(run_.opening.after, run_.opening.before, share))
       return;
     run_.opening.outcome = Outcome::kRefused;
     run_.opening.why = "planes are as thick with what was found";
@@ -194,6 +239,7 @@ class CorrectingRun {
   const BeginMapping& begin_mapping_;
   const std::atomic<bool>* const stop_;
   MappedRecording run_;
+  DriveRecorder drive_;
 };
 
 }  // namespace

@@ -12,10 +12,11 @@ namespace {
 class ScanStages final : public PipelineStages {
  public:
   ScanStages(const ScanSource& source, const ScanRange& range, const std::atomic<bool>* stop,
-             Mapping* mapping)
+             const std::function<void(const MappedScan&)>& on_scan, Mapping* mapping)
       : source_(source),
         range_(range),
         stop_(stop),
+        on_scan_(on_scan),
         mapping_(mapping),
         under_way_(static_cast<std::size_t>(mapping->options().pipeline.lookahead_scans)) {}
 
@@ -26,7 +27,8 @@ class ScanStages final : public PipelineStages {
     Slot(i) = mapping_->Decode(source_, range_.begin, range_.next + i);
   }
   void End(std::size_t i) override {
-    mapping_->Add(std::exchange(Slot(i), {}));
+    const MappedScan report = mapping_->Add(std::exchange(Slot(i), {}));
+    if (on_scan_) on_scan_(report);
     ++processed_;
   }
 
@@ -38,6 +40,7 @@ class ScanStages final : public PipelineStages {
   const ScanSource& source_;
   const ScanRange range_;
   const std::atomic<bool>* stop_;
+  const std::function<void(const MappedScan&)>& on_scan_;
   Mapping* mapping_;
   std::vector<DecodedScan> under_way_;
   std::size_t processed_ = 0;
@@ -46,8 +49,9 @@ class ScanStages final : public PipelineStages {
 }  // namespace
 
 std::size_t MapScans(const ScanSource& source, const ScanRange& range, Mapping* mapping,
-                     const std::atomic<bool>* stop) {
-  ScanStages stages(source, range, stop, mapping);
+                     const std::atomic<bool>* stop,
+                     const std::function<void(const MappedScan&)>& on_scan) {
+  ScanStages stages(source, range, stop, on_scan, mapping);
   RunPipeline(static_cast<std::size_t>(mapping->options().pipeline.lookahead_scans), &stages);
   return stages.processed();
 }

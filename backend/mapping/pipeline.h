@@ -13,6 +13,7 @@
 
 #include <atomic>
 #include <cstddef>
+#include <functional>
 
 #include "backend/mapping/mapping.h"
 #include "core/geometry/scan_source.h"
@@ -25,8 +26,10 @@ struct ScanRange {
 };
 
 // Maps scans that are there now; what is under way in the background stays so. Once `stop` is true,
-// scans that have been read are still processed. Returns the number of scans processed.
+// scans that have been read are still processed. `on_scan`, unless null, is given what Add returns
+// of each. Returns the number of scans processed.
 std::size_t MapScans(const ScanSource& source, const ScanRange& range, Mapping* mapping,
-                     const std::atomic<bool>* stop = nullptr);
+                     const std::atomic<bool>* stop = nullptr,
+                     const std::function<void(const MappedScan&)>& on_scan = nullptr);
 
 }  // namespace lamina

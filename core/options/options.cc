@@ -48,6 +48,25 @@ void OptionChecker::Text(const char* name, std::string* value, std::size_t most_
                     " bytes");
 }
 
+void OptionChecker::NumberRows(const char* name, std::vector<std::vector<double>>* rows,
+                               const std::vector<OptionColumn>& columns, std::size_t most) {
+  if (rows->size() > most) {
+    throw OptionError(FullName(name) + ": at most " + std::to_string(most) + " rows, not " +
+                      std::to_string(rows->size()));
+  }
+  for (std::size_t r = 0; r < rows->size(); ++r) {
+    const std::vector<double>& row = (*rows)[r];
+    const std::string of_row = FullName(name) + ", row " + std::to_string(r + 1);
+    if (row.size() != columns.size()) {
+      throw OptionError(of_row + ": must be " + std::to_string(columns.size()) + " numbers, not " +
+                        std::to_string(row.size()));
+    }
+    for (std::size_t c = 0; c < columns.size(); ++c) {
+      CheckRange(of_row + ", " + columns[c].name, row[c], columns[c].low, columns[c].high);
+    }
+  }
+}
+
 void OptionChecker::FolderPoses(const char* name, std::map<std::string, SE3>* poses,
                                 double most_m) {
   constexpr double kUnit = 1e-6;

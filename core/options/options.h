@@ -21,6 +21,12 @@ namespace lamina {
 
 struct SE3;
 
+// A column of a list of rows of numbers, and its range.
+struct OptionColumn {
+  const char* name;
+  double low, high;
+};
+
 class OptionVisitor {
  public:
   virtual ~OptionVisitor() = default;
@@ -33,6 +39,9 @@ class OptionVisitor {
   virtual void Choice(const char* name, int* index, const std::vector<std::string>& names) = 0;
   // At most `most_bytes` of printable text.
   virtual void Text(const char* name, std::string* value, std::size_t most_bytes) = 0;
+  // At most `most` rows of one real number for each column.
+  virtual void NumberRows(const char* name, std::vector<std::vector<double>>* rows,
+                          const std::vector<OptionColumn>& columns, std::size_t most) = 0;
   // Poses of the folders that the user names, with no coordinate beyond `most_m`.
   virtual void FolderPoses(const char* name, std::map<std::string, SE3>* poses, double most_m) = 0;
   virtual void BeginGroup(const char* name) = 0;
@@ -75,6 +84,8 @@ class OptionChecker final : public NamedOptionVisitor {
   void Flag(const char*, bool*) override {}
   void Choice(const char* name, int* index, const std::vector<std::string>& names) override;
   void Text(const char* name, std::string* value, std::size_t most_bytes) override;
+  void NumberRows(const char* name, std::vector<std::vector<double>>* rows,
+                  const std::vector<OptionColumn>& columns, std::size_t most) override;
   void FolderPoses(const char* name, std::map<std::string, SE3>* poses, double most_m) override;
 };
 

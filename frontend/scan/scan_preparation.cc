@@ -21,7 +21,7 @@ struct PointColumns {
   static constexpr std::size_t kMost = 256;
   std::size_t count = 0;
   float x[kMost], y[kMost], z[kMost];
-  float flat2[kMost], range2[kMost];  // as measured, from the vertical axis and from the origin
+  float flat2[kMost], range2[kMost];  // from the vertical axis and from the origin, as filtered
   float time_s[kMost];
 };
 
@@ -68,6 +68,14 @@ void AzimuthClock::SetTimes(PointColumns* points) const {
     const auto whole = static_cast<float>(static_cast<int>(turn));
     const float fraction = turn - (whole > turn ? whole - 1.0F : whole);
     points->time_s[i] = (fraction - stamp_fraction) * period;
+  }
+}
+
+void CorrectBeams(const BeamTable& beams, PointColumns* points) {
+  beams.Correct(points->count, points->x, points->y, points->z);
+  for (std::size_t i = 0; i < points->count; ++i) {
+    points->flat2[i] = points->x[i] * points->x[i] + points->y[i] * points->y[i];
+    points->range2[i] = points->flat2[i] + points->z[i] * points->z[i];
   }
 }
 
@@ -205,6 +213,7 @@ void ScanPreparationOptions::Visit(OptionVisitor& v) {
   v.Number("max_range_m", &max_range_m, 0.1, 10000.0);
   v.Number("vertical_correction_deg", &vertical_correction_deg, -5.0, 5.0);
   v.Number("range_offset_m", &range_offset_m, -1.0, 1.0);
+  VisitBeams(v, "beams", &beams);
   v.EnumChoice("beam_correction", &beam_correction, {"off", "auto"});
   v.EnumChoice("deskew", &deskew, {"off", "time", "azimuth", "auto"});
   v.EnumChoice("rotation", &rotation, {"clockwise", "counterclockwise"});
@@ -225,6 +234,7 @@ PreparedScan PrepareScan(const Scan& scan, const ScanPreparationOptions& options
   const auto sine = static_cast<float>(std::sin(correction));
   const auto cosine = static_cast<float>(std::cos(correction));
   const auto range_offset = static_cast<float>(options.range_offset_m);
+  const BeamTable beams(options.beams);
   const PointFilter filter(options, from_file);
 
   PreparedScan result;
@@ -233,6 +243,7 @@ PreparedScan PrepareScan(const Scan& scan, const ScanPreparationOptions& options
   for (std::size_t next = 0; next < scan.points.size();) {
     filter.Take(scan, &next, &points, &result);
     if (from_azimuth) clock.SetTimes(&points);
+    if (!beams.empty()) CorrectBeams(beams, &points);
     if (sine != 0.0F) TurnUp(sine, cosine, &points);
     if (range_offset != 0.0F) LengthenRays(range_offset, &points);
     Append(points, &result.points);

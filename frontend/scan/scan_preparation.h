@@ -11,6 +11,7 @@
 
 #include "core/geometry/scan.h"
 #include "core/options/options.h"
+#include "frontend/scan/beam_table.h"
 
 namespace lamina {
 
@@ -22,7 +23,10 @@ struct ScanPreparationOptions {
   double vertical_correction_deg = 0.0;
   // Added to each range, after the filter above.
   double range_offset_m = 0.0;
-  // Whether a recording's first scans may tell these two, where neither is set
+  // What each beam has wrong for itself (beam_table.h), by its elevation as reported; these come
+  // before the two above.
+  std::vector<BeamOffset> beams;
+  // Whether a recording's first scans may tell these three, where none is set
   // (backend/calibration/opening_calibration.h); PrepareScan does not look at it.
   enum class BeamCorrection { kOff, kAuto };
   BeamCorrection beam_correction = BeamCorrection::kAuto;

@@ -147,6 +147,29 @@ TEST_F(Config, PosesOfSensorsThatAreNoneAreRefusedWithValueAndRule) {
   EXPECT_THAT(Complaint("scans:\n  T_vehicle_lidar: 3\n"), HasSubstr("a pose for each folder"));
 }
 
+TEST_F(Config, BeamsAreRowsOfNumbers) {
+  const LaminaConfig config = LoadConfig(
+      Write("a.yaml", "preparation:\n  beams:\n    - [-15, 0.25, 0.03]\n    - [1, 0, -0.01]\n"),
+      {});
+  ASSERT_EQ(config.preparation.beams.size(), 2U);
+  EXPECT_EQ(config.preparation.beams[0].elevation_correction_deg, 0.25);
+  EXPECT_EQ(config.preparation.beams[1].range_correction_m, -0.01);
+  const std::string written = ToYaml(config);
+  EXPECT_EQ(ToYaml(LoadConfig(Write("again.yaml", written), {})), written);
+  EXPECT_TRUE(
+      LoadConfig(Write("b.yaml", written), {"preparation.beams=[]"}).preparation.beams.empty());
+  const auto complaint = [&](const std::string& rows) {
+    return Complaint("", {"preparation.beams=" + rows});
+  };
+  EXPECT_THAT(complaint("[[1, 2]]"), HasSubstr("beams, row 1: must be 3 numbers, not 2"));
+  EXPECT_THAT(
+      complaint("[[1, 0, 0], [2, 9, 0]]"),
+      testing::AllOf(HasSubstr("row 2, elevation_correction_deg = 9"), HasSubstr("[-5, 5]")));
+  EXPECT_THAT(complaint("[[1, 0, .nan]]"), HasSubstr("range_correction_m = nan"));
+  EXPECT_THAT(complaint("[1, 2, 3]"), HasSubstr("must be a list of rows"));
+  EXPECT_THAT(complaint("3"), HasSubstr("must be a list of rows"));
+}
+
 TEST_F(Config, WrongTypesAreRefused) {
   EXPECT_THAT(Complaint("map:\n  root_size_m: big\n"),
               testing::AllOf(HasSubstr(":2:"), HasSubstr("map.root_size_m = big"),

@@ -22,6 +22,7 @@ struct CalibrateArguments {
   std::string progress = "auto";
   ConfigArguments config;
   int threads = 0;
+  bool beams = false;
 };
 
 // One of the two unknowns, in the units of its option.
@@ -56,6 +57,78 @@ std::string DescribePass(const CalibrationPass& pass) {
       1e3 * pass.map.median_m, pass.map.planes);
 }
 
+// The scans, and what a line of progress says of each that is mapped.
+class CalibrationInput {
+ public:
+  CalibrationInput(const CalibrateArguments& arguments, const LaminaConfig& config)
+      : source_(OpenScans(arguments.scans, config.scans)),
+        range_(ParseFrameRange(arguments.frames, source_->size())),
+        mode_(ProgressMode(arguments.progress)),
+        quiet_(arguments.progress == "off"),
+        mapping_(config.Mapping()) {
+    mapping_.loops.enabled = false;
+    BeginProgress();
+  }
+
+  const ScanSource& source() const { return *source_; }
+  const FrameRange& range() const { return range_; }
+  const MappingOptions& mapping() const { return mapping_; }
+
+  void Tell(const MappedScan& report) {
+    if (report.skipped) {
+      progress_->Warn(fmt::format("skipped scan {}: {}", report.index, report.detail));
+    }
+    progress_->Step();
+  }
+  // All scans have been mapped once more.
+  void EndPass(const std::string& line) {
+    progress_->Finish();
+    BeginProgress();
+    if (!quiet_) fmt::print(stderr, "{}", line);
+  }
+
+ private:
+  void BeginProgress() {
+    progress_ = std::make_unique<RunProgress>(mode_, range_.end - range_.begin);
+  }
+
+  std::unique_ptr<ScanSource> source_;
+  FrameRange range_;
+  RunProgress::Mode mode_;
+  bool quiet_;
+  MappingOptions mapping_;
+  std::unique_ptr<RunProgress> progress_;
+};
+
+int CalibrateOffsets(CalibrationInput* input, const CalibrationOptions& options,
+                     const std::string& scans) {
+  const RecordingCalibration calibration = CalibrateRecording(
+      input->source(), input->range().begin, input->range().end, input->mapping(), options,
+      [&](const MappedScan& report) { input->Tell(report); },
+      [&](const CalibrationPass& pass) { input->EndPass(DescribePass(pass)); }, &StopOnSignals());
+  if (calibration.result.status == CalibrationResult::Status::kInterrupted) {
+    throw InterruptedError("nothing was found");
+  }
+  const std::string report = DescribeCalibration(calibration, options);
+  if (calibration.result.status == CalibrationResult::Status::kNotDetermined) {
+    throw InputError(scans + ": neither offset is determined\n" + report);
+  }
+  fmt::print("{}", report);
+  return 0;
+}
+
+int CalibrateEachBeam(CalibrationInput* input, const CalibrationOptions& options,
+                      const std::string& scans) {
+  const std::atomic<bool>& stop = StopOnSignals();
+  const RecordingBeams found = CalibrateRecordingBeams(
+      input->source(), input->range().begin, input->range().end, input->mapping(), options,
+      [&](const MappedScan& report) { input->Tell(report); }, &stop);
+  if (stop.load()) throw InterruptedError("nothing was found");
+  if (found.beams.empty()) throw InputError(scans + ": no beam is corrected: " + found.why);
+  fmt::print("{}", DescribeBeams(found));
+  return 0;
+}
+
 int Calibrate(const CalibrateArguments& arguments) {
   const auto limit = LimitThreads(arguments.threads);
   const LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
@@ -65,37 +138,9 @@ int Calibrate(const CalibrateArguments& arguments) {
         "one "
         "sensor; give its folder as --scans, and no option scans.T_vehicle_lidar");
   }
-  const auto source = OpenScans(arguments.scans, config.scans);
-  const FrameRange range = ParseFrameRange(arguments.frames, source->size());
-  const std::atomic<bool>& stop = StopOnSignals();
-  const auto new_progress = [&] {
-    return std::make_unique<RunProgress>(ProgressMode(arguments.progress), range.end - range.begin);
-  };
-  std::unique_ptr<RunProgress> progress = new_progress();
-  const auto on_scan = [&](const MappedScan& report) {
-    if (report.skipped) {
-      progress->Warn(fmt::format("skipped scan {}: {}", report.index, report.detail));
-    }
-    progress->Step();
-  };
-  const auto on_pass = [&](const CalibrationPass& pass) {
-    progress->Finish();
-    progress = new_progress();
-    if (arguments.progress != "off") fmt::print(stderr, "{}", DescribePass(pass));
-  };
-  MappingOptions mapping = config.Mapping();
-  mapping.loops.enabled = false;
-  const RecordingCalibration calibration = CalibrateRecording(
-      *source, range.begin, range.end, mapping, config.calibration, on_scan, on_pass, &stop);
-  if (calibration.result.status == CalibrationResult::Status::kInterrupted) {
-    throw InterruptedError("nothing was found");
-  }
-  const std::string report = DescribeCalibration(calibration, config.calibration);
-  if (calibration.result.status == CalibrationResult::Status::kNotDetermined) {
-    throw InputError(arguments.scans + ": neither offset is determined\n" + report);
-  }
-  fmt::print("{}", report);
-  return 0;
+  CalibrationInput input(arguments, config);
+  return arguments.beams ? CalibrateEachBeam(&input, config.calibration, arguments.scans)
+                         : CalibrateOffsets(&input, config.calibration, arguments.scans);
 }
 
 }  // namespace
@@ -123,14 +168,28 @@ std::string DescribeCalibration(const RecordingCalibration& calibration,
   return text;
 }
 
+std::string DescribeBeams(const RecordingBeams& found) {
+  std::string text = fmt::format(
+      "{} beams; points lie {:.1f} mm off their planes as reported, {:.1f} mm with these (root "
+      "mean square)\n\npreparation:\n  beams:  # elevation, its correction (deg), range's (m)\n",
+      found.beams.size(), 1e3 * found.thickness_before_m, 1e3 * found.thickness_m);
+  for (const BeamOffset& beam : found.beams) {
+    text += fmt::format("    - [{:.4f}, {:.4f}, {:.4f}]\n", beam.elevation_deg,
+                        beam.elevation_correction_deg, beam.range_correction_m);
+  }
+  return text;
+}
+
 void AddCalibrateCommand(CLI::App* app, std::function<int()>* run) {
   auto arguments = std::make_shared<CalibrateArguments>();
   CalibrateArguments& a = *arguments;
   CLI::App* command = app->add_subcommand(
       "calibrate",
       "Find the offsets of the sensor's elevation angles and ranges that make its map thinnest, "
-      "and print the lines that put them into a configuration");
+      "of all beams alike or of each, and print the lines that put them into a configuration");
   command->add_option("--scans", a.scans, "Recording, as for `lamina run`")->required();
+  command->add_flag("--beams", a.beams,
+                    "Offsets of each beam, for a spinning sensor whose scans were not deskewed");
   AddTopicOption(command, &a.config);
   AddConfigOptions(command, "; calibration.* is for this command", &a.config);
   AddFramesOption(command, &a.frames);

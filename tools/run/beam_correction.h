@@ -10,9 +10,9 @@ namespace lamina {
 
 // What was found and applied, with the options that make it permanent or turn it off, as a warning;
 // or why nothing is. Nothing if nothing was looked for.
-void LogBeamCorrection(const OpeningCalibration& beams);
+void LogBeamCorrection(const OpeningCalibration& opening);
 
 // For summary.json.
-nlohmann::json ToJson(const OpeningCalibration& beams);
+nlohmann::json ToJson(const OpeningCalibration& opening);
 
 }  // namespace lamina

@@ -5,7 +5,8 @@
 #include <cmath>
 
 #include "core/base/angle.h"
-#include "tests/support/scenes/random_rooms.h"
+#include "frontend/scan/scan_clusters.h"
+#include "tests/support/scenes/room_walk.h"
 
 namespace lamina {
 namespace {
@@ -45,68 +46,21 @@ TEST(PickSegments, FindsNoneWhereTheSensorStands) {
       PickSegments(poses, std::vector<bool>(1000, true), 10.0, CalibrationOptions()).empty());
 }
 
-// A sensor that walks through a room, with rays of given elevations, each range measured too long
-// by `range_m` and each elevation too high by `elevation_rad`.
-class RoomWalk {
- public:
-  RoomWalk(double elevation_rad, double range_m, const std::vector<double>& elevations_deg)
-      : elevation_(elevation_rad), range_(range_m), elevations_(elevations_deg) {}
-
-  CalibrationSegment Walk(int frames, unsigned seed) const {
-    Draws draws(seed);
-    CalibrationSegment segment;
-    for (int i = 0; i < frames; ++i) {
-      CalibrationFrame frame;
-      frame.stamp_ns = i;
-      frame.T_world_lidar = SE3(ExpSO3({0, 0, draws.Uniform(-3.0, 3.0)}),
-                                {draws.Uniform(-3.0, 3.0), draws.Uniform(-2.0, 2.0), 0.0});
-      frame.measured = BuildScanClusters(Scan(frame.T_world_lidar, &draws), 0.8);
-      segment.push_back(frame);
-    }
-    return segment;
+CalibrationSegment Walk(const std::vector<RoomBeam>& beams, int frames, unsigned seed) {
+  CalibrationSegment segment;
+  for (const RoomWalk::Stop& stop : RoomWalk(beams).Walk(frames, seed)) {
+    CalibrationFrame frame;
+    frame.stamp_ns = static_cast<StampNs>(segment.size());
+    frame.T_world_lidar = stop.T_world_lidar;
+    frame.measured = BuildScanClusters(stop.points, 0.8);
+    segment.push_back(frame);
   }
-
- private:
-  // Distance along a ray of the box |x| < 6.3, |y| < 4.3, -1.4 < z < 1.7.
-  static double Range(const Eigen::Vector3d& p, const Eigen::Vector3d& d) {
-    const Eigen::Vector3d low(-6.3, -4.3, -1.4), high(6.3, 4.3, 1.7);
-    double nearest = 1e9;
-    for (int i = 0; i < 3; ++i) {
-      if (std::abs(d(i)) < 1e-12) continue;
-      nearest = std::min(nearest, ((d(i) > 0.0 ? high(i) : low(i)) - p(i)) / d(i));
-    }
-    return nearest;
-  }
-  std::vector<TimedPoint> Scan(const SE3& T, Draws* draws) const {
-    std::vector<TimedPoint> points;
-    for (const double elevation : elevations_) {
-      for (int a = 0; a < 720; ++a) {
-        const double azimuth = a * kDegree / 2.0, e = elevation * kDegree;
-        const auto ray = [&](double up) {
-          return Eigen::Vector3d(std::cos(azimuth) * std::cos(up), std::sin(azimuth) * std::cos(up),
-                                 std::sin(up));
-        };
-        const double range = Range(T.t, T.q * ray(e)) + range_ + draws->Normal(0.01);
-        const Eigen::Vector3f p = (range * ray(e + elevation_)).cast<float>();
-        points.push_back({p.x(), p.y(), p.z(), 0.0F});
-      }
-    }
-    return points;
-  }
-
-  double elevation_, range_;
-  std::vector<double> elevations_;
-};
-
-std::vector<double> Rings(int count) {
-  std::vector<double> elevations;
-  for (int i = 0; i < count; ++i) elevations.push_back(-25.0 + 50.0 * i / (count - 1));
-  return elevations;
+  return segment;
 }
 
-std::vector<CalibrationSegment> Segments(const RoomWalk& room, int count) {
+std::vector<CalibrationSegment> Segments(const std::vector<RoomBeam>& beams, int count) {
   std::vector<CalibrationSegment> segments;
-  for (int s = 0; s < count; ++s) segments.push_back(room.Walk(10, static_cast<unsigned>(s)));
+  for (int s = 0; s < count; ++s) segments.push_back(Walk(beams, 10, static_cast<unsigned>(s)));
   return segments;
 }
 
@@ -116,7 +70,7 @@ CalibrationResult Calibrate(std::vector<CalibrationSegment> segments) {
 }
 
 TEST(SensorCalibration, FindsBothOffsets) {
-  const CalibrationResult result = Calibrate(Segments(RoomWalk(0.4 * kDegree, 0.04, Rings(32)), 5));
+  const CalibrationResult result = Calibrate(Segments(RoomRings(32, 0.4 * kDegree, 0.04), 5));
   ASSERT_EQ(result.status, CalibrationResult::Status::kConverged);
   EXPECT_TRUE(result.determined[0] && result.determined[1]);
   // Leaves that straddle the corners of so small a room mix two walls.
@@ -128,7 +82,7 @@ TEST(SensorCalibration, FindsBothOffsets) {
 }
 
 TEST(SensorCalibration, LevelRingDoesNotDetermineElevation) {
-  const CalibrationResult result = Calibrate(Segments(RoomWalk(0.0, 0.04, {0.0}), 5));
+  const CalibrationResult result = Calibrate(Segments({RoomBeam{0.0, 0.0, 0.04}}, 5));
   EXPECT_FALSE(result.determined[0]);
   EXPECT_EQ(result.offsets(0), 0.0);
   EXPECT_GT(result.sigma(0) / kDegree, CalibrationOptions().max_elevation_sigma_deg);

@@ -114,6 +114,32 @@ TEST_F(CalibrateCommandTest, PrintsLinesThatAConfigurationTakes) {
   EXPECT_THAT(Bytes(Path("out/config.yaml")), HasSubstr("vertical_correction_deg: 0."));
 }
 
+TEST_F(CalibrateCommandTest, PrintsEachBeam) {
+  SynthOptions options;
+  options.frames = 30;
+  options.sensor = synth::SensorKind::kVlp16;
+  options.errors.beam_elevation_sigma_deg = 0.3;
+  const SynthSequence sequence(options);
+  Recording recording;
+  for (std::size_t i = 0; i < sequence.size(); ++i) {
+    recording.push_back(
+        {KittiBin(sequence.Generate(i).points), 1e-9 * static_cast<double>(sequence.Stamp(i))});
+  }
+  const std::string scans = WriteRecording("street", recording);
+  const Outcome outcome = Lamina({"calibrate", "--beams", "--scans", scans});
+  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_THAT(outcome.out, HasSubstr("16 beams"));
+  const std::size_t yaml = outcome.out.find("preparation:");
+  ASSERT_NE(yaml, std::string::npos);
+  Write("found.yaml", outcome.out.substr(yaml));
+  Run(scans, {"--config", Path("found.yaml")});
+  EXPECT_THAT(Bytes(Path("out/config.yaml")), HasSubstr("  beams:\n    - ["));
+  const Outcome again =
+      Lamina({"calibrate", "--beams", "--scans", WriteRepeated("standing", Street(1)[0].bytes, 5)});
+  EXPECT_EQ(again.code, 1);
+  EXPECT_THAT(again.err, HasSubstr("no beam is corrected"));
+}
+
 TEST_F(CalibrateCommandTest, AStandingSensorIsRefused) {
   const std::string scans = WriteRepeated("standing", Street(1)[0].bytes, 10);
   const Outcome outcome = Lamina({"calibrate", "--scans", scans});

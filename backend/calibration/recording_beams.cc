@@ -1,0 +1,139 @@
+#include "backend/calibration/recording_beams.h"
+
+#include <cmath>
+#include <utility>
+
+#include "backend/calibration/beam_calibration.h"
+#include "backend/calibration/calibration_drive.h"
+#include "backend/mapping/scan_decoder.h"
+#include "core/base/angle.h"
+#include "core/base/parallel.h"
+
+namespace lamina {
+namespace {
+
+// Points of a frame that take part, at most.
+constexpr std::size_t kMostPoints = 6000;
+
+ScanPreparationOptions Uncorrected(ScanPreparationOptions preparation) {
+  preparation.vertical_correction_deg = 0.0;
+  preparation.range_offset_m = 0.0;
+  preparation.beams.clear();
+  return preparation;
+}
+
+std::vector<TimedPoint> ReadPoints(const ScanSource& source, const MappingOptions& mapping,
+                                   std::size_t begin, std::size_t scan) {
+  return DecodeScan(source, Uncorrected(mapping.preparation), mapping.pipeline.min_points,
+                    mapping.mapper.map.LeafSize(), begin, scan)
+      .points;
+}
+
+// From some of the scans.
+std::vector<double> FindBeamsOf(const ScanSource& source, const MappingOptions& mapping,
+                                std::size_t begin, std::size_t end) {
+  constexpr std::size_t kLooks = 8;
+  // Nearer ones tell little of where a beam points.
+  constexpr double kNearM = 5.0;
+  std::vector<float> sines;
+  for (std::size_t i = 0; i < kLooks; ++i) {
+    for (const TimedPoint& p :
+         ReadPoints(source, mapping, begin, begin + i * (end - begin) / kLooks)) {
+      const float range = std::sqrt(p.x * p.x + p.y * p.y + p.z * p.z);
+      if (range >= kNearM) sines.push_back(p.z / range);
+    }
+  }
+  return FindBeams(sines);
+}
+
+// At most kMostPoints, chosen by a hash of their number: files have them in columns of beams, and
+// each n-th point would be of few beams.
+std::vector<TimedPoint> ThinnedByHash(const std::vector<TimedPoint>& points) {
+  constexpr std::uint64_t kFactor = 0x9E3779B97F4A7C15;
+  const std::uint64_t step = points.size() / kMostPoints + 1;
+  std::vector<TimedPoint> kept;
+  for (std::uint64_t i = 0; i < points.size(); ++i) {
+    if (((i * kFactor) >> 40) % step == 0) kept.push_back(points[i]);
+  }
+  return kept;
+}
+
+BeamCalibrationFrame ReadFrame(const ScanSource& source, const MappingOptions& mapping,
+                               std::size_t begin, const CalibrationDrive& drive, std::size_t i,
+                               const BeamTable& table) {
+  BeamCalibrationFrame frame;
+  frame.T_world_lidar = drive.poses[i].T_world_lidar;
+  frame.sweep = drive.MotionAt(i);
+  frame.points = ThinnedByHash(ReadPoints(source, mapping, begin, drive.scans[i]));
+  for (const TimedPoint& p : frame.points) {
+    frame.beams.push_back(static_cast<std::int16_t>(table.BeamOf(p.x, p.y, p.z)));
+  }
+  return frame;
+}
+
+std::vector<BeamOffset> AsReported(const std::vector<double>& elevations_rad) {
+  std::vector<BeamOffset> beams;
+  for (const double elevation : elevations_rad) beams.push_back({Degrees(elevation), 0.0, 0.0});
+  return beams;
+}
+
+std::vector<BeamCalibrationSegment> ReadBeamSegments(
+    const ScanSource& source, const MappingOptions& mapping, std::size_t begin,
+    const CalibrationDrive& drive, const CalibrationOptions& options, const BeamTable& table) {
+  std::vector<BeamCalibrationSegment> segments;
+  if (drive.poses.empty()) return segments;
+  for (const std::vector<std::size_t>& frames :
+       SegmentsOf(drive, source, mapping, begin, options)) {
+    BeamCalibrationSegment segment(frames.size());
+    ParallelChunks(frames.size(), 1, [&](std::size_t a, std::size_t b) {
+      for (std::size_t i = a; i < b; ++i) {
+        segment[i] = ReadFrame(source, mapping, begin, drive, frames[i], table);
+      }
+    });
+    segments.push_back(std::move(segment));
+  }
+  return segments;
+}
+
+}  // namespace
+
+RecordingBeams CalibrateRecordingBeams(const ScanSource& source, std::size_t begin, std::size_t end,
+                                       const MappingOptions& mapping,
+                                       const CalibrationOptions& options,
+                                       const std::function<void(const MappedScan&)>& on_scan,
+                                       const std::atomic<bool>* stop) {
+  DriveSummary summary;
+  const CalibrationDrive drive = MapDrive(source, begin, end, mapping, on_scan, stop, &summary);
+  return CalibrateDriveBeams(source, begin, end, drive, mapping, options, stop);
+}
+
+RecordingBeams CalibrateDriveBeams(const ScanSource& source, std::size_t begin, std::size_t end,
+                                   const CalibrationDrive& drive, const MappingOptions& mapping,
+                                   const CalibrationOptions& options,
+                                   const std::atomic<bool>* stop) {
+  RecordingBeams found;
+  const std::vector<double> elevations = FindBeamsOf(source, mapping, begin, end);
+  found.on_cones = !elevations.empty();
+  if (!found.on_cones) {
+    found.why = "its points do not lie on cones, one a beam";
+    return found;
+  }
+  std::vector<BeamCalibrationSegment> segments =
+      ReadBeamSegments(source, mapping, begin, drive, options, BeamTable(AsReported(elevations)));
+  if (segments.empty()) {
+    found.why = "too few scans from different places are connected";
+    return found;
+  }
+  BeamCalibrationResult result =
+      CalibrateBeams(elevations, mapping.mapper.map, options.noise_floor_m, &segments, stop);
+  found.thickness_before_m = result.thickness_before_m;
+  found.thickness_m = result.thickness_m;
+  if (result.Thinner()) {
+    found.beams = std::move(result.beams);
+  } else {
+    found.why = "planes are as thick whatever each beam has wrong";
+  }
+  return found;
+}
+
+}  // namespace lamina
