@@ -7,6 +7,7 @@
 #include "backend/calibration/calibration_drive.h"
 #include "backend/mapping/scan_decoder.h"
 #include "core/base/angle.h"
+#include "core/base/median.h"
 #include "core/base/parallel.h"
 
 namespace lamina {
@@ -33,17 +34,25 @@ std::vector<TimedPoint> ReadPoints(const ScanSource& source, const MappingOption
 std::vector<double> FindBeamsOf(const ScanSource& source, const MappingOptions& mapping,
                                 std::size_t begin, std::size_t end) {
   constexpr std::size_t kLooks = 8;
-  // Nearer ones tell little of where a beam points.
-  constexpr double kNearM = 5.0;
-  std::vector<float> sines;
+  // Of the median range. Nearer points tell little of where a beam points: files count in
+  // millimetres, and beams do not meet in one place to the last of them.
+  constexpr float kNear = 0.25F;
+  std::vector<float> ranges, sines;
   for (std::size_t i = 0; i < kLooks; ++i) {
     for (const TimedPoint& p :
          ReadPoints(source, mapping, begin, begin + i * (end - begin) / kLooks)) {
-      const float range = std::sqrt(p.x * p.x + p.y * p.y + p.z * p.z);
-      if (range >= kNearM) sines.push_back(p.z / range);
+      ranges.push_back(std::sqrt(p.x * p.x + p.y * p.y + p.z * p.z));
+      sines.push_back(p.z / ranges.back());
     }
   }
-  return FindBeams(sines);
+  if (ranges.empty()) return {};
+  std::vector<float> sorted = ranges;
+  const float nearest_m = kNear * UpperMedian(&sorted);
+  std::vector<float> far;
+  for (std::size_t i = 0; i < ranges.size(); ++i) {
+    if (ranges[i] >= nearest_m) far.push_back(sines[i]);
+  }
+  return FindBeams(far);
 }
 
 // At most kMostPoints, chosen by a hash of their number: files have them in columns of beams, and

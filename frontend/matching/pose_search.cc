@@ -33,11 +33,6 @@ bool TurnedAway(const std::vector<SE3>& dense, const SE3& T_world_lidar) {
   return turned && std::all_of(dense.begin(), dense.end(), away);
 }
 
-// Standard deviation of the turn, about the axis that is known worst.
-double SigmaRad(const PosePrediction& prediction) {
-  return std::sqrt(prediction.covariance.diagonal().head<3>().maxCoeff());
-}
-
 // Whether a quarter turn is within what a prediction leaves open.
 bool MayHaveTurnedAbout(const PosePrediction& prediction) {
   constexpr double kLikelySigmas = 3.0;
@@ -153,7 +148,7 @@ std::vector<SE3> PoseSearch::OffsetsAbout(const SE3& centre) const {
 std::vector<SE3> PoseSearch::OffsetsAround(const PosePrediction& prediction) const {
   // Farther apart, two scans of a street hardly have a plane in common.
   constexpr double kMostM = 8.0;
-  const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
+  const double sigma = SigmaM(prediction);
   const double reach = std::min(kSigmas * sigma, kMostM);
   std::vector<SE3> hypotheses;
   if (reach < options_.range_m + kStepM) return hypotheses;
@@ -173,7 +168,7 @@ std::vector<SE3> PoseSearch::AlongTheWay(const PosePrediction& prediction,
   constexpr double kTurn = Radians(6.0);
   // What a turn does not explain: a part of the way.
   constexpr double kSideways = 0.05;
-  const double sigma = std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
+  const double sigma = SigmaM(prediction);
   const double turn_sigma = SigmaRad(prediction);
   const double reach = std::min(kSigmas * sigma, options_.max_way_m);
   std::vector<SE3> hypotheses;

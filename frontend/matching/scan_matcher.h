@@ -40,6 +40,7 @@
 // around it; what the map has drifted by before is not in it.
 #pragma once
 
+#include <cmath>
 #include <vector>
 
 #include "core/geometry/point_cluster.h"
@@ -89,6 +90,15 @@ struct PosePrediction {
   // Information along a unit vector of the scaled tangent (degeneracy.h), 1/m^2.
   double Information(const Vector6d& direction) const;
 };
+
+// Standard deviations of the position, along the world's axis on which it is known worst, and of
+// the turn, about the axis of the sensor that is known worst.
+inline double SigmaM(const PosePrediction& prediction) {
+  return std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
+}
+inline double SigmaRad(const PosePrediction& prediction) {
+  return std::sqrt(prediction.covariance.diagonal().head<3>().maxCoeff());
+}
 
 // A unit vector of the scaled tangent (degeneracy.h), and how well the pose is known along it.
 struct KnownDirection {

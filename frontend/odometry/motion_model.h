@@ -18,8 +18,6 @@
 // kHeldS the velocity is taken to die down, a turn within half a second, the way within ten.
 #pragma once
 
-#include <cmath>
-
 #include "core/geometry/scan.h"
 #include "core/geometry/se3.h"
 #include "core/geometry/state_archive.h"
@@ -38,11 +36,6 @@ struct MotionOptions {
 
   void Visit(OptionVisitor& v);
 };
-
-// Standard deviation of the position, along the direction that is known worst.
-inline double SigmaM(const PosePrediction& prediction) {
-  return std::sqrt(prediction.covariance.diagonal().tail<3>().maxCoeff());
-}
 
 // Not thread-safe.
 class MotionModel {
