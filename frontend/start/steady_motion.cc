@@ -253,23 +253,35 @@ void SteadyMotionSearch::AddGrid(const SteadyMotionSearch& places, const WayAlon
   }
 }
 
-SteadyMotionSearch::Evidence SteadyMotionSearch::EvidenceOf(const WayAlong& way,
-                                                            std::size_t grids) const {
-  return EvidenceIn(*this, way, grids);
+SteadyMotionSearch::Evidence SteadyMotionSearch::EvidenceOf(const WayAlong& way, std::size_t grids,
+                                                            Grid* grid) const {
+  return EvidenceIn(*this, way, grids, grid);
 }
 
 SteadyMotionSearch::Evidence SteadyMotionSearch::EvidenceIn(const SteadyMotionSearch& places,
-                                                            const WayAlong& way,
-                                                            std::size_t grids) const {
+                                                            const WayAlong& way, std::size_t grids,
+                                                            Grid* grid) const {
   Evidence sums;
   sums.blocks.resize(places.block_points_.size(), 0.0);
-  Grid voxels;
-  for (std::size_t grid = 0; grid < grids; ++grid)
-    AddGrid(places, way, options_.voxel_size_m * Eigen::Vector3d(kShifts[grid]), &voxels, &sums);
+  for (std::size_t i = 0; i < grids; ++i)
+    AddGrid(places, way, options_.voxel_size_m * Eigen::Vector3d(kShifts[i]), grid, &sums);
   for (std::size_t b = 0; b < sums.blocks.size(); ++b)
     sums.blocks[b] /= static_cast<double>(grids) * (places.block_points_[b] + kHalfPoints);
   sums.shared /= static_cast<double>(grids);
   return sums;
+}
+
+std::vector<SteadyMotionSearch::Evidence> SteadyMotionSearch::CoarseEvidence(
+    const std::vector<SteadyMotion>& motions) const {
+  // So many share the memory of a grid: megabytes, which else go back to the system each time.
+  constexpr std::size_t kTogether = 8;
+  std::vector<Evidence> evidence(motions.size());
+  ParallelChunks(motions.size(), kTogether, [&](std::size_t begin, std::size_t end) {
+    Grid grid;
+    for (std::size_t i = begin; i < end; ++i)
+      evidence[i] = EvidenceOf(WayUnder(motions[i]), kCoarseGrids, &grid);
+  });
+  return evidence;
 }
 
 double SteadyMotionSearch::Total(const SteadyMotion& motion,
@@ -281,11 +293,12 @@ double SteadyMotionSearch::Total(const SteadyMotion& motion,
 
 SteadyMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
   constexpr double kLeastStepMS = 0.05, kAccelerationStepPerS = 8.0;
-  const auto evidence_of = [&](const SteadyMotion& motion) {
-    return Total(motion, EvidenceOf(WayUnder(motion), kGrids).blocks);
+  std::array<Grid, 4> grids;
+  const auto evidence_of = [&](const SteadyMotion& motion, Grid* grid) {
+    return Total(motion, EvidenceOf(WayUnder(motion), kGrids, grid).blocks);
   };
   SteadyMotion best = start;
-  double most = evidence_of(best);
+  double most = evidence_of(best, grids.data());
   for (double step = step_m_s_; step >= kLeastStepMS;) {
     const SteadyMotion from = best;
     const double faster = kAccelerationStepPerS * step;
@@ -296,8 +309,9 @@ SteadyMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
         {from.speed_m_s, from.acceleration_m_s2 - faster},
     }};
     std::array<double, 4> evidence{};
-    ParallelChunks(beside.size(), 1,
-                   [&](std::size_t i, std::size_t) { evidence[i] = evidence_of(beside[i]); });
+    ParallelChunks(beside.size(), 1, [&](std::size_t i, std::size_t) {
+      evidence[i] = evidence_of(beside[i], &grids[i]);
+    });
     const auto i = static_cast<std::size_t>(
         std::distance(evidence.begin(), std::max_element(evidence.begin(), evidence.end())));
     if (evidence[i] > most) {
@@ -320,17 +334,17 @@ FoundMotion SteadyMotionSearch::Find() const {
   const auto coarse_speed = [&](std::size_t i) {
     return step_m_s_ * (static_cast<int>(i) - most_steps);
   };
-  std::vector<Evidence> coarse(static_cast<std::size_t>(2 * most_steps + 1));
-  ParallelChunks(coarse.size(), 1, [&](std::size_t i, std::size_t) {
-    coarse[i] = EvidenceOf(WayUnder({coarse_speed(i), 0.0}), kCoarseGrids);
-  });
+  std::vector<SteadyMotion> steady;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(2 * most_steps + 1); ++i)
+    steady.push_back({coarse_speed(i), 0.0});
+  const std::vector<Evidence> coarse = CoarseEvidence(steady);
   double most_shared = 0.0;
   for (const Evidence& evidence : coarse) most_shared = std::max(most_shared, evidence.shared);
   const auto possible = [&](const Evidence& e) { return e.shared >= kLeastShared * most_shared; };
   std::size_t best = static_cast<std::size_t>(most_steps);
   double most = -std::numeric_limits<double>::infinity();
   for (std::size_t i = 0; i < coarse.size(); ++i) {
-    const double total = Total({coarse_speed(i), 0.0}, coarse[i].blocks);
+    const double total = Total(steady[i], coarse[i].blocks);
     if (total <= most || !possible(coarse[i])) continue;
     best = i;
     most = total;
@@ -343,23 +357,23 @@ FoundMotion SteadyMotionSearch::Find() const {
     const double mean_m_s = step_m_s_ * (static_cast<int>(i) - most_off);
     return SteadyMotion{mean_m_s, 2.0 * mean_m_s / duration_s};
   };
-  SteadyMotion start = {coarse_speed(best), 0.0};
-  std::vector<Evidence> off(static_cast<std::size_t>(2 * most_off + 1));
-  ParallelChunks(off.size(), 1, [&](std::size_t i, std::size_t) {
-    off[i] = EvidenceOf(WayUnder(from_rest(i)), kCoarseGrids);
-  });
+  SteadyMotion start = steady[best];
+  std::vector<SteadyMotion> setting_off;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(2 * most_off + 1); ++i)
+    setting_off.push_back(from_rest(i));
+  const std::vector<Evidence> off = CoarseEvidence(setting_off);
   for (std::size_t i = 0; i < off.size(); ++i) {
-    const double total = Total(from_rest(i), off[i].blocks);
+    const double total = Total(setting_off[i], off[i].blocks);
     if (total <= most || !possible(off[i])) continue;
-    start = from_rest(i);
+    start = setting_off[i];
     most = total;
   }
   std::vector<Rival> rivals;
   for (std::size_t i = 0; i < coarse.size(); ++i) {
-    if (possible(coarse[i])) rivals.push_back({{coarse_speed(i), 0.0}, coarse[i].blocks});
+    if (possible(coarse[i])) rivals.push_back({steady[i], coarse[i].blocks});
   }
   for (std::size_t i = 0; i < off.size(); ++i) {
-    if (possible(off[i])) rivals.push_back({from_rest(i), off[i].blocks});
+    if (possible(off[i])) rivals.push_back({setting_off[i], off[i].blocks});
   }
   const SteadyMotion found = Climb(start);
   return {found, OpenSpeed(found, rivals)};
@@ -371,8 +385,9 @@ double SteadyMotionSearch::OpenSpeed(const SteadyMotion& motion,
   constexpr int kNearSteps = 4;
   constexpr double kRefutedSigmas = 2.0;
   const WayAlong way = WayUnder(motion);
-  const std::vector<double> ours = EvidenceOf(way, kGrids).blocks;
-  const std::vector<double> ours_coarse = EvidenceOf(way, kCoarseGrids).blocks;
+  Grid grid;
+  const std::vector<double> ours = EvidenceOf(way, kGrids, &grid).blocks;
+  const std::vector<double> ours_coarse = EvidenceOf(way, kCoarseGrids, &grid).blocks;
   double open_m_s = 0.0;
   for (const Rival& rival : rivals) {
     const double apart = std::abs(rival.motion.speed_m_s - motion.speed_m_s);
@@ -382,19 +397,23 @@ double SteadyMotionSearch::OpenSpeed(const SteadyMotion& motion,
   for (int step = -kNearSteps; step <= kNearSteps; ++step) {
     const double apart = step_m_s_ * step;
     const SteadyMotion other = {motion.speed_m_s + apart, motion.acceleration_m_s2};
-    if (step != 0 && Votes(ours, EvidenceOf(WayUnder(other), kGrids).blocks) < kRefutedSigmas)
+    if (step != 0 &&
+        Votes(ours, EvidenceOf(WayUnder(other), kGrids, &grid).blocks) < kRefutedSigmas)
       open_m_s = std::max(open_m_s, std::abs(apart));
   }
   return open_m_s;
 }
 
 double SteadyMotionSearch::Sharper(const WayAlong& one, const WayAlong& other) const {
-  return Votes(EvidenceOf(one, kGrids).blocks, EvidenceOf(other, kGrids).blocks);
+  Grid grid;
+  return Votes(EvidenceOf(one, kGrids, &grid).blocks, EvidenceOf(other, kGrids, &grid).blocks);
 }
 
 double SteadyMotionSearch::Sharper(const WayAlong& one, const SteadyMotionSearch& from,
                                    const WayAlong& other) const {
-  return Votes(EvidenceOf(one, kGrids).blocks, from.EvidenceIn(*this, other, kGrids).blocks);
+  Grid grid;
+  return Votes(EvidenceOf(one, kGrids, &grid).blocks,
+               from.EvidenceIn(*this, other, kGrids, &grid).blocks);
 }
 
 }  // namespace lamina

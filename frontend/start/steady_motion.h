@@ -101,12 +101,14 @@ class SteadyMotionSearch {
     std::vector<double> blocks;  // L_b of each
     double shared = 0.0;         // points in voxels that several scans see
   };
-  // In so many grids.
-  Evidence EvidenceOf(const WayAlong& way, std::size_t grids) const;
-  // By the blocks of `places`, which has the same scans.
-  Evidence EvidenceIn(const SteadyMotionSearch& places, const WayAlong& way,
-                      std::size_t grids) const;
   struct Grid;
+  // In so many grids, each of which is made in `grid`.
+  Evidence EvidenceOf(const WayAlong& way, std::size_t grids, Grid* grid) const;
+  // By the blocks of `places`, which has the same scans.
+  Evidence EvidenceIn(const SteadyMotionSearch& places, const WayAlong& way, std::size_t grids,
+                      Grid* grid) const;
+  // Of each of these motions, in the coarse grids.
+  std::vector<Evidence> CoarseEvidence(const std::vector<SteadyMotion>& motions) const;
   void AddGrid(const SteadyMotionSearch& places, const WayAlong& way,
                const Eigen::Vector3d& shift_m, Grid* grid, Evidence* sums) const;
   // L from that of its blocks.

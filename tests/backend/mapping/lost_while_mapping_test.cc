@@ -37,14 +37,15 @@ struct LostOutcome {
   }
 };
 
-LostOutcome MapWithDark(const Town& after, double share = 0.0) {
+// Dark after `way_m` of a lap, and then back along 60 m of it, in the town `after`.
+LostOutcome MapWithDark(const Town& after, double way_m) {
   static const Town town(1, 90.0);
   LostOutcome outcome;
-  outcome.truth = Laps(1.2, 190.0);
-  std::vector<Scan> scans = CrookedScans(town, outcome.truth, share);
+  outcome.truth = Laps(1.2, way_m);
+  std::vector<Scan> scans = CrookedScans(town, outcome.truth, 0.0);
   outcome.dark = scans.size();
-  const std::vector<SE3> elsewhere = LapsBack(1.0, 163.0, 103.0);
-  for (Scan& scan : CrookedScans(after, elsewhere, share)) {
+  const std::vector<SE3> elsewhere = LapsBack(1.0, way_m - 15.0, way_m - 75.0);
+  for (Scan& scan : CrookedScans(after, elsewhere, 0.0)) {
     scan.stamp_ns += scans[outcome.dark - 1].stamp_ns + kDarkNs;
     scans.push_back(std::move(scan));
   }
@@ -67,7 +68,7 @@ LostOutcome MapWithDark(const Town& after, double share = 0.0) {
 
 // After the dark in the town that it was in before.
 const LostOutcome& InTheSameTown() {
-  static const LostOutcome outcome = MapWithDark(Town(1, 90.0));
+  static const LostOutcome outcome = MapWithDark(Town(1, 90.0), 110.0);
   return outcome;
 }
 
@@ -90,7 +91,7 @@ TEST(LostWhileMapping, FoundWhereItHasBeenWithinThreeSeconds) {
 }
 
 TEST(LostWhileMapping, WhereItHasNotBeenItStaysAPieceOfItsOwn) {
-  const LostOutcome outcome = MapWithDark(Town(7, 90.0));
+  const LostOutcome outcome = MapWithDark(Town(7, 90.0), 190.0);
   EXPECT_EQ(outcome.counts.found, 0U);
   EXPECT_FALSE(outcome.FoundAfter().has_value());
   EXPECT_EQ(outcome.scans.back().piece, 1);
@@ -99,7 +100,7 @@ TEST(LostWhileMapping, WhereItHasNotBeenItStaysAPieceOfItsOwn) {
 TEST(LostWhileMapping, TheSameBitsAtAnyNumberOfThreads) {
   const std::string& bits = InTheSameTown().bits;
   const ThreadLimit limit(1);
-  EXPECT_EQ(MapWithDark(Town(1, 90.0)).bits, bits);
+  EXPECT_EQ(MapWithDark(Town(1, 90.0), 110.0).bits, bits);
 }
 
 }  // namespace

@@ -107,18 +107,18 @@ TEST(MapperStreet, HardBrakingIsFollowed) {
   EXPECT_LT(outcome.worst_m, 0.1);
 }
 
-// From scan 60 on, at full speed, so many of another kind.
+// At full speed, from scan 25 on, so many of another kind.
 DriveOutcome MapInterrupted(ScanKind by, int count, int scans, unsigned seed) {
   Drive drive;
   drive.scans = scans;
-  drive.way_m = Accelerating;
-  drive.kind = [by, count](int i) { return i >= 60 && i < 60 + count ? by : ScanKind::kStreet; };
+  drive.way_m = [](double t) { return 15.0 * t; };
+  drive.kind = [by, count](int i) { return i >= 25 && i < 25 + count ? by : ScanKind::kStreet; };
   return Map(drive, seed);
 }
 
 TEST(MapperStreet, AfterSprayTheWayIsFoundAgain) {
   for (const int count : {11, 15}) {
-    const DriveOutcome outcome = MapInterrupted(ScanKind::kSpray, count, 85, 6);
+    const DriveOutcome outcome = MapInterrupted(ScanKind::kSpray, count, 50, 6);
     EXPECT_GE(outcome.lost, count);
     EXPECT_LE(outcome.lost, count + 1);
     EXPECT_LT(outcome.worst_m, 0.1);
@@ -127,7 +127,7 @@ TEST(MapperStreet, AfterSprayTheWayIsFoundAgain) {
 
 TEST(MapperStreet, AfterAGapOfTheRecorderTheWayIsFoundAgain) {
   for (const int count : {10, 20}) {
-    const DriveOutcome outcome = MapInterrupted(ScanKind::kMissing, count, 95, 7);
+    const DriveOutcome outcome = MapInterrupted(ScanKind::kMissing, count, 60, 7);
     EXPECT_LE(outcome.lost, 1);
     EXPECT_LT(outcome.worst_m, 0.1);
   }

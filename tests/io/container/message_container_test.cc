@@ -257,7 +257,7 @@ TEST_F(ContainerTest, OfACutFileThereIsWhatIsBeforeTheCut) {
   for (const auto& [name, bytes] : files) {
     std::size_t before = 0;
     for (std::size_t cut = 1; cut <= 100; ++cut) {
-      const std::string path = Write(name, bytes.substr(0, bytes.size() * cut / 101));
+      const std::string path = WriteAnew(name, bytes.substr(0, bytes.size() * cut / 101));
       try {
         const auto container = OpenMessageContainer(path, IsCloud);
         EXPECT_THAT(container->doubts(), testing::Not(IsEmpty()));
@@ -305,7 +305,7 @@ TEST_F(ContainerTest, FlippedBitsGiveErrorsAndNoCrash) {
       if (trial % 4 == 1) at = (random >> 8) % within;
       damaged[at] = static_cast<char>(damaged[at] ^ (1 << (random >> 29)));
       try {
-        const auto container = OpenMessageContainer(Write(name, damaged), IsCloud);
+        const auto container = OpenMessageContainer(WriteAnew(name, damaged), IsCloud);
         for (std::size_t t = 0; t < container->topics().size(); ++t) {
           for (const MessagePlace& place : container->Messages(t)) {
             try {

@@ -218,7 +218,7 @@ TEST_F(LasScanTest, DamagedFilesGiveErrorsOrOtherPointsAndNoCrash) {
     // Behind the points of a COPC file are its hierarchy and its table, and no table is a clear
     // end.
     for (std::size_t cut = 0; cut < 100; ++cut) {
-      const std::string path = Write("d" + name, good.substr(0, good.size() * cut / 100));
+      const std::string path = WriteAnew("d" + name, good.substr(0, good.size() * cut / 100));
       try {
         const std::size_t read = ReadScanFile(path, {}).points.size();
         EXPECT_TRUE(name == "c.copc.laz" && read == 900U) << cut << " " << read;
@@ -233,7 +233,7 @@ TEST_F(LasScanTest, DamagedFilesGiveErrorsOrOtherPointsAndNoCrash) {
       // A third of them in the header and the records behind it.
       const std::size_t within = i % 3 == 0 ? 500 : damaged.size();
       damaged[(random >> 8) % within] ^= static_cast<char>(1U << (random >> 29));
-      const std::string path = Write("d" + name, damaged);
+      const std::string path = WriteAnew("d" + name, damaged);
       try {
         EXPECT_LE(ReadScanFile(path, {}).points.size(), 2'000'000U);
       } catch (const InputError& error) {

@@ -379,7 +379,7 @@ TEST_F(ScanFileTest, DamagedFilesNeverCrash) {
       {"d.ply", PlyHeader("ascii", "2") + "1 2 3\n4 5 6\n"},
       {"e.ply", PlyHeader("binary_little_endian", "2") + data}};
   const auto survives = [&](const std::string& name, const std::string& bytes) {
-    const std::string path = Write(name, bytes);
+    const std::string path = WriteAnew(name, bytes);
     try {
       EXPECT_LE(ReadScanFile(path, options_.point_time_unit).points.size(), 100U);
     } catch (const InputError& error) {

@@ -185,7 +185,7 @@ class DamagedCaptureTest : public OusterCaptureTest {
   std::size_t ReadAll(const std::string& name, const std::string& bytes) const {
     std::size_t read = 0;
     try {
-      const auto scans = OpenScans(Write(name, bytes), {});
+      const auto scans = OpenScans(WriteAnew(name, bytes), {});
       for (std::size_t i = 0; i < scans->size(); ++i) {
         try {
           scans->Read(i);

@@ -39,6 +39,13 @@ class FilesTest : public testing::Test {
     return Path(name);
   }
 
+  // The same in the place of a file that was there, for those that are written again and again: of
+  // one that is written over, ext4 sends what is new to the disk at once, and has the writer wait.
+  std::string WriteAnew(const std::string& name, std::string_view bytes) const {
+    std::filesystem::remove(Path(name));
+    return Write(name, bytes);
+  }
+
   static std::string Bytes(const std::string& path) {
     std::ifstream file(path, std::ios::binary);
     return {std::istreambuf_iterator<char>(file), {}};

@@ -39,7 +39,7 @@ TEST(LocalisationReport, CountsWhatIsInTimeLaterWrongAndWhyNot) {
 
 TEST(LocalisationTrial, ASensorThatIsLostWhileItMapsIsFoundWhereItHasBeenAndNowhereElse) {
   const LocalisationCase hall = {
-      "hall",        "handheld", "--scene hall --sensor vlp16 --points 14400 --frames 160",
+      "hall",        "handheld", "--scene hall --sensor vlp16 --points 14400 --frames 110",
       "--speed 1.5", 5.0,        "--scene room --sensor vlp16 --points 14400 --frames 100"};
   LocalisationTrialOptions options;
   options.lost = true;
@@ -56,7 +56,7 @@ TEST(LocalisationTrial, ASensorThatIsLostWhileItMapsIsFoundWhereItHasBeenAndNowh
 
 TEST(LocalisationTrial, WindowsOfAnotherVisitAreFoundAndThoseOfAnotherPlaceAreNot) {
   const LocalisationCase hall = {
-      "hall",        "handheld", "--scene hall --sensor vlp16 --points 14400 --frames 160",
+      "hall",        "handheld", "--scene hall --sensor vlp16 --points 14400 --frames 110",
       "--speed 1.5", 5.0,        "--scene room --sensor vlp16 --points 14400 --frames 100"};
   LocalisationTrialOptions options;
   options.on_map = 2;
