@@ -43,7 +43,7 @@ StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& ma
 }
 
 void StartTrack::Clear() {
-  open_ = overruled_ = told_ = unsure_ = given_up_ = false;
+  open_ = overruled_ = told_ = unsure_ = doubted_ = given_up_ = false;
   scans_.clear();
   hypotheses_.clear();
 }
@@ -256,6 +256,7 @@ bool StartTrack::MatchSecond(Hypothesis* hypothesis) const {
 
 void StartTrack::Overrule(const std::vector<SE3>& poses, const std::vector<SE3>& moving,
                           const MatchResult& match) {
+  const bool led_elsewhere = Apart(poses, OwnPoses()) > kAgreesM;
   open_ = false;
   overruled_ = true;
   for (std::size_t k = 0; k < scans_.size(); ++k) {
@@ -263,12 +264,15 @@ void StartTrack::Overrule(const std::vector<SE3>& poses, const std::vector<SE3>&
     scans_[k].twist = Twist(moving, std::max<std::size_t>(k, 1));
   }
   match_ = match;
-  // What all scans together tell of the way, bundle adjustment must not undo by planes that few of
-  // them have seen: in the sheets that rings sweep the sensor has not moved.
+  // Where planes that few scans have seen led odometry to another place, as in the sheets that
+  // rings sweep, they would lead bundle adjustment there again: it is kept out of the way.
+  // Elsewhere they know the way to centimetres, and better than what is found here.
   constexpr double kKnownM = 0.001;
-  match_.degenerate_directions.setZero();
-  match_.degenerate_directions.col(0).tail<3>() = u_;
-  match_.degenerate_information = Vector6d::Unit(0) / (kKnownM * kKnownM);
+  if (led_elsewhere) {
+    match_.degenerate_directions.setZero();
+    match_.degenerate_directions.col(0).tail<3>() = u_;
+    match_.degenerate_information = Vector6d::Unit(0) / (kKnownM * kKnownM);
+  }
   hypotheses_.clear();
 }
 
@@ -276,10 +280,9 @@ void StartTrack::Decide() {
   const bool last = scans_.size() >= kMostScans;
   const bool many = last || scans_.size() == kManyScans;
   if (unsure_ && many) {
-    bool refuted = false;
-    if (TakeSteady(&refuted)) return;
-    if (refuted && last) return GiveUp();
-    if (refuted) return;
+    if (TakeSteady(&doubted_)) return;
+    if (doubted_ && last) return GiveUp();
+    if (doubted_) return;
   }
   // Where planes leave the way open by themselves, as in a tunnel, poses are called degenerate, and
   // another start would be no better.
@@ -292,6 +295,8 @@ void StartTrack::Decide() {
   }
   Rank();
   const Hypothesis& best = hypotheses_.front();
+  // Nor does a hypothesis that agrees with odometry explain what speaks against that.
+  if (!last && doubted_ && Apart(best.poses, OwnPoses()) <= kAgreesM) return;
   // What sets off together is as steady as what stands, and two of them part late.
   if (!last && SettingOff(best.poses) && (unsure_ || !SameWay(best.poses, OwnPoses()))) return;
   const bool told = !unsure_ || (all_tracked_ && Steady(best.poses));
@@ -306,27 +311,6 @@ void StartTrack::Decide() {
   }
   if (SettingOff(best.poses)) return CheckSettingOff(std::vector<SE3>(best.poses));
   TakeBest();
-}
-
-void StartTrack::Trust() {
-  told_ = true;
-  unsure_ = false;
-  hypotheses_.clear();
-  const std::vector<SE3> own = OwnPoses();
-  if (!all_tracked_ || !SettingOff(own)) return Clear();
-  if (scans_.size() >= kMostScans) CheckSettingOff(own);
-}
-
-bool StartTrack::SettingOff(const std::vector<SE3>& poses) const {
-  // Two scans of a sensor that is faster show what stands and what moves with it as two minima, ...
-  constexpr double kAtRestMS = 1.0;
-  // ... and one that has become so fast has left what set off with it behind.
-  constexpr double kMostMS = 5.0;
-  const auto slower_than = [&](double most_m_s, std::size_t k) {
-    const double gap_s = SecondsBetween(scans_[k - 1].stamp_ns, scans_[k].stamp_ns);
-    return (poses[k].t - poses[k - 1].t).norm() < most_m_s * gap_s;
-  };
-  return slower_than(kAtRestMS, 1) && slower_than(kMostMS, scans_.size() - 1);
 }
 
 void StartTrack::TakeBest() {
@@ -358,6 +342,7 @@ void StartTrack::GiveUp() {
 bool StartTrack::unsettled() const {
   constexpr double kOpenM = 0.1;
   if (!open_) return false;
+  if (doubted_) return true;
   const std::vector<SE3> own = OwnPoses();
   // All scans are asked which of the two it is, but not yet.
   const bool as_best = hypotheses_.empty() || SameWay(hypotheses_.front().poses, own);
@@ -377,7 +362,7 @@ Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
 
 void StartTrack::Archive(StateArchive& a) {
   a(&open_, &overruled_, &told_, &unsure_, &all_tracked_, &open_m_, &open_along_, &scans_,
-    &hypotheses_, &without_planes_, &u_, &again_);
+    &hypotheses_, &without_planes_, &u_, &again_, &doubted_);
 }
 
 }  // namespace lamina

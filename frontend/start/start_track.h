@@ -89,7 +89,8 @@ class StartTrack {
   };
   // Once closed: whether another hypothesis than that of odometry is left. Then scans() has all
   // scans so far under that hypothesis, the first one where odometry has it, and match() is that of
-  // the newest. What holds it along the way (MatchResult::degenerate_information) is to hold all.
+  // the newest. What holds it along the way (MatchResult::degenerate_information), if anything, is
+  // to hold all.
   bool overruled() const { return overruled_; }
   // Once closed: whether no way explains the scans. What they made of a map is of no use.
   bool given_up() const { return given_up_; }
@@ -125,6 +126,12 @@ class StartTrack {
   // Ways that nowhere differ by more are one.
   static constexpr double kSameWayM = 0.05;
   static bool SameWay(const std::vector<SE3>& a, const std::vector<SE3>& b);
+  // The largest distance between two ways.
+  static double Apart(const std::vector<SE3>& a, const std::vector<SE3>& b);
+  // A steady motion is a way if it differs from it by less ...
+  static constexpr double kAgreesM = 0.15;
+  // ... and tells it if its speed is known so well: nothing is open any more.
+  static constexpr double kKnownMS = 1.0;
   // In standard deviations by how much one is better.
   double Better(const Hypothesis& a, const Hypothesis& b) const;
   // U of a way.
@@ -174,8 +181,9 @@ class StartTrack {
   // the direction that a match left open, and along that across the sensor's vertical axis which
   // the fewest planes face, as most sensors travel so. Where matches have turned scans of few
   // points wrongly, from no turn at all. False if it is no sharper than as odometry has them, or
-  // says too little; `refuted`: what odometry has is none of the ways they may have gone.
-  bool TakeSteady(bool* refuted);
+  // says too little; `doubted`: what odometry has is none of the ways they may have gone, or
+  // another one is likelier.
+  bool TakeSteady(bool* doubted);
   // Closes with these poses, brought to the map of all others each, and the twists of `steady`.
   // False, and nothing changes, if one of them meets too little.
   bool TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& steady,
@@ -207,6 +215,7 @@ class StartTrack {
     std::vector<SE3> moving;  // under the steady motions that are told
     bool moved = false;
     bool refuted = false;  // by motions of which none is told from the others
+    bool doubted = false;  // a motion is likelier than poses that it neither refutes nor shares
     Eigen::Vector3d known = Eigen::Vector3d::Zero();  // the last direction whose speed is told
   };
   SteadyWay FindSteady(const std::vector<SE3>& from,
@@ -231,8 +240,9 @@ class StartTrack {
   bool again_ = false;       // after one that was given up
   std::vector<Scan> scans_;  // poses and twists: once closed
   std::vector<Hypothesis> hypotheses_;
-  // Whether a match left the way open, and whether all scans so far were tracked.
-  bool unsure_ = false, all_tracked_ = true;
+  // Whether a match left the way open, whether all scans so far were tracked, and whether many of
+  // them together speak against odometry's way: then only all may tell another.
+  bool unsure_ = false, all_tracked_ = true, doubted_ = false;
   // By how much at most, and along which direction.
   double open_m_ = 0.0;
   Eigen::Vector3d open_along_ = Eigen::Vector3d::Zero();

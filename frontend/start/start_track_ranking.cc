@@ -64,6 +64,12 @@ bool StartTrack::SameWay(const std::vector<SE3>& a, const std::vector<SE3>& b) {
   return true;
 }
 
+double StartTrack::Apart(const std::vector<SE3>& a, const std::vector<SE3>& b) {
+  double apart_m = 0.0;
+  for (std::size_t k = 0; k < a.size(); ++k) apart_m = std::max(apart_m, (a[k].t - b[k].t).norm());
+  return apart_m;
+}
+
 void StartTrack::Rank() {
   constexpr double kClearSigmas = 3.0;
   std::size_t best = 0;

@@ -13,19 +13,8 @@ namespace {
 
 // By how much a steady motion has to make the map sharper to be taken in the place of another one.
 constexpr double kRefutedSigmas = 3.0;
-// Ways that differ by less are one.
-constexpr double kAgreesM = 0.15;
-// Where poses agree with a speed that is known so well, nothing is open any more.
-constexpr double kKnownMS = 1.0;
-// To which surfaces are as sharp as they are, wherever the points on them lie.
-constexpr double kRoughM = 0.12;
-
-// The largest distance between two ways.
-double Apart(const std::vector<SE3>& a, const std::vector<SE3>& b) {
-  double apart_m = 0.0;
-  for (std::size_t k = 0; k < a.size(); ++k) apart_m = std::max(apart_m, (a[k].t - b[k].t).norm());
-  return apart_m;
-}
+// ... and not to be believed any more.
+constexpr double kDoubtedSigmas = 2.0;
 
 // The direction at right angles to `without` that the fewest planes face.
 Eigen::Vector3d LeastAcross(const Eigen::Matrix3d& faced, const Eigen::Vector3d& without) {
@@ -64,7 +53,8 @@ std::vector<SteadyScan> StartTrack::WithoutWay(const std::vector<SE3>& poses,
 StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
                                               const Eigen::Vector3d& u, double most_speed_m_s,
                                               double noise_m) const {
-  // A speed that is known worse, or at the end of what is looked for, may be any.
+  // A speed that is known worse, or at the end of what is looked for, may be any. So may one that
+  // is told neither from standing nor from going the other way, where that makes a difference.
   constexpr double kMostOpenMS = 4.0, kMostOfReach = 0.8;
   WayAlong own;
   SteadyMotionOptions options = steady_;
@@ -84,8 +74,9 @@ StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
   }
   steady.speed_m_s = std::abs(found.motion.speed_m_s);
   steady.open_speed_m_s = found.open_speed_m_s;
-  steady.told =
-      found.open_speed_m_s <= kMostOpenMS && steady.speed_m_s <= kMostOfReach * most_speed_m_s;
+  steady.told = found.open_speed_m_s <= std::max(kKnownMS, steady.speed_m_s) &&
+                found.open_speed_m_s <= kMostOpenMS &&
+                steady.speed_m_s <= kMostOfReach * most_speed_m_s;
   // Scans from nearly one place have their points in the same few spots of each wall, and look
   // sharp for that alone.
   const bool standing = std::abs(way.positions_m.back()) < steady_.voxel_size_m;
@@ -102,6 +93,8 @@ StartTrack::SteadyWay StartTrack::FindSteady(const std::vector<SE3>& from,
     const SteadyAlong steady = FindAlong(way.poses, u, steady_.most_speed_m_s, steady_.noise_m);
     const bool agrees = steady.open_speed_m_s <= kKnownMS && steady.apart_m <= kAgreesM;
     way.refuted = way.refuted || (steady.refutes && !steady.told);
+    way.doubted = way.doubted ||
+                  (!steady.refutes && steady.apart_m > kAgreesM && steady.sharper > kDoubtedSigmas);
     if (!steady.told || !(steady.refutes || agrees)) continue;
     way.moving = steady.poses;
     way.known = u;
@@ -142,54 +135,17 @@ bool StartTrack::TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& ste
   return true;
 }
 
-bool StartTrack::TakeSteady(bool* refuted) {
+bool StartTrack::TakeSteady(bool* doubted) {
   const Eigen::Vector3d open = open_along_.normalized();
   const std::vector<SE3> own = OwnPoses();
   const Eigen::Vector3d up = own.back().q * Eigen::Vector3d::UnitZ();
   const SteadyWay way = FindSteady(own, {LeastAcross(Faced(own, own.size()), up), open});
-  *refuted = way.refuted;
-  const bool settled = !way.moved && way.known == open;
+  *doubted = way.refuted || way.doubted;
+  const bool settled = !way.moved && !way.doubted && way.known == open;
   std::vector<SE3> straight;
   if (!settled && FindStraight(way.poses, &straight))
     return Parted(straight) && TakeSettled(straight, straight, open);
   return (settled || way.moved) && Parted(way.poses) && TakeSettled(way.poses, way.moving, open);
-}
-
-StartTrack::SteadyAlong StartTrack::FindFromRest(const std::vector<SE3>& from,
-                                                 double noise_m) const {
-  // The mean speed of a sensor that was at rest a second ago.
-  constexpr double kMostSpeedMS = 10.0;
-  const Eigen::Vector3d u = LeastFaced(Faced(from, from.size() - 1));
-  return FindAlong(from, u, std::min(kMostSpeedMS, steady_.most_speed_m_s), noise_m);
-}
-
-bool StartTrack::Parted(const std::vector<SE3>& poses) const {
-  if (!SettingOff(poses)) return true;
-  return poses.size() >= kMostScans && FindFromRest(poses, kRoughM).apart_m <= kAgreesM;
-}
-
-void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
-  // By how much two ways that are one may differ, each being found to half of that.
-  constexpr double kAlikeM = 2.0 * kAgreesM;
-  const std::vector<SE3> own = OwnPoses();
-  const SteadyAlong fine = FindFromRest(poses, steady_.noise_m);
-  const SteadyAlong rough = FindFromRest(poses, kRoughM);
-  // Of a way that is none to speak of all scans are of one place, whatever else moves.
-  constexpr double kStandsM = 0.3;
-  const bool stands = Apart(own, std::vector<SE3>(own.size(), own.front())) < kStandsM;
-  if (Apart(own, fine.poses) <= kAgreesM && Apart(own, rough.poses) <= kAgreesM) {
-    // It may as well have set off with all that holds it, which is then seen from a moving sensor.
-    return stands && !again_ && fine.open_speed_m_s > kKnownMS ? GiveUp() : Clear();
-  }
-  if (rough.apart_m <= kAgreesM && (fine.apart_m <= kAgreesM || !fine.refutes)) {
-    if (SameWay(poses, own)) return Clear();
-    return TakeBest();
-  }
-  const bool alike = Apart(fine.poses, rough.poses) <= kAlikeM;
-  const bool told = alike && fine.told && rough.told && fine.refutes && rough.refutes;
-  if (told && TakeSettled(fine.poses, fine.poses, fine.along)) return;
-  if (again_ && stands) return Clear();
-  GiveUp();
 }
 
 bool StartTrack::SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,

@@ -346,6 +346,8 @@ TEST_F(SparseStartTest, ManyScansTellTheWayThatTwoDoNot) {
     EXPECT_LT((taken.T_world_lidar.t - off - FromStartFast(k).t).norm(), 0.15) << k;
     EXPECT_NEAR(taken.twist(3), kFastM, 0.5) << k;
   }
+  // Planes led odometry elsewhere: bundle adjustment is to keep out of the way.
+  EXPECT_GT(start.match().degenerate_information(0), 0.0);
 }
 
 TEST_F(SparseStartTest, WhereOdometryIsRightNothingIsOpenAnyMore) {
@@ -358,6 +360,8 @@ TEST_F(SparseStartTest, WhereOdometryIsRightNothingIsOpenAnyMore) {
     EXPECT_LT((T.t - FromStartFast(k).t).norm(), 0.1) << k;
   }
   EXPECT_LT(start.match().covariance(3, 3), 0.06 * 0.06);
+  // Bundle adjustment knows the way better.
+  EXPECT_TRUE(start.match().degenerate_information.isZero());
 }
 
 TEST_F(SparseStartTest, AnOpenTurnIsNoneOfASteadyWay) {
