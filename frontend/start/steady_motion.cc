@@ -11,9 +11,9 @@
 
 #include "core/base/median.h"
 #include "core/base/parallel.h"
-#include "core/base/processor.h"
 #include "core/map/voxel_key.h"
 #include "frontend/matching/block_votes.h"
+#include "frontend/start/steady_motion_grid.h"
 
 namespace lamina {
 namespace {
@@ -54,93 +54,6 @@ double Votes(const std::vector<double>& one, const std::vector<double>& other) {
 }
 
 }  // namespace
-
-// Voxels of a grid, with what all scans put into them, in the order in which they come up. One
-// after another is filled: memory stays.
-struct SteadyMotionSearch::Grid {
-  void Begin(std::size_t clusters);
-  // Voxels of a scan's clusters, moved along u by the way and by the speed times the time of each.
-  // What is judged in space has voxels of its own.
-  void FindVoxels(const SteadyScan& scan, const char* is_in_space, const Eigen::Vector3d& u,
-                  double way_m, double speed_m_s, const Eigen::Vector3d& shift_m,
-                  double inverse_size);
-  // What was found goes into its voxels.
-  void AddScan(const SteadyScan& scan, const char* is_in_space, std::size_t number);
-
-  VoxelIndex index;
-  std::vector<PointCluster> voxels;
-  std::vector<std::size_t> first_scan;  // of each voxel
-  std::vector<char> shared;             // whether several scans see it
-  std::vector<char> in_space;           // whether it is judged there, not in the plan
-  std::vector<std::int32_t> voxel_of;   // of each cluster of the scans so far
-
- private:
-  // So many clusters ahead memory is asked for.
-  static constexpr std::size_t kAhead = 8;
-
-  std::vector<Eigen::Vector3d> means_;  // of the scan at hand
-  std::vector<VoxelKey> keys_;
-};
-
-void SteadyMotionSearch::Grid::Begin(std::size_t clusters) {
-  if (index.expected_size() < clusters / 4) {
-    index = VoxelIndex(clusters / 4);
-  } else {
-    index.Clear();
-  }
-  voxels.clear();
-  first_scan.clear();
-  shared.clear();
-  in_space.clear();
-  voxel_of.clear();
-  voxels.reserve(clusters / 4);
-  voxel_of.reserve(clusters);
-}
-
-LAMINA_FOR_EACH_PROCESSOR
-void SteadyMotionSearch::Grid::FindVoxels(const SteadyScan& scan, const char* is_in_space,
-                                          const Eigen::Vector3d& u, double way_m, double speed_m_s,
-                                          const Eigen::Vector3d& shift_m, double inverse_size) {
-  constexpr double kApartM = 10000.0;  // farther than anything is seen
-  const Eigen::Vector3d space_shift_m = shift_m - Eigen::Vector3d::Constant(kApartM);
-  const std::size_t count = scan.clusters.size();
-  means_.resize(count);
-  keys_.resize(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    const double during_m =
-        scan.cluster_times_s.empty() ? 0.0 : speed_m_s * scan.cluster_times_s[i];
-    means_[i] = scan.clusters[i].mean + (way_m + during_m) * u;
-    keys_[i] =
-        VoxelKeyOf(means_[i] + (is_in_space[i] != 0 ? space_shift_m : shift_m), inverse_size);
-  }
-  auto next = static_cast<std::int32_t>(voxels.size());
-  for (std::size_t i = 0; i < count; ++i) {
-    if (i + kAhead < count) index.Prefetch(keys_[i + kAhead]);
-    const std::int32_t voxel = index.FindOrInsert(keys_[i], next);
-    if (voxel == next) ++next;
-    voxel_of.push_back(voxel);
-  }
-  voxels.resize(static_cast<std::size_t>(next));
-}
-
-LAMINA_FOR_EACH_PROCESSOR
-void SteadyMotionSearch::Grid::AddScan(const SteadyScan& scan, const char* is_in_space,
-                                       std::size_t number) {
-  first_scan.resize(voxels.size(), number);
-  shared.resize(voxels.size(), 0);
-  in_space.resize(voxels.size(), 0);
-  const std::size_t count = scan.clusters.size();
-  const std::int32_t* const of = voxel_of.data() + (voxel_of.size() - count);
-  for (std::size_t i = 0; i < count; ++i) {
-    if (i + kAhead < count) __builtin_prefetch(&voxels[static_cast<std::size_t>(of[i + kAhead])]);
-    const auto voxel = static_cast<std::size_t>(of[i]);
-    PointCluster moved = scan.clusters[i];
-    moved.mean = means_[i];
-    voxels[voxel] += moved;
-    if (first_scan[voxel] != number) shared[voxel] = 1;
-    in_space[voxel] = is_in_space[i];
-  }
-}
 
 SteadyMotionSearch::SteadyMotionSearch(const SteadyMotionOptions& options, const Eigen::Vector3d& u,
                                        const Eigen::Vector3d& axis, std::vector<SteadyScan> scans)
@@ -224,7 +137,8 @@ WayAlong SteadyMotionSearch::WayUnder(const SteadyMotion& motion) const {
 }
 
 void SteadyMotionSearch::AddGrid(const SteadyMotionSearch& places, const WayAlong& way,
-                                 const Eigen::Vector3d& shift_m, Grid* grid, Evidence* sums) const {
+                                 const Eigen::Vector3d& shift_m, SteadyMotionGrid* grid,
+                                 Evidence* sums) const {
   const double noise2 = options_.noise_m * options_.noise_m;
   grid->Begin(block_of_.size());
   const char* is_in_space = in_space_.data();
@@ -254,13 +168,13 @@ void SteadyMotionSearch::AddGrid(const SteadyMotionSearch& places, const WayAlon
 }
 
 SteadyMotionSearch::Evidence SteadyMotionSearch::EvidenceOf(const WayAlong& way, std::size_t grids,
-                                                            Grid* grid) const {
+                                                            SteadyMotionGrid* grid) const {
   return EvidenceIn(*this, way, grids, grid);
 }
 
 SteadyMotionSearch::Evidence SteadyMotionSearch::EvidenceIn(const SteadyMotionSearch& places,
                                                             const WayAlong& way, std::size_t grids,
-                                                            Grid* grid) const {
+                                                            SteadyMotionGrid* grid) const {
   Evidence sums;
   sums.blocks.resize(places.block_points_.size(), 0.0);
   for (std::size_t i = 0; i < grids; ++i)
@@ -277,7 +191,7 @@ std::vector<SteadyMotionSearch::Evidence> SteadyMotionSearch::CoarseEvidence(
   constexpr std::size_t kTogether = 8;
   std::vector<Evidence> evidence(motions.size());
   ParallelChunks(motions.size(), kTogether, [&](std::size_t begin, std::size_t end) {
-    Grid grid;
+    SteadyMotionGrid grid;
     for (std::size_t i = begin; i < end; ++i)
       evidence[i] = EvidenceOf(WayUnder(motions[i]), kCoarseGrids, &grid);
   });
@@ -293,8 +207,8 @@ double SteadyMotionSearch::Total(const SteadyMotion& motion,
 
 SteadyMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
   constexpr double kLeastStepMS = 0.05, kAccelerationStepPerS = 8.0;
-  std::array<Grid, 4> grids;
-  const auto evidence_of = [&](const SteadyMotion& motion, Grid* grid) {
+  std::array<SteadyMotionGrid, 4> grids;
+  const auto evidence_of = [&](const SteadyMotion& motion, SteadyMotionGrid* grid) {
     return Total(motion, EvidenceOf(WayUnder(motion), kGrids, grid).blocks);
   };
   SteadyMotion best = start;
@@ -385,7 +299,7 @@ double SteadyMotionSearch::OpenSpeed(const SteadyMotion& motion,
   constexpr int kNearSteps = 4;
   constexpr double kRefutedSigmas = 2.0;
   const WayAlong way = WayUnder(motion);
-  Grid grid;
+  SteadyMotionGrid grid;
   const std::vector<double> ours = EvidenceOf(way, kGrids, &grid).blocks;
   const std::vector<double> ours_coarse = EvidenceOf(way, kCoarseGrids, &grid).blocks;
   double open_m_s = 0.0;
@@ -405,13 +319,13 @@ double SteadyMotionSearch::OpenSpeed(const SteadyMotion& motion,
 }
 
 double SteadyMotionSearch::Sharper(const WayAlong& one, const WayAlong& other) const {
-  Grid grid;
+  SteadyMotionGrid grid;
   return Votes(EvidenceOf(one, kGrids, &grid).blocks, EvidenceOf(other, kGrids, &grid).blocks);
 }
 
 double SteadyMotionSearch::Sharper(const WayAlong& one, const SteadyMotionSearch& from,
                                    const WayAlong& other) const {
-  Grid grid;
+  SteadyMotionGrid grid;
   return Votes(EvidenceOf(one, kGrids, &grid).blocks,
                from.EvidenceIn(*this, other, kGrids, &grid).blocks);
 }

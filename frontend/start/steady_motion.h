@@ -77,6 +77,8 @@ struct FoundMotion {
   double open_speed_m_s = 0.0;
 };
 
+struct SteadyMotionGrid;
+
 // Runs on several threads, with the same bits at any number.
 class SteadyMotionSearch {
  public:
@@ -101,16 +103,15 @@ class SteadyMotionSearch {
     std::vector<double> blocks;  // L_b of each
     double shared = 0.0;         // points in voxels that several scans see
   };
-  struct Grid;
   // In so many grids, each of which is made in `grid`.
-  Evidence EvidenceOf(const WayAlong& way, std::size_t grids, Grid* grid) const;
+  Evidence EvidenceOf(const WayAlong& way, std::size_t grids, SteadyMotionGrid* grid) const;
   // By the blocks of `places`, which has the same scans.
   Evidence EvidenceIn(const SteadyMotionSearch& places, const WayAlong& way, std::size_t grids,
-                      Grid* grid) const;
+                      SteadyMotionGrid* grid) const;
   // Of each of these motions, in the coarse grids.
   std::vector<Evidence> CoarseEvidence(const std::vector<SteadyMotion>& motions) const;
   void AddGrid(const SteadyMotionSearch& places, const WayAlong& way,
-               const Eigen::Vector3d& shift_m, Grid* grid, Evidence* sums) const;
+               const Eigen::Vector3d& shift_m, SteadyMotionGrid* grid, Evidence* sums) const;
   // L from that of its blocks.
   double Total(const SteadyMotion& motion, const std::vector<double>& blocks) const;
   // Another motion that is possible, and L_b under it in the coarse grids.

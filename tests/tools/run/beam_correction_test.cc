@@ -92,7 +92,7 @@ void ExpectTrue(const std::vector<BeamOffset>& beams, const SynthOptions& synth)
 }
 
 TEST(BeamCorrection, ATownBySuchASensorDriftsNoMore) {
-  const SynthOptions synth = HalfKnown(80);
+  const SynthOptions synth = HalfKnown(60);
   const Drive as_it_is = Map(synth, "off");
   const Drive corrected = Map(synth, "auto");
   EXPECT_EQ(as_it_is.opening.outcome, Outcomes::kNotLookedFor);
@@ -107,7 +107,7 @@ TEST(BeamCorrection, ATownBySuchASensorDriftsNoMore) {
 
 // Rays at any elevation: an angle for all of them is what can be found.
 TEST(BeamCorrection, WithoutConesOneAngleIsFoundForAll) {
-  SynthOptions synth = HalfKnown(80);
+  SynthOptions synth = HalfKnown(60);
   synth.sensor = synth::SensorKind::kScattered;
   synth.errors = {};
   synth.errors.beam_elevation_offset_deg = 0.4;
@@ -172,7 +172,7 @@ class BeamCorrectionRunTest : public RunTest {
 
 // The same at any number of threads, and with the configuration that the run leaves.
 TEST_F(BeamCorrectionRunTest, IsSaidAndRepeatsByItsConfiguration) {
-  const std::string scans = WriteHalfKnown(70);
+  const std::string scans = WriteHalfKnown(55);
   const Outcome outcome = Run(scans, {"--threads", "1"});
   EXPECT_THAT(outcome.err, HasSubstr("preparation.beam_correction=off"));
   const nlohmann::json beams = Summary()["beam_correction"];
@@ -180,7 +180,7 @@ TEST_F(BeamCorrectionRunTest, IsSaidAndRepeatsByItsConfiguration) {
   EXPECT_EQ(beams["applied"], true);
   EXPECT_GT(beams["beams"].size(), 50U);
   EXPECT_LT(beams["median_thickness_m"], beams["median_thickness_uncorrected_m"]);
-  EXPECT_EQ(Summary()["frames"], 70);
+  EXPECT_EQ(Summary()["frames"], 55);
   Run(scans, {"--threads", "2"}, 0, "two");
   Run(scans, {"--config", Path("out/config.yaml")}, 0, "again");
   for (const char* file : {"trajectory_tum.txt", "map_surfels.ply", "config.yaml"}) {
