@@ -16,7 +16,8 @@ std::string ThickPlanesWarning(const MapThickness& map, const MappingOptions& op
       "planes are thicker than the sensor's noise allows: three quarters of them more than "
       "{:.0f} mm, and {:.0f} mm are expected (0.7 frontend.matcher.noise_floor_m). Beams whose "
       "angles or ranges are off do that, and make the poses drift: `lamina calibrate` finds "
-      "preparation.vertical_correction_deg and preparation.range_offset_m",
+      "preparation.vertical_correction_deg and preparation.range_offset_m, with --beams those "
+      "of each beam",
       1e3 * map.thin_m, 1e3 * allowed_m);
 }
 
