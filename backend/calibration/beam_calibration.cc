@@ -84,14 +84,17 @@ std::pair<Eigen::Vector3d, Eigen::Vector3d> AxesOf(const Eigen::Vector3d& normal
 
 class RowMaker {
  public:
-  RowMaker(const VoxelMap& map, double noise_floor_m) : map_(map), noise_floor_m_(noise_floor_m) {}
+  RowMaker(const VoxelMap& map, const BeamTable& table, double noise_floor_m)
+      : map_(map), table_(table), noise_floor_m_(noise_floor_m) {}
 
   // Rows of the points of frame k, `measured` being the corrected ones; those on no plane are left
   // out.
   void Add(std::size_t k, const BeamCalibrationFrame& frame,
            const std::vector<TimedPoint>& measured) {
     for (std::size_t i = 0; i < measured.size(); ++i) {
-      if (frame.beams[i] == BeamTable::kNoBeam) continue;
+      const TimedPoint& reported = frame.points[i];
+      const int beam = table_.BeamOf(reported.x, reported.y, reported.z);
+      if (beam == BeamTable::kNoBeam) continue;
       const TimedPoint& m = measured[i];
       const Eigen::Vector3d p(m.x, m.y, m.z);
       const SE3 D = frame.sweep.PoseAt(m.time_s);
@@ -107,7 +110,7 @@ class RowMaker {
       BeamRow row;
       row.plane = NumberOf(node);
       row.frame = static_cast<std::int32_t>(k);
-      row.beam = frame.beams[i];
+      row.beam = beam;
       row.residual = n.dot(x - plane.mean);
       const double variance = noise_floor_m_ * noise_floor_m_ + static_cast<double>(plane.variance);
       row.weight = kIndependent / variance *
@@ -137,6 +140,7 @@ class RowMaker {
   }
 
   const VoxelMap& map_;
+  const BeamTable& table_;
   const double noise_floor_m_;
   std::unordered_map<VoxelMap::NodeId, std::int32_t> numbers_;
   std::vector<BeamRow> rows_;
@@ -151,7 +155,7 @@ BeamSegmentRound LineariseBeams(const BeamCalibrationSegment& segment, const Bea
   }
   VoxelMap map(map_options);
   CastPoints(segment, points, &map);
-  RowMaker maker(map, noise_floor_m);
+  RowMaker maker(map, table, noise_floor_m);
   for (std::size_t k = 0; k < segment.size(); ++k) maker.Add(k, segment[k], points[k]);
   const std::vector<BeamRow> rows = maker.Take();
   BeamSystem system(segment.size(), table.size());
@@ -170,15 +174,6 @@ BeamSegmentRound LineariseBeams(const BeamCalibrationSegment& segment, const Bea
   }
   round.system = system.Reduce();
   return round;
-}
-
-void MoveFrames(const ReducedBeamSystem& system, const Offsets& step,
-                BeamCalibrationSegment* segment) {
-  const Eigen::VectorXd delta = system.pose_step + system.pose_slope * step;
-  for (std::size_t k = 0; k < segment->size(); ++k) {
-    SE3& T = (*segment)[k].T_world_lidar;
-    T = Retract(T, delta.segment<6>(static_cast<Eigen::Index>(6 * k)));
-  }
 }
 
 // The inverse of the covariance common^2 11' + each^2 I of all elevations, and of all ranges.
@@ -255,7 +250,8 @@ BeamCalibrationResult CalibrateBeams(const std::vector<double>& elevations_rad,
     const Offsets step = StepOf(rounds, offsets);
     offsets += step;
     for (std::size_t s = 0; s < segments->size(); ++s) {
-      MoveFrames(rounds[s].system, step, &(*segments)[s]);
+      const ReducedBeamSystem& system = rounds[s].system;
+      MovePoses(system.pose_step + system.pose_slope * step, &(*segments)[s]);
     }
     if (IsSmall(step)) break;
   }

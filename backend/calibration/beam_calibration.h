@@ -29,8 +29,7 @@ namespace lamina {
 struct BeamCalibrationFrame {
   SE3 T_world_lidar;
   SweepMotion sweep;
-  std::vector<TimedPoint> points;   // as the driver reports them
-  std::vector<std::int16_t> beams;  // of each point
+  std::vector<TimedPoint> points;  // as the driver reports them
 };
 using BeamCalibrationSegment = std::vector<BeamCalibrationFrame>;
 

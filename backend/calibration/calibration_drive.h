@@ -4,6 +4,7 @@
 // Private to backend/calibration.
 #pragma once
 
+#include <Eigen/Core>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
@@ -15,7 +16,9 @@
 #include "backend/mapping/map_thickness.h"
 #include "backend/mapping/mapped_scan.h"
 #include "backend/mapping/options.h"
+#include "core/base/parallel.h"
 #include "core/geometry/scan_source.h"
+#include "core/geometry/se3.h"
 
 namespace lamina {
 
@@ -61,5 +64,28 @@ std::vector<std::vector<std::size_t>> SegmentsOf(const CalibrationDrive& drive,
                                                  const ScanSource& source,
                                                  const MappingOptions& mapping, std::size_t begin,
                                                  const CalibrationOptions& options);
+
+// The frames of these segments, each read by its number in the drive, in parallel.
+template <typename Frame, typename Read>
+std::vector<std::vector<Frame>> ReadSegments(const std::vector<std::vector<std::size_t>>& segments,
+                                             const Read& read) {
+  std::vector<std::vector<Frame>> all;
+  for (const std::vector<std::size_t>& numbers : segments) {
+    std::vector<Frame>& segment = all.emplace_back(numbers.size());
+    ParallelChunks(numbers.size(), 1, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) segment[i] = read(numbers[i]);
+    });
+  }
+  return all;
+}
+
+// Moves the poses of a segment by a tangent step, six numbers a frame.
+template <typename Frame>
+void MovePoses(const Eigen::VectorXd& step, std::vector<Frame>* segment) {
+  for (std::size_t k = 0; k < segment->size(); ++k) {
+    SE3& T = (*segment)[k].T_world_lidar;
+    T = Retract(T, step.segment<6>(static_cast<Eigen::Index>(6 * k)));
+  }
+}
 
 }  // namespace lamina

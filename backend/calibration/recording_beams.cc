@@ -6,9 +6,7 @@
 #include "backend/calibration/beam_calibration.h"
 #include "backend/calibration/calibration_drive.h"
 #include "backend/mapping/scan_decoder.h"
-#include "core/base/angle.h"
 #include "core/base/median.h"
-#include "core/base/parallel.h"
 
 namespace lamina {
 namespace {
@@ -67,41 +65,20 @@ std::vector<TimedPoint> ThinnedByHash(const std::vector<TimedPoint>& points) {
   return kept;
 }
 
-BeamCalibrationFrame ReadFrame(const ScanSource& source, const MappingOptions& mapping,
-                               std::size_t begin, const CalibrationDrive& drive, std::size_t i,
-                               const BeamTable& table) {
-  BeamCalibrationFrame frame;
-  frame.T_world_lidar = drive.poses[i].T_world_lidar;
-  frame.sweep = drive.MotionAt(i);
-  frame.points = ThinnedByHash(ReadPoints(source, mapping, begin, drive.scans[i]));
-  for (const TimedPoint& p : frame.points) {
-    frame.beams.push_back(static_cast<std::int16_t>(table.BeamOf(p.x, p.y, p.z)));
-  }
-  return frame;
-}
-
-std::vector<BeamOffset> AsReported(const std::vector<double>& elevations_rad) {
-  std::vector<BeamOffset> beams;
-  for (const double elevation : elevations_rad) beams.push_back({Degrees(elevation), 0.0, 0.0});
-  return beams;
-}
-
-std::vector<BeamCalibrationSegment> ReadBeamSegments(
-    const ScanSource& source, const MappingOptions& mapping, std::size_t begin,
-    const CalibrationDrive& drive, const CalibrationOptions& options, const BeamTable& table) {
-  std::vector<BeamCalibrationSegment> segments;
-  if (drive.poses.empty()) return segments;
-  for (const std::vector<std::size_t>& frames :
-       SegmentsOf(drive, source, mapping, begin, options)) {
-    BeamCalibrationSegment segment(frames.size());
-    ParallelChunks(frames.size(), 1, [&](std::size_t a, std::size_t b) {
-      for (std::size_t i = a; i < b; ++i) {
-        segment[i] = ReadFrame(source, mapping, begin, drive, frames[i], table);
-      }
-    });
-    segments.push_back(std::move(segment));
-  }
-  return segments;
+std::vector<BeamCalibrationSegment> ReadBeamSegments(const ScanSource& source,
+                                                     const MappingOptions& mapping,
+                                                     std::size_t begin,
+                                                     const CalibrationDrive& drive,
+                                                     const CalibrationOptions& options) {
+  if (drive.poses.empty()) return {};
+  return ReadSegments<BeamCalibrationFrame>(
+      SegmentsOf(drive, source, mapping, begin, options), [&](std::size_t i) {
+        BeamCalibrationFrame frame;
+        frame.T_world_lidar = drive.poses[i].T_world_lidar;
+        frame.sweep = drive.MotionAt(i);
+        frame.points = ThinnedByHash(ReadPoints(source, mapping, begin, drive.scans[i]));
+        return frame;
+      });
 }
 
 }  // namespace
@@ -128,7 +105,7 @@ RecordingBeams CalibrateDriveBeams(const ScanSource& source, std::size_t begin, 
     return found;
   }
   std::vector<BeamCalibrationSegment> segments =
-      ReadBeamSegments(source, mapping, begin, drive, options, BeamTable(AsReported(elevations)));
+      ReadBeamSegments(source, mapping, begin, drive, options);
   if (segments.empty()) {
     found.why = "too few scans from different places are connected";
     return found;

@@ -8,7 +8,6 @@
 #include "backend/mapping/scan_decoder.h"
 #include "core/base/angle.h"
 #include "core/base/error.h"
-#include "core/base/parallel.h"
 
 namespace lamina {
 namespace {
@@ -23,28 +22,22 @@ ScanPreparationOptions With(ScanPreparationOptions preparation, const Intrinsics
   return preparation;
 }
 
-std::vector<CalibrationSegment> ReadSegments(const ScanSource& source,
-                                             const MappingOptions& mapping, std::size_t begin,
-                                             const CalibrationDrive& drive,
-                                             const CalibrationOptions& options) {
-  std::vector<CalibrationSegment> segments;
-  for (const std::vector<std::size_t>& frames :
-       SegmentsOf(drive, source, mapping, begin, options)) {
-    CalibrationSegment segment(frames.size());
-    ParallelChunks(frames.size(), 1, [&](std::size_t a, std::size_t b) {
-      for (std::size_t i = a; i < b; ++i) {
-        CalibrationFrame& frame = segment[i];
-        frame.stamp_ns = drive.poses[frames[i]].stamp_ns;
-        frame.T_world_lidar = drive.poses[frames[i]].T_world_lidar;
-        frame.sweep = drive.MotionAt(frames[i]);
+std::vector<CalibrationSegment> ReadClusterSegments(const ScanSource& source,
+                                                    const MappingOptions& mapping,
+                                                    std::size_t begin,
+                                                    const CalibrationDrive& drive,
+                                                    const CalibrationOptions& options) {
+  return ReadSegments<CalibrationFrame>(
+      SegmentsOf(drive, source, mapping, begin, options), [&](std::size_t i) {
+        CalibrationFrame frame;
+        frame.stamp_ns = drive.poses[i].stamp_ns;
+        frame.T_world_lidar = drive.poses[i].T_world_lidar;
+        frame.sweep = drive.MotionAt(i);
         frame.measured = DecodeScan(source, mapping.preparation, mapping.pipeline.min_points,
-                                    mapping.mapper.map.LeafSize(), begin, drive.scans[frames[i]])
+                                    mapping.mapper.map.LeafSize(), begin, drive.scans[i])
                              .clusters;
-      }
-    });
-    segments.push_back(std::move(segment));
-  }
-  return segments;
+        return frame;
+      });
 }
 
 }  // namespace
@@ -76,7 +69,7 @@ RecordingCalibration CalibrateRecording(const ScanSource& source, std::size_t be
     }
     if (drive.poses.empty()) throw InputError("not one usable scan");
     std::vector<CalibrationSegment> segments =
-        ReadSegments(source, corrected, begin, drive, options);
+        ReadClusterSegments(source, corrected, begin, drive, options);
     if (segments.empty()) {
       throw InputError("the sensor hardly moves: frames from different places are needed");
     }

@@ -6,6 +6,7 @@
 
 #include "backend/bundle/plane_geometry.h"
 #include "backend/bundle/uncertainty/observability.h"
+#include "backend/calibration/calibration_drive.h"
 #include "backend/calibration/intrinsics_estimate.h"
 #include "core/base/angle.h"
 
@@ -42,15 +43,6 @@ struct SegmentSystem {
   std::size_t planes = 0;
   double points = 0.0, residual2 = 0.0;  // sum of the squared distances to the planes
 };
-
-void MovePoses(const IntrinsicsSystem& system, const Intrinsics& step,
-               CalibrationSegment* segment) {
-  const Eigen::VectorXd delta = system.pose_step + system.pose_slope * step;
-  for (std::size_t k = 0; k < segment->size(); ++k) {
-    SE3& T = (*segment)[k].T_world_lidar;
-    T = Retract(T, delta.segment<6>(static_cast<Eigen::Index>(6 * k)));
-  }
-}
 
 CalibrationRound MakeRound(int number, const std::vector<SegmentSystem>& systems,
                            const Intrinsics& offsets, const Intrinsics& step) {
@@ -192,7 +184,9 @@ CalibrationResult SensorCalibration::Run(
     const Intrinsics step = totals.Step(result.determined, result.offsets);
     result.offsets += step;
     for (std::size_t s = 0; s < segments->size(); ++s) {
-      if (systems[s].usable) MovePoses(systems[s].system, step, &(*segments)[s]);
+      if (!systems[s].usable) continue;
+      const IntrinsicsSystem& system = systems[s].system;
+      MovePoses(system.pose_step + system.pose_slope * step, &(*segments)[s]);
     }
     const Intrinsics sigma = totals.Sigma(result.determined);
     const bool settled =

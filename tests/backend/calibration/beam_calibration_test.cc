@@ -33,14 +33,7 @@ std::vector<double> Elevations(const std::vector<RoomBeam>& beams) {
   return elevations;
 }
 
-BeamTable TableOf(const std::vector<double>& elevations_rad) {
-  std::vector<BeamOffset> offsets;
-  for (const double e : elevations_rad) offsets.push_back({Degrees(e), 0.0, 0.0});
-  return BeamTable(offsets);
-}
-
 std::vector<BeamCalibrationSegment> BeamSegments(const std::vector<RoomBeam>& beams, int count) {
-  const BeamTable table = TableOf(Elevations(beams));
   std::vector<BeamCalibrationSegment> segments;
   for (int s = 0; s < count; ++s) {
     BeamCalibrationSegment segment;
@@ -48,9 +41,6 @@ std::vector<BeamCalibrationSegment> BeamSegments(const std::vector<RoomBeam>& be
       BeamCalibrationFrame frame;
       frame.T_world_lidar = stop.T_world_lidar;
       frame.points = std::move(stop.points);
-      for (const TimedPoint& p : frame.points) {
-        frame.beams.push_back(static_cast<std::int16_t>(table.BeamOf(p.x, p.y, p.z)));
-      }
       segment.push_back(std::move(frame));
     }
     segments.push_back(std::move(segment));
