@@ -193,6 +193,29 @@ std::vector<SE3> PoseSearch::AlongTheWay(const PosePrediction& prediction,
   return hypotheses;
 }
 
+PoseHypotheses PoseSearch::Starting(const PosePrediction& prediction,
+                                    const SE3& T_world_last) const {
+  PoseHypotheses hypotheses;
+  hypotheses.dense = OffsetsAbout(prediction.T_world_lidar);
+  hypotheses.coarse = OffsetsAround(prediction);
+  const std::vector<SE3> turns = TurnsAbout({prediction.T_world_lidar, T_world_last});
+  hypotheses.dense.insert(hypotheses.dense.end(), turns.begin(), turns.end());
+  return hypotheses;
+}
+
+PoseHypotheses PoseSearch::GoingOn(const PosePrediction& prediction,
+                                   const SE3& T_world_last) const {
+  constexpr double kLeastWayM = 0.1;
+  PoseHypotheses hypotheses;
+  hypotheses.dense = TurnsAbout({prediction.T_world_lidar, T_world_last});
+  const Eigen::Vector3d way = prediction.T_world_lidar.t - T_world_last.t;
+  if (way.norm() > kLeastWayM) {
+    hypotheses.way = way.normalized();
+    hypotheses.coarse = AlongTheWay(prediction, hypotheses.way, way.norm());
+  }
+  return hypotheses;
+}
+
 void PoseSearch::SortByScore(const SearchedScan& scan, std::size_t stride, double chance,
                              std::vector<Scored>* hypotheses) const {
   ParallelChunks(hypotheses->size(), 16, [&](std::size_t begin, std::size_t end) {

@@ -89,6 +89,11 @@ class PoseSearch {
   std::vector<SE3> AlongTheWay(const PosePrediction& prediction, const Eigen::Vector3d& way,
                                double way_m) const;
 
+  // Hypotheses where no motion is known yet, and where one is that the prediction goes on with.
+  // Coarse ones only as far as the prediction leaves open.
+  PoseHypotheses Starting(const PosePrediction& prediction, const SE3& T_world_last) const;
+  PoseHypotheses GoingOn(const PosePrediction& prediction, const SE3& T_world_last) const;
+
   // Brings the coarse hypotheses to the minima near them, before they are searched.
   void Descend(const SearchedScan& scan, PoseHypotheses* hypotheses) const;
   // The best of the matches from the hypotheses and the given one, without a covariance.

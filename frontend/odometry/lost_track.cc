@@ -12,6 +12,7 @@ LostTrack::LostTrack(const OdometryOptions& options, const VoxelMapOptions& map_
     : matcher_(options.matcher),
       map_options_(map_options),
       motion_options_(options.motion),
+      search_options_(options.search),
       motion_(options.motion) {}
 
 void LostTrack::Add(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
@@ -74,7 +75,12 @@ bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& cluste
   map.Refresh();
   const PosePrediction prediction = motion_.Predict(stamp_ns);
   Vector6d twist = motion_.Twist(stamp_ns);
-  MatchResult match = matcher_.MatchPose(DeskewClusters(clusters, twist), prediction, map);
+  // Scans that follow one another as a sensor delivers them lie where the motion before leads.
+  constexpr double kFollowS = 0.25;
+  const std::vector<PointCluster> deskewed = DeskewClusters(clusters, twist);
+  const bool far = search_options_.enabled && motion_.Gap(stamp_ns) > kFollowS;
+  const MatchResult match =
+      far ? SearchFor(deskewed, prediction, map) : matcher_.MatchPose(deskewed, prediction, map);
   if (match.status == MatchResult::Status::kTooFewMatches || match.fit() < kLeastFit ||
       match.overlap() < least_overlap)
     return false;
@@ -83,6 +89,24 @@ bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& cluste
   scan->T_first_lidar = match.T_world_lidar;
   scan->clusters = DeskewClusters(clusters, twist);
   return true;
+}
+
+MatchResult LostTrack::SearchFor(const std::vector<PointCluster>& clusters,
+                                 const PosePrediction& prediction, const VoxelMap& map) const {
+  const PoseSearch search(search_options_, &matcher_);
+  const bool starting = !motion_.moving_known();
+  SearchedScan scan{clusters, prediction, map, starting};
+  // Two scans know less of a place than a map, and minima beside the right one are nearly as good.
+  constexpr double kStartSigmas = 2.0;
+  if (starting) scan.clear_sigmas = kStartSigmas;
+  PoseHypotheses hypotheses = starting ? search.Starting(prediction, motion_.T_world_last())
+                                       : search.GoingOn(prediction, motion_.T_world_last());
+  search.Descend(scan, &hypotheses);
+  MatchResult match = search.Best(scan, hypotheses, matcher_.MatchPose(clusters, prediction, map));
+  match = matcher_.Match(clusters, prediction, match.T_world_lidar, map);
+  if (match.status == MatchResult::Status::kConverged && !search.Unique(scan, hypotheses, match))
+    match.status = MatchResult::Status::kTooFewMatches;
+  return match;
 }
 
 bool LostTrack::Drivable(const std::vector<SE3>& poses) const {

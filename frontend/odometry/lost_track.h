@@ -15,6 +15,7 @@
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"
+#include "frontend/matching/pose_search.h"
 #include "frontend/matching/scan_matcher.h"
 #include "frontend/odometry/motion_model.h"
 
@@ -69,12 +70,16 @@ class LostTrack {
   // motion that it gives.
   bool Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& clusters, double usual_inliers,
               Scan* scan) const;
+  // The match of a scan so long after the last one that matching alone does not bridge the way.
+  MatchResult SearchFor(const std::vector<PointCluster>& clusters, const PosePrediction& prediction,
+                        const VoxelMap& map) const;
   // Whether a sensor can have come by these poses of the kept scans.
   bool Drivable(const std::vector<SE3>& poses) const;
 
   ScanMatcher matcher_;
   VoxelMapOptions map_options_;
   MotionOptions motion_options_;
+  PoseSearchOptions search_options_;
   MotionModel motion_;  // its world is the frame of the first scan
   std::deque<Scan> kept_;
   std::int64_t scans_ = 0;

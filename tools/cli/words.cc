@@ -105,7 +105,7 @@ std::string DescribeWrongWord(const CLI::App& app, const std::vector<std::string
   // Words that may follow which are no options: values of the last option, and those without one.
   int values = 0, positional = 0;
   for (const CLI::Option* option : command->get_options()) {
-    positional += option->get_positional() ? 1 : 0;
+    if (option->get_positional()) positional += MostValues(*option);
   }
   for (std::size_t i = 1; i < words.size(); ++i) {
     if (words[i] == "--") return "";

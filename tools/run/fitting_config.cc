@@ -6,10 +6,14 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <optional>
 
 #include "core/base/angle.h"
 #include "core/base/error.h"
 #include "core/base/median.h"
+#include "core/map/voxel_map.h"
+#include "frontend/scan/scan_clusters.h"
+#include "frontend/scan/scan_preparation.h"
 
 namespace lamina {
 namespace {
@@ -48,24 +52,36 @@ std::vector<ScanPoint> SomeOf(const std::vector<ScanPoint>& points) {
   return some;
 }
 
+// What a few scans tell of a recording.
+struct Glance {
+  std::vector<SensorGuess> sensor;
+  // Of each of the scans: ShareInFullVoxels under the defaults, and the time to the next one.
+  std::vector<double> full, apart_s;
+};
+
 // Spread over the range, both ends among them.
-std::vector<SensorGuess> GuessFromAFew(const ScanSource& source, const FrameRange& range) {
+Glance LookAtAFew(const ScanSource& source, const FrameRange& range) {
   constexpr std::size_t kScans = 5;
   const std::size_t size = range.end - std::min(range.begin, range.end);
-  std::vector<SensorGuess> guesses;
+  Glance glance;
   std::size_t last = range.end;
   for (std::size_t i = 0; i < kScans && size > 0; ++i) {
     const std::size_t scan = range.begin + i * (size - 1) / (kScans - 1);
     if (scan == last) continue;
     last = scan;
     try {
-      const SensorGuess guess = GuessSensor(SomeOf(source.Read(scan).points));
-      if (guess.farthest_m > 0.0) guesses.push_back(guess);
+      const Scan read = source.Read(scan);
+      const SensorGuess guess = GuessSensor(SomeOf(read.points));
+      if (guess.farthest_m <= 0.0) continue;
+      glance.sensor.push_back(guess);
+      glance.full.push_back(ShareInFullVoxels(read));
+      const std::optional<StampNs> after = source.StampAfter(scan);
+      if (after) glance.apart_s.push_back(SecondsBetween(source.Stamp(scan), *after));
     } catch (const InputError&) {
       // The run will say so.
     }
   }
-  return guesses;
+  return glance;
 }
 
 bool IsNarrow(const SensorGuess& sensor) { return sensor.around_deg < 150.0 && sensor.rings == 0; }
@@ -74,7 +90,27 @@ bool IsNarrow(const SensorGuess& sensor) { return sensor.around_deg < 150.0 && s
 // 9 m; of streets, halls, and beside a lorry, within 13 m or more.
 constexpr double kSmallPlaceM = 10.0;
 
+// Scans that were thinned and picked: as a rule too few points share a voxel to make a plane, and
+// the next scan follows later than any sensor delivers it.
+bool AreKeyframes(const ScanSource& source, const Glance& glance) {
+  constexpr double kMostInFullVoxels = 0.6, kLeastApartS = 0.25;
+  if (!source.recorded_stamps() || glance.apart_s.empty()) return false;
+  std::vector<double> full = glance.full, apart_s = glance.apart_s;
+  return UpperMedian(&full) < kMostInFullVoxels && UpperMedian(&apart_s) > kLeastApartS;
+}
+
 }  // namespace
+
+double ShareInFullVoxels(const Scan& scan) {
+  const VoxelMapOptions map;
+  const std::vector<TimedPoint> points =
+      PrepareScan(scan, ScanPreparationOptions(), ScanSourceOptions().frame_period_s).points;
+  double full = 0.0;
+  for (const TimedCluster& cluster : BuildScanClusters(points, map.LeafSize())) {
+    if (cluster.points.count >= map.min_points) full += cluster.points.count;
+  }
+  return points.empty() ? 0.0 : full / static_cast<double>(points.size());
+}
 
 SensorGuess GuessSensor(const std::vector<ScanPoint>& points) {
   // Shares of points that may be strays; nearer ones may be the vehicle's own.
@@ -105,7 +141,8 @@ SensorGuess GuessSensor(const std::vector<ScanPoint>& points) {
 }
 
 FittingConfig FindFittingConfig(const ScanSource& source, const FrameRange& range) {
-  const std::vector<SensorGuess> guesses = GuessFromAFew(source, range);
+  const Glance glance = LookAtAFew(source, range);
+  const std::vector<SensorGuess>& guesses = glance.sensor;
   if (!guesses.empty() && std::all_of(guesses.begin(), guesses.end(), IsNarrow)) {
     return {"livox_avia", "a narrow view without rings", true};
   }
@@ -117,6 +154,9 @@ FittingConfig FindFittingConfig(const ScanSource& source, const FrameRange& rang
     return {"handheld",
             fmt::format("a small place, nine points of ten within {:.1f} m", nearest->mostly_m),
             true};
+  }
+  if (AreKeyframes(source, glance)) {
+    return {"keyframes", "thinned scans that are metres apart", true};
   }
   const fs::path folder = fs::weakly_canonical(fs::absolute(source.Name(0))).parent_path();
   const fs::path above = folder.parent_path();

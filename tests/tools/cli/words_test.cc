@@ -55,6 +55,9 @@ TEST_F(WordsTest, WordsThatAreRightPass) {
   EXPECT_EQ(version.code, 0);
   EXPECT_THAT(version.out, testing::MatchesRegex("lamina [0-9]+\\.[0-9]+\\.[0-9]+\n"));
   EXPECT_EQ(Lamina({"run", "--help"}).code, 0);
+  const Outcome merge = Lamina({"merge", Path("a"), Path("b"), Path("c"), "--out", Path("d")});
+  EXPECT_EQ(merge.code, 1);
+  EXPECT_THAT(merge.err, AllOf(HasSubstr(Path("a")), Not(HasSubstr("no option takes"))));
   // Negative numbers are values.
   EXPECT_THAT(Lamina({"watch", "--inbox", Path("none"), "--session", Path("s"), "--mode",
                       "localise", "--map", Path("m"), "--start", "-1", "-2.5", "0"})
