@@ -15,7 +15,7 @@
 namespace lamina {
 namespace {
 
-std::string PlainName(std::string_view name) {
+std::string PlainColumn(std::string_view name) {
   std::string plain;
   for (const char c : name) {
     if (c != ' ' && c != '\t' && c != '"') {
@@ -37,7 +37,7 @@ class CsvTable {
     if (header.substr(0, 3) == kByteOrderMark) header.remove_prefix(3);
     delimiter_ = header.find(';') != std::string_view::npos ? ';' : ',';
     Split(header);
-    for (const std::string_view word : words_) names_.push_back(PlainName(word));
+    for (const std::string_view word : words_) names_.push_back(PlainColumn(word));
   }
 
   int Find(const std::string& name) const {

@@ -11,7 +11,7 @@
 namespace lamina {
 namespace {
 
-constexpr double kNoiseFloorM = 0.005;
+constexpr double kBeamNoiseFloorM = 0.005;
 
 // Beams that are off each by themselves, and all by 0.3 degrees.
 std::vector<RoomBeam> DifferentBeams(int count) {
@@ -52,7 +52,7 @@ TEST(BeamCalibration, FindsWhatMakesPlanesThin) {
   const std::vector<RoomBeam> beams = DifferentBeams(16);
   std::vector<BeamCalibrationSegment> segments = BeamSegments(beams, 3);
   const BeamCalibrationResult result =
-      CalibrateBeams(Elevations(beams), VoxelMapOptions(), kNoiseFloorM, &segments);
+      CalibrateBeams(Elevations(beams), VoxelMapOptions(), kBeamNoiseFloorM, &segments);
   ASSERT_EQ(result.beams.size(), beams.size());
   EXPECT_TRUE(result.Thinner());
   EXPECT_LT(result.thickness_m, 0.4 * result.thickness_before_m);
@@ -67,13 +67,13 @@ TEST(BeamCalibration, ASensorThatIsKnownIsLeftAlone) {
   const std::vector<RoomBeam> beams = RoomRings(16, 0.0, 0.0);
   std::vector<BeamCalibrationSegment> segments = BeamSegments(beams, 1);
   EXPECT_FALSE(
-      CalibrateBeams(Elevations(beams), VoxelMapOptions(), kNoiseFloorM, &segments).Thinner());
+      CalibrateBeams(Elevations(beams), VoxelMapOptions(), kBeamNoiseFloorM, &segments).Thinner());
 }
 
 TEST(BeamCalibration, OfNoPointsNothingIsSaid) {
   std::vector<BeamCalibrationSegment> segments(1, BeamCalibrationSegment(3));
   const BeamCalibrationResult result =
-      CalibrateBeams({-0.1, 0.0, 0.1}, VoxelMapOptions(), kNoiseFloorM, &segments);
+      CalibrateBeams({-0.1, 0.0, 0.1}, VoxelMapOptions(), kBeamNoiseFloorM, &segments);
   EXPECT_FALSE(result.Thinner());
   for (const BeamOffset& beam : result.beams) {
     EXPECT_EQ(beam.elevation_correction_deg, 0.0);

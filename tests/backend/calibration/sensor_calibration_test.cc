@@ -46,7 +46,7 @@ TEST(PickSegments, FindsNoneWhereTheSensorStands) {
       PickSegments(poses, std::vector<bool>(1000, true), 10.0, CalibrationOptions()).empty());
 }
 
-CalibrationSegment Walk(const std::vector<RoomBeam>& beams, int frames, unsigned seed) {
+CalibrationSegment SegmentOf(const std::vector<RoomBeam>& beams, int frames, unsigned seed) {
   CalibrationSegment segment;
   for (const RoomWalk::Stop& stop : RoomWalk(beams).Walk(frames, seed)) {
     CalibrationFrame frame;
@@ -60,7 +60,8 @@ CalibrationSegment Walk(const std::vector<RoomBeam>& beams, int frames, unsigned
 
 std::vector<CalibrationSegment> Segments(const std::vector<RoomBeam>& beams, int count) {
   std::vector<CalibrationSegment> segments;
-  for (int s = 0; s < count; ++s) segments.push_back(Walk(beams, 10, static_cast<unsigned>(s)));
+  for (int s = 0; s < count; ++s)
+    segments.push_back(SegmentOf(beams, 10, static_cast<unsigned>(s)));
   return segments;
 }
 

@@ -10,16 +10,16 @@
 namespace lamina {
 namespace {
 
-constexpr double kLeafM = 0.8;
+constexpr double kTownLeafM = 0.8;
 
-LoopOptions Options() {
+LoopOptions TownLoopOptions() {
   LoopOptions options;
   options.enabled = true;
   options.min_way_m = 40.0;
   return options;
 }
 
-struct Mapped {
+struct TownLaps {
   std::vector<SE3> truth, odometry;  // of the keyframes
   std::unique_ptr<LoopClosure> loops;
 
@@ -38,13 +38,13 @@ struct Mapped {
 };
 
 // A drive whose odometry turns and stretches a little at every step.
-Mapped Map(const Town& town, const std::vector<SE3>& drive, double turn_rad, double stretch) {
-  Mapped mapped;
+TownLaps MapTown(const Town& town, const std::vector<SE3>& drive, double turn_rad, double stretch) {
+  TownLaps mapped;
   mapped.truth = drive;
   Draws draws(11);
-  SubmapBuilder builder(Options().submap, kLeafM);
+  SubmapBuilder builder(TownLoopOptions().submap, kTownLeafM);
   VoxelMapOptions map;
-  mapped.loops = std::make_unique<LoopClosure>(Options(), map, ScanMatcherOptions());
+  mapped.loops = std::make_unique<LoopClosure>(TownLoopOptions(), map, ScanMatcherOptions());
   SE3 T = drive[0];
   for (std::size_t i = 0; i < drive.size(); ++i) {
     if (i > 0) {
@@ -54,7 +54,7 @@ Mapped Map(const Town& town, const std::vector<SE3>& drive, double turn_rad, dou
     }
     mapped.odometry.push_back(T);
     if (auto submap = builder.Add(
-            KeyframeOf(town, static_cast<std::int64_t>(i), drive[i], T, kLeafM, &draws)))
+            KeyframeOf(town, static_cast<std::int64_t>(i), drive[i], T, kTownLeafM, &draws)))
       mapped.loops->Add(std::move(*submap));
   }
   mapped.loops->Add(*builder.Finish());
@@ -69,7 +69,7 @@ const std::vector<SE3>& RoundTheBlock() {
 
 TEST(LoopClosure, TheSecondLapTakesBackTheDrift) {
   const Town town(1);
-  const Mapped mapped = Map(town, RoundTheBlock(), 0.0008, 0.008);
+  const TownLaps mapped = MapTown(town, RoundTheBlock(), 0.0008, 0.008);
   int accepted = 0;
   for (const Loop& loop : mapped.loops->loops()) {
     if (loop.status != Loop::Status::kAccepted) continue;
@@ -89,7 +89,7 @@ TEST(LoopClosure, TheSecondLapTakesBackTheDrift) {
 
 TEST(LoopClosure, WithoutARevisitNothingMoves) {
   const Town town(1);
-  const Mapped mapped = Map(town, Drive({{-60, -60}, {60, -60}, {60, 60}}), 0.0005, 0.005);
+  const TownLaps mapped = MapTown(town, Drive({{-60, -60}, {60, -60}, {60, 60}}), 0.0005, 0.005);
   for (const Loop& loop : mapped.loops->loops()) EXPECT_NE(loop.status, Loop::Status::kAccepted);
   for (std::size_t i = 0; i < mapped.loops->submaps().size(); ++i)
     EXPECT_EQ(mapped.loops->anchors()[i].t, mapped.loops->submaps()[i].T_world_submap.t);
@@ -97,9 +97,9 @@ TEST(LoopClosure, WithoutARevisitNothingMoves) {
 
 TEST(LoopClosure, TheSameBitsAtAnyNumberOfThreads) {
   const Town town(1);
-  const Mapped two = Map(town, RoundTheBlock(), 0.0008, 0.008);
+  const TownLaps two = MapTown(town, RoundTheBlock(), 0.0008, 0.008);
   const ThreadLimit limit(1);
-  const Mapped one = Map(town, RoundTheBlock(), 0.0008, 0.008);
+  const TownLaps one = MapTown(town, RoundTheBlock(), 0.0008, 0.008);
   ASSERT_EQ(one.loops->loops().size(), two.loops->loops().size());
   for (std::size_t i = 0; i < one.loops->anchors().size(); ++i) {
     EXPECT_EQ(one.loops->anchors()[i].t, two.loops->anchors()[i].t);

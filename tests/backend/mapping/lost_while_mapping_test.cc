@@ -13,7 +13,7 @@
 namespace lamina {
 namespace {
 
-constexpr StampNs kDarkNs = 30'000'000'000;
+constexpr StampNs kNightNs = 30'000'000'000;
 
 struct LostOutcome {
   std::vector<MappedScan> scans;
@@ -46,7 +46,7 @@ LostOutcome MapWithDark(const Town& after, double way_m) {
   outcome.dark = scans.size();
   const std::vector<SE3> elsewhere = LapsBack(1.0, way_m - 15.0, way_m - 75.0);
   for (Scan& scan : CrookedScans(after, elsewhere, 0.0)) {
-    scan.stamp_ns += scans[outcome.dark - 1].stamp_ns + kDarkNs;
+    scan.stamp_ns += scans[outcome.dark - 1].stamp_ns + kNightNs;
     scans.push_back(std::move(scan));
   }
   outcome.truth.insert(outcome.truth.end(), elsewhere.begin(), elsewhere.end());

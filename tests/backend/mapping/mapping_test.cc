@@ -16,7 +16,7 @@
 namespace lamina {
 namespace {
 
-constexpr int kScans = 24;
+constexpr int kWalkScans = 24;
 
 SE3 TruePose(int i) {
   return SE3(Eigen::Quaterniond(Eigen::AngleAxisd(0.01 * i, Eigen::Vector3d::UnitZ())),
@@ -27,7 +27,7 @@ SE3 TruePose(int i) {
 std::vector<Scan> WalkScans(unsigned seed) {
   Draws draws(seed);
   std::vector<Scan> scans;
-  for (int i = 0; i < kScans; ++i) {
+  for (int i = 0; i < kWalkScans; ++i) {
     Scan scan;
     scan.stamp_ns = 100'000'000LL * i;
     const SE3 T_lidar_world = TruePose(i).Inverse();
@@ -40,7 +40,7 @@ std::vector<Scan> WalkScans(unsigned seed) {
   return scans;
 }
 
-MappingOptions Options() {
+MappingOptions WalkOptions() {
   MappingOptions options;
   options.loops.enabled = false;
   options.preparation.min_range_m = 0.5;
@@ -65,7 +65,7 @@ MappedTotals TotalsOf(const AddScans& add_scans) {
     outcome.poses[pose.scan] = pose.pose.T_world_lidar;
     bits(&pose.scan, &pose.pose, &pose.skipped, &pose.piece);
   };
-  Mapping mapping(Options(), callbacks);
+  Mapping mapping(WalkOptions(), callbacks);
   add_scans(&mapping);
   mapping.Finish();
   mapping.map().ForEachSurface(
@@ -83,7 +83,7 @@ TEST(Mapping, GivesPosesAndAMapWithoutFilesOrThreadsOfTheCaller) {
   });
   ASSERT_EQ(outcome.poses.size(), scans.size());
   EXPECT_STREQ(StatusName(mapped.front()), "first");
-  for (int i = 0; i < kScans; ++i) {
+  for (int i = 0; i < kWalkScans; ++i) {
     const auto at = static_cast<std::size_t>(i);
     EXPECT_LT((outcome.poses.at(at).t - TruePose(i).t).norm(), 0.01) << i;
     EXPECT_EQ(mapped[at].index, at);
@@ -113,7 +113,7 @@ TEST(Mapping, HasTheSameBitsAsThePipelineAtAnyNumberOfThreads) {
 TEST(Mapping, SkipsWhatItCannotUseAndGoesOn) {
   const std::vector<Scan> scans = WalkScans(3);
   const MappedTotals outcome = TotalsOf([&](Mapping* mapping) {
-    for (int i = 0; i < kScans; ++i) {
+    for (int i = 0; i < kWalkScans; ++i) {
       const Scan& scan = scans[static_cast<std::size_t>(i)];
       EXPECT_FALSE(mapping->Add(scan).skipped) << i;
       if (i != 10) continue;
@@ -133,7 +133,7 @@ TEST(Mapping, SkipsWhatItCannotUseAndGoesOn) {
   EXPECT_EQ(outcome.counts.scans, scans.size() + 3);
   EXPECT_EQ(outcome.counts.frames, scans.size());
   EXPECT_EQ(outcome.counts.lost, 0U);
-  EXPECT_LT((outcome.poses.rbegin()->second.t - TruePose(kScans - 1).t).norm(), 0.01);
+  EXPECT_LT((outcome.poses.rbegin()->second.t - TruePose(kWalkScans - 1).t).norm(), 0.01);
 }
 
 TEST(Mapping, SkipsScansWhoseTimesAreNoneOfASweep) {
@@ -152,7 +152,7 @@ TEST(Mapping, SkipsScansWhoseTimesAreNoneOfASweep) {
     EXPECT_EQ(mapped.reason, SkipReason::kUnreadable);
     EXPECT_THAT(mapped.detail, testing::HasSubstr(why));
   };
-  Mapping mapping(Options());
+  Mapping mapping(WalkOptions());
   // In ms, and readings of a clock: of the first scan, and of others.
   expect_refused(mapping.Add(with_times(scans[0], 1000.0F, 0.0F)), "no sweep lasts so long");
   expect_refused(mapping.Add(with_times(scans[1], 1.0F, 5000.0F)), "from its stamp");
@@ -197,7 +197,7 @@ TEST(Mapping, RecordingsThatAlternateArePiecesOfTheirOwn) {
 }
 
 TEST(Mapping, RefusesWhatNoCallerShouldHandIn) {
-  Mapping mapping(Options());
+  Mapping mapping(WalkOptions());
   Scan scan = WalkScans(6).front();
   scan.time_s.pop_back();
   EXPECT_THROW(mapping.Add(scan), std::logic_error);

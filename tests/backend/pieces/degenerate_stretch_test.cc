@@ -17,7 +17,7 @@ namespace {
 constexpr double kBeginM = -5.0, kEndM = 40.0;
 constexpr double kRangeM = 8.0, kScanPeriodS = 0.1;
 
-World Corridor() {
+World CorridorWorld() {
   const double middle = 0.5 * (kBeginM + kEndM), half = 0.5 * (kEndM - kBeginM);
   World world{{{{middle, 2.1, 0}, {half, 0, 0}, {0, 0, 1.5}},
                {{middle, -1.9, 0}, {half, 0, 0}, {0, 0, 1.5}},
@@ -33,7 +33,7 @@ World Corridor() {
 Scan ScanAt(double x, StampNs stamp_ns, Draws* draws) {
   Scan scan;
   scan.stamp_ns = stamp_ns;
-  for (const Eigen::Vector3d& p : Corridor().Sample(4000, 0.01, draws)) {
+  for (const Eigen::Vector3d& p : CorridorWorld().Sample(4000, 0.01, draws)) {
     const Eigen::Vector3d seen = p - Eigen::Vector3d(x, 0.0, 0.0);
     if (seen.norm() < kRangeM) scan.points.push_back(ToScanPoint(seen));
   }

@@ -10,11 +10,11 @@
 namespace lamina {
 namespace {
 
-using Status = OdometryFrame::Status;
+using FrameStatus = OdometryFrame::Status;
 
 enum class ScanKind { kStreet, kSpray, kMissing };
 
-struct Drive {
+struct StreetDrive {
   int points = 20000;
   int scans = 60;
   std::function<double(double)> way_m;  // by time
@@ -27,7 +27,7 @@ struct DriveOutcome {
 };
 
 // Maps a drive with bundle adjustment, as the pipeline does.
-DriveOutcome Map(const Drive& drive, unsigned seed) {
+DriveOutcome MapStreet(const StreetDrive& drive, unsigned seed) {
   constexpr double kPeriodS = 0.1;
   const BayStreet street(seed);
   Draws draws(seed + 100);
@@ -56,7 +56,7 @@ DriveOutcome Map(const Drive& drive, unsigned seed) {
       due = frames + options.backend.hand_over_lag_frames;
     }
     const SE3 truth = BayStreet::PoseAt(0.0).Inverse() * T;
-    const bool lost = frame.status == Status::kLost;
+    const bool lost = frame.status == FrameStatus::kLost;
     outcome.lost += lost ? 1 : 0;
     outcome.degenerate += !lost && frame.match.degenerate > 0 ? 1 : 0;
     if (lost || frame.match.degenerate > 0) continue;
@@ -74,10 +74,10 @@ double Accelerating(double t) {
 
 TEST(MapperStreet, ACarThatAcceleratesIsFollowedAtAnyDensity) {
   for (const int points : {8000, 40000}) {
-    Drive drive;
+    StreetDrive drive;
     drive.points = points;
     drive.way_m = Accelerating;
-    const DriveOutcome outcome = Map(drive, 3);
+    const DriveOutcome outcome = MapStreet(drive, 3);
     EXPECT_EQ(outcome.lost, 0) << points;
     EXPECT_LT(outcome.worst_m, 0.1) << points;
     // With few points the motion itself is unknown for the first scans.
@@ -86,34 +86,34 @@ TEST(MapperStreet, ACarThatAcceleratesIsFollowedAtAnyDensity) {
 }
 
 TEST(MapperStreet, AStartAtSpeedIsFollowed) {
-  Drive drive;
+  StreetDrive drive;
   drive.points = 8000;
   drive.scans = 40;
   drive.way_m = [](double t) { return 15.0 * t; };
-  const DriveOutcome outcome = Map(drive, 4);
+  const DriveOutcome outcome = MapStreet(drive, 4);
   EXPECT_EQ(outcome.lost, 0);
   EXPECT_LT(outcome.worst_m, 0.1);
 }
 
 TEST(MapperStreet, HardBrakingIsFollowed) {
-  Drive drive;
+  StreetDrive drive;
   drive.scans = 50;
   drive.way_m = [](double t) {
     const double braking = std::clamp(t - 2.0, 0.0, 15.0 / 8.0);
     return 15.0 * std::min(t, 2.0) + 15.0 * braking - 4.0 * braking * braking;
   };
-  const DriveOutcome outcome = Map(drive, 5);
+  const DriveOutcome outcome = MapStreet(drive, 5);
   EXPECT_EQ(outcome.lost, 0);
   EXPECT_LT(outcome.worst_m, 0.1);
 }
 
 // At full speed, from scan 25 on, so many of another kind.
 DriveOutcome MapInterrupted(ScanKind by, int count, int scans, unsigned seed) {
-  Drive drive;
+  StreetDrive drive;
   drive.scans = scans;
   drive.way_m = [](double t) { return 15.0 * t; };
   drive.kind = [by, count](int i) { return i >= 25 && i < 25 + count ? by : ScanKind::kStreet; };
-  return Map(drive, seed);
+  return MapStreet(drive, seed);
 }
 
 TEST(MapperStreet, AfterSprayTheWayIsFoundAgain) {

@@ -14,7 +14,7 @@ namespace lamina {
 namespace {
 
 using testing::HasSubstr;
-using Status = RegistrationResult::Status;
+using BatchStatus = RegistrationResult::Status;
 using Kind = BundleFault::Kind;
 
 VoxelMapOptions Voxels() {
@@ -63,7 +63,7 @@ Batch Batches(const World& world, int frames, double off_rad, double off_m, Draw
   return batch;
 }
 
-double LargestError(const std::vector<SE3>& a, const std::vector<SE3>& b) {
+double LargestBatchError(const std::vector<SE3>& a, const std::vector<SE3>& b) {
   double largest = 0.0;
   for (std::size_t k = 0; k < a.size(); ++k) {
     largest = std::max({largest, RotationAngle(a[k], b[k]), (a[k].t - b[k].t).norm()});
@@ -80,8 +80,8 @@ TEST(BatchRegistration, BringsARoomTogether) {
   callbacks.on_round = [&](const RoundReport& r) { rounds.push_back(r); };
   callbacks.on_step = [&](const RoundReport&, const BundleStep&) { ++steps; };
   const RegistrationResult result = Registration().Run(batch.frames, callbacks);
-  EXPECT_EQ(result.status, Status::kConverged) << ToString(result.status);
-  EXPECT_LT(LargestError(result.poses, batch.truth), 0.004);
+  EXPECT_EQ(result.status, BatchStatus::kConverged) << ToString(result.status);
+  EXPECT_LT(LargestBatchError(result.poses, batch.truth), 0.004);
   EXPECT_TRUE(result.faults.empty());
   ASSERT_EQ(rounds.size(), result.rounds.size());
   EXPECT_GT(rounds.front().planes, 50U);
@@ -99,7 +99,7 @@ TEST(BatchRegistration, CoarseVoxelsCatchPoorStarts) {
     const Batch batch = Batches(World::Room(), 5, 0.1, 0.5, &draws);
     options.coarse_root_size_m = 0.0;
     RegistrationResult result = Registration(options).Run(batch.frames, {});
-    fine_errors += LargestError(result.poses, batch.truth) > 0.02 ? 1 : 0;
+    fine_errors += LargestBatchError(result.poses, batch.truth) > 0.02 ? 1 : 0;
     options.coarse_root_size_m = kCoarse;
     const BatchRegistration coarse = Registration(options);
     EXPECT_NEAR(coarse.RootSize(0), kCoarse, 1e-12);
@@ -108,7 +108,7 @@ TEST(BatchRegistration, CoarseVoxelsCatchPoorStarts) {
     EXPECT_EQ(coarse.MergeFactor(options.rounds - 1), 1);
     EXPECT_EQ(coarse.RootSize(options.rounds - 1), Voxels().root_size_m);
     result = coarse.Run(batch.frames, {});
-    coarse_errors += LargestError(result.poses, batch.truth) > 0.02 ? 1 : 0;
+    coarse_errors += LargestBatchError(result.poses, batch.truth) > 0.02 ? 1 : 0;
   }
   EXPECT_EQ(coarse_errors, 0);
   EXPECT_GT(fine_errors, 0) << "the start is too good to show anything";
@@ -122,9 +122,10 @@ TEST(BatchRegistration, EveryFormulationDoesIt) {
     options.rounds = 3;
     options.solver.max_iterations = 500;
     const RegistrationResult result = Registration(options, *formulation).Run(batch.frames, {});
-    EXPECT_TRUE(result.status == Status::kConverged || result.status == Status::kRoundLimit)
+    EXPECT_TRUE(result.status == BatchStatus::kConverged ||
+                result.status == BatchStatus::kRoundLimit)
         << formulation->name << " " << ToString(result.status);
-    EXPECT_LT(LargestError(result.poses, batch.truth), 0.02) << formulation->name;
+    EXPECT_LT(LargestBatchError(result.poses, batch.truth), 0.02) << formulation->name;
   }
 }
 
@@ -132,9 +133,9 @@ TEST(BatchRegistration, OneFrameAloneIsRefused) {
   Draws draws(3);
   const Batch batch = Batches(World::Room(), 1, 0.0, 0.0, &draws);
   const RegistrationResult result = Registration().Run(batch.frames, {});
-  EXPECT_EQ(result.status, Status::kIllPosed);
+  EXPECT_EQ(result.status, BatchStatus::kIllPosed);
   EXPECT_THAT(result.reason, HasSubstr("planes are seen by two frames or more"));
-  EXPECT_EQ(LargestError(result.poses, batch.truth), 0.0);
+  EXPECT_EQ(LargestBatchError(result.poses, batch.truth), 0.0);
 }
 
 TEST(BatchRegistration, FramesWithoutOverlapAreNamedAndTheRestIsSolved) {
@@ -154,8 +155,8 @@ TEST(BatchRegistration, FramesWithoutOverlapAreNamedAndTheRestIsSolved) {
   batch.frames.push_back(batch.frames[0]);
   batch.frames.back().clusters.clear();
   const RegistrationResult result = Registration().Run(batch.frames, {});
-  EXPECT_EQ(result.status, Status::kPartial) << result.reason;
-  EXPECT_LT(LargestError(result.poses, batch.truth), 0.005);
+  EXPECT_EQ(result.status, BatchStatus::kPartial) << result.reason;
+  EXPECT_LT(LargestBatchError(result.poses, batch.truth), 0.005);
   ASSERT_EQ(result.faults.size(), 2U);
   EXPECT_EQ(result.faults[0].kind, Kind::kTooFewPlanes);
   EXPECT_THAT(result.faults[0].Describe(), HasSubstr("frame 7 shares 0 planes"));
@@ -171,7 +172,7 @@ TEST(BatchRegistration, TwoFramesOfOnePoseWithoutOverlapAreRefused) {
       FrameAt(SE3(), SE3(), ahead.Sample(3000, 0.005, &draws), 0),
       FrameAt(SE3(), SE3(), behind.Sample(3000, 0.005, &draws), 1)};
   const RegistrationResult result = Registration().Run(frames, {});
-  EXPECT_EQ(result.status, Status::kIllPosed);
+  EXPECT_EQ(result.status, BatchStatus::kIllPosed);
   EXPECT_FALSE(result.reason.empty());
 }
 
@@ -193,7 +194,7 @@ TEST(BatchRegistration, ParallelPlanesHoldOpenDirectionsAndSolveTheRest) {
     options.solver.max_iterations = 500;
     const RegistrationResult result =
         Registration(options, FindFormulation(name)).Run(batch.frames, {});
-    ASSERT_EQ(result.status, Status::kPartial) << name << result.reason;
+    ASSERT_EQ(result.status, BatchStatus::kPartial) << name << result.reason;
     EXPECT_EQ(result.faults.size(), 9U) << name;
     for (std::size_t k = 1; k < 4; ++k) {
       EXPECT_LT(std::abs(result.poses[k].t.z()), 0.003) << name;
@@ -245,7 +246,7 @@ TEST(BatchRegistration, AGroupThatSlidesIsNamedAndKeepsItsPlace) {
     const SE3 off(ExpSO3({0, 0, 0.02}), {0.06, -0.04, 0.02});
     const Batch batch = RoomsOnOneFloor(off, &draws);
     const RegistrationResult result = Registration().Run(batch.frames, {});
-    EXPECT_EQ(result.status, Status::kPartial) << result.reason;
+    EXPECT_EQ(result.status, BatchStatus::kPartial) << result.reason;
     ASSERT_EQ(result.faults.size(), 3U) << "seed " << seed;
     const auto held = static_cast<std::size_t>(result.faults[0].frame);
     for (const BundleFault& fault : result.faults) {
@@ -259,7 +260,7 @@ TEST(BatchRegistration, AGroupThatSlidesIsNamedAndKeepsItsPlace) {
       const std::size_t of = k < 3 ? 0 : held;
       const SE3 found = result.poses[of].Inverse() * result.poses[k];
       const SE3 truth = batch.truth[of].Inverse() * batch.truth[k];
-      EXPECT_LT(LargestError({found}, {truth}), 0.005) << "frame " << k << " seed " << seed;
+      EXPECT_LT(LargestBatchError({found}, {truth}), 0.005) << "frame " << k << " seed " << seed;
       EXPECT_NEAR(result.poses[k].t.z(), batch.truth[k].t.z(), 0.004);
       const Matrix6d& covariance = result.covariances[k];
       if (k < 3) {
@@ -339,7 +340,7 @@ TEST(BatchRegistration, AThinWallDoesNotDrawItsSidesTogether) {
     const Batch batch = RoomsOnBothSidesOfAWall(0.01, 0.05, &draws);
     const RegistrationResult result = Registration().Run(batch.frames, {});
     EXPECT_TRUE(result.faults.empty());
-    EXPECT_LT(LargestError(result.poses, batch.truth), 0.005) << "seed " << seed;
+    EXPECT_LT(LargestBatchError(result.poses, batch.truth), 0.005) << "seed " << seed;
   }
 }
 
@@ -374,11 +375,11 @@ TEST(BatchRegistration, ABentChainIsStraightenedAsAWhole) {
   RegistrationOptions options;
   options.rounds = 12;
   const RegistrationResult result = Registration(options).Run(batch.frames, {});
-  EXPECT_EQ(result.status, Status::kConverged) << ToString(result.status);
+  EXPECT_EQ(result.status, BatchStatus::kConverged) << ToString(result.status);
   EXPECT_TRUE(result.faults.empty());
   // In the frame of the gauge, which is one of them.
-  EXPECT_LT(LargestError({result.poses[0].Inverse() * result.poses.back()},
-                         {batch.truth[0].Inverse() * batch.truth.back()}),
+  EXPECT_LT(LargestBatchError({result.poses[0].Inverse() * result.poses.back()},
+                              {batch.truth[0].Inverse() * batch.truth.back()}),
             0.05);
 }
 
@@ -399,8 +400,8 @@ TEST(BatchRegistration, GoodPosesAreNotMadeWorseByTraffic) {
     batch.frames.push_back(FrameAt(truth, truth, points, static_cast<std::size_t>(k)));
   }
   const RegistrationResult result = Registration().Run(batch.frames, {});
-  EXPECT_LT(LargestError(result.poses, batch.truth), 0.005) << ToString(result.status);
-  EXPECT_EQ(result.status, Status::kNoBetter);
+  EXPECT_LT(LargestBatchError(result.poses, batch.truth), 0.005) << ToString(result.status);
+  EXPECT_EQ(result.status, BatchStatus::kNoBetter);
   EXPECT_GT(result.final_misfit_m, result.initial_misfit_m);
   EXPECT_THAT(result.reason, HasSubstr("worse than that of the initial poses"));
 }
@@ -413,7 +414,7 @@ TEST(BatchRegistration, HasTheSameBitsAtAnyNumberOfThreads) {
     const ThreadLimit limit(threads);
     const RegistrationResult result = Registration().Run(batch.frames, {});
     if (first.empty()) first = result.poses;
-    EXPECT_EQ(LargestError(result.poses, first), 0.0) << threads << " threads";
+    EXPECT_EQ(LargestBatchError(result.poses, first), 0.0) << threads << " threads";
   }
 }
 
@@ -429,14 +430,14 @@ TEST(BatchRegistration, PosesAreHandedOverBeforeTheCovariances) {
   };
   const RegistrationResult result = Registration().Run(batch.frames, callbacks);
   EXPECT_EQ(calls, 1);
-  EXPECT_EQ(handed_over.status, Status::kConverged);
-  EXPECT_EQ(LargestError(handed_over.poses, result.poses), 0.0);
+  EXPECT_EQ(handed_over.status, BatchStatus::kConverged);
+  EXPECT_EQ(LargestBatchError(handed_over.poses, result.poses), 0.0);
   EXPECT_TRUE(handed_over.covariances.empty());
   EXPECT_EQ(result.covariances.size(), 4U);
   EXPECT_EQ(result.covariance_failure, "");
   // Of a refusal, too: the initial poses.
   const Batch alone = Batches(World::Room(), 1, 0.0, 0.0, &draws);
-  EXPECT_EQ(Registration().Run(alone.frames, callbacks).status, Status::kIllPosed);
+  EXPECT_EQ(Registration().Run(alone.frames, callbacks).status, BatchStatus::kIllPosed);
   EXPECT_EQ(calls, 2);
   EXPECT_EQ(handed_over.poses.size(), 1U);
 }
@@ -447,7 +448,8 @@ TEST(BatchRegistration, StopsAfterTheRoundThatRuns) {
   const std::atomic<bool> stop{true};
   const RegistrationResult result = Registration().Run(batch.frames, {}, &stop);
   EXPECT_EQ(result.rounds.size(), 1U);
-  EXPECT_TRUE(result.status == Status::kInterrupted || result.status == Status::kConverged);
+  EXPECT_TRUE(result.status == BatchStatus::kInterrupted ||
+              result.status == BatchStatus::kConverged);
 }
 
 TEST(PoseCovariances, AreThoseOfTheDenseInverse) {
@@ -533,7 +535,7 @@ TEST(LevenbergMarquardt, SparseAndDenseFactorisationsAgree) {
   EXPECT_TRUE(sparse.usable());
   EXPECT_LT(sparse.final_cost, 0.1 * sparse.initial_cost);
   EXPECT_NEAR(sparse.final_cost, dense.final_cost, 1e-9 * dense.final_cost);
-  EXPECT_LT(LargestError(sparse.poses, dense.poses), 1e-6);
+  EXPECT_LT(LargestBatchError(sparse.poses, dense.poses), 1e-6);
 }
 
 }  // namespace

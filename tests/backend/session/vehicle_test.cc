@@ -7,9 +7,9 @@
 namespace lamina {
 namespace {
 
-constexpr int kScans = 30;  // of each sensor
+constexpr int kVehicleScans = 30;  // of each sensor
 constexpr double kReachM = 4.0;
-constexpr StampNs kPeriodNs = 100'000'000;
+constexpr StampNs kVehiclePeriodNs = 100'000'000;
 
 class VehicleTest : public SessionTest {
  protected:
@@ -24,16 +24,17 @@ class VehicleTest : public SessionTest {
     const Corridor corridor(kReachM + 12.0);
     Recording recording;
     recording.options = options_;
-    for (int i = 0; i < 2 * kScans; ++i) {
+    for (int i = 0; i < 2 * kVehicleScans; ++i) {
       const bool rear = i % 2 == 1;
       InboxFile file;
       file.sequence = rear ? "rear" : "front";
       file.name = file.sequence + "/" + std::to_string(1000 + i) + ".bin";
-      file.stamp_ns = i / 2 * kPeriodNs + (rear ? rear_later_ns : 0);
+      file.stamp_ns = i / 2 * kVehiclePeriodNs + (rear ? rear_later_ns : 0);
       file.recorded_stamp = true;
-      if (i < 2) file.next_stamp_ns = file.stamp_ns + kPeriodNs;
-      const int pose = 2 * (i / 2) + (2 * file.stamp_ns % (2 * kPeriodNs) == kPeriodNs ? 1 : 0);
-      recording.truth.push_back(Corridor::PoseAt(pose, 2 * kScans, kReachM));
+      if (i < 2) file.next_stamp_ns = file.stamp_ns + kVehiclePeriodNs;
+      const int pose =
+          2 * (i / 2) + (2 * file.stamp_ns % (2 * kVehiclePeriodNs) == kVehiclePeriodNs ? 1 : 0);
+      recording.truth.push_back(Corridor::PoseAt(pose, 2 * kVehicleScans, kReachM));
       const SE3 T_world_lidar = recording.truth.back() * options_.T_vehicle_lidar.at(file.sequence);
       file.path =
           Write("inbox/" + file.name, corridor.Scan(T_world_lidar, static_cast<unsigned>(i)));
@@ -61,10 +62,10 @@ class VehicleTest : public SessionTest {
 };
 
 TEST_F(VehicleTest, BothSensorsMakeOneMapAndPosesOfTheVehicle) {
-  const Recording recording = Drive(kPeriodNs / 2);
+  const Recording recording = Drive(kVehiclePeriodNs / 2);
   const Mapped mapped = MapAll(recording);
   EXPECT_EQ(mapped.counts.pieces, 1U);
-  EXPECT_EQ(mapped.counts.frames, 2U * kScans);
+  EXPECT_EQ(mapped.counts.frames, 2U * kVehicleScans);
   EXPECT_EQ(mapped.counts.lost, 0U);
   double worst = 0.0;
   for (std::size_t i = 0; i < mapped.poses.size(); ++i) {
@@ -85,7 +86,7 @@ TEST_F(VehicleTest, BothSensorsMakeOneMapAndPosesOfTheVehicle) {
 }
 
 TEST_F(VehicleTest, WithoutThePosesOfTheSensorsEachIsAPieceOfItsOwn) {
-  Recording recording = Drive(kPeriodNs / 2);
+  Recording recording = Drive(kVehiclePeriodNs / 2);
   recording.options = {};
   EXPECT_EQ(MapAll(recording).counts.pieces, 2U);
 }
@@ -96,9 +97,9 @@ TEST_F(VehicleTest, OfSensorsThatAreTriggeredTogetherOneIsMappedAndTheOtherCount
     const Recording recording = Drive(later_ns);
     std::filesystem::remove_all(Path("session"));
     const Mapped mapped = MapAll(recording);
-    EXPECT_EQ(mapped.counts.frames, static_cast<std::size_t>(kScans));
+    EXPECT_EQ(mapped.counts.frames, static_cast<std::size_t>(kVehicleScans));
     EXPECT_EQ(mapped.counts.skipped.at(SkipReason::kTooSoonAfterOtherSensor),
-              static_cast<std::size_t>(kScans));
+              static_cast<std::size_t>(kVehicleScans));
     EXPECT_EQ(mapped.counts.lost, 0U);
   }
 }

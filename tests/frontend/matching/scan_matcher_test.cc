@@ -15,7 +15,7 @@
 namespace lamina {
 namespace {
 
-using Status = MatchResult::Status;
+using MatchStatus = MatchResult::Status;
 
 // A map of a world, and scans to match with it.
 struct Stage {
@@ -57,7 +57,7 @@ TEST(ScanMatcher, RecoversThePoseInACornerOfThreePlanes) {
     const SE3 truth = stage.draws.Offset(0.2, 0.6);
     const SE3 start = Shifted(truth, stage.draws.Offset(2.0 * kDegree, 0.2));
     const MatchResult result = matcher.Match(stage.Scan(truth), Predicted(start), stage.map);
-    EXPECT_NE(result.status, Status::kTooFewMatches);
+    EXPECT_NE(result.status, MatchStatus::kTooFewMatches);
     EXPECT_EQ(result.degenerate, 0);
     EXPECT_LT(RotationAngle(result.T_world_lidar, truth), 0.1 * kDegree);
     EXPECT_LT((result.T_world_lidar.t - truth.t).norm(), 0.01);
@@ -94,7 +94,7 @@ TEST(ScanMatcher, CovarianceHasTheSameBitsInAMapThatWasLoaded) {
     const auto scan = Untimed(ScanFrom(truth, small.Sample(800, 0.01, &draws), options.LeafSize()));
     const MatchResult made = matcher.Match(scan, Predicted(truth), map);
     const MatchResult again = matcher.Match(scan, Predicted(truth), loaded);
-    ASSERT_NE(made.status, Status::kTooFewMatches);
+    ASSERT_NE(made.status, MatchStatus::kTooFewMatches);
     EXPECT_EQ(made.covariance, again.covariance) << i;
     EXPECT_EQ(made.T_world_lidar.t, again.T_world_lidar.t) << i;
   }
@@ -218,7 +218,7 @@ TEST(ScanMatcher, ACorridorLeavesItsAxisToThePrediction) {
     const SE3 start =
         Shifted(truth, SE3(ExpSO3(0.5 * kDegree * stage.draws.Direction()), {0.3, 0.1, -0.05}));
     const MatchResult result = matcher.Match(stage.Scan(truth), Predicted(start), stage.map);
-    EXPECT_NE(result.status, Status::kTooFewMatches);
+    EXPECT_NE(result.status, MatchStatus::kTooFewMatches);
     ASSERT_EQ(result.degenerate, 1);
     EXPECT_GT(std::abs(result.degenerate_directions(3, 0)), 0.99);
     EXPECT_GT(result.worst_sigma_m, ScanMatcherOptions().max_direction_sigma_m);
@@ -248,7 +248,7 @@ TEST(ScanMatcher, TooFewMatchesLeaveThePoseAsItWas) {
   const SE3 start = stage.draws.Pose(1.0);
   const VoxelMap empty{VoxelMapOptions()};
   const auto expect_refused = [&](const MatchResult& result) {
-    EXPECT_EQ(result.status, Status::kTooFewMatches);
+    EXPECT_EQ(result.status, MatchStatus::kTooFewMatches);
     EXPECT_EQ(result.T_world_lidar.t, start.t);
     EXPECT_EQ(result.T_world_lidar.q.coeffs(), start.q.coeffs());
   };
@@ -280,7 +280,7 @@ TEST(ScanMatcher, ARefusedScanCarriesNoDegeneracy) {
   for (const int iterations : {1, 20}) {
     options.max_iterations = iterations;
     const MatchResult result = ScanMatcher(options).Match(scan, Predicted(SE3()), stage.map);
-    EXPECT_EQ(result.status, Status::kTooFewMatches);
+    EXPECT_EQ(result.status, MatchStatus::kTooFewMatches);
     EXPECT_EQ(result.T_world_lidar.t, Eigen::Vector3d::Zero());
     EXPECT_EQ(result.degenerate, 0);
     EXPECT_TRUE(result.degenerate_directions.isZero());

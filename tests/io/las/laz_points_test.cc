@@ -150,12 +150,14 @@ TEST(LazPointsTest, TablesOfChunksOfAnyNumberOfPoints) {
 }
 
 TEST(LazPointsTest, DamagedLayersAreErrorsOrOtherPoints) {
+  constexpr std::size_t kRecords = 150;
   const LazLayout layout = LazLayoutOfFormat6(kLazAnyPoints);
-  const std::string good = PackLazChunk(layout, RecordsOfFormat6(400, 3));
+  const std::string good = PackLazChunk(layout, RecordsOfFormat6(kRecords, 3));
   for (std::size_t bytes = 0; bytes < good.size(); bytes += 1 + good.size() / 200) {
-    EXPECT_THROW(Unpacked(layout, good.substr(0, bytes), 400), InputError) << bytes;
+    EXPECT_THROW(Unpacked(layout, good.substr(0, bytes), kRecords), InputError) << bytes;
   }
-  EXPECT_THAT(MessageOf<InputError>([&] { Unpacked(layout, good, 401); }), HasSubstr("401 wanted"));
+  EXPECT_THAT(MessageOf<InputError>([&] { Unpacked(layout, good, kRecords + 1); }),
+              HasSubstr("151 wanted"));
   std::mt19937 random(3);
   for (int i = 0; i < 2000; ++i) {
     std::string damaged = good;
@@ -163,7 +165,7 @@ TEST(LazPointsTest, DamagedLayersAreErrorsOrOtherPoints) {
       damaged[random() % damaged.size()] ^= static_cast<char>(1U << random() % 8);
     }
     try {
-      EXPECT_EQ(Unpacked(layout, damaged, 400).size(), 400U * 30U);
+      EXPECT_EQ(Unpacked(layout, damaged, kRecords).size(), kRecords * 30U);
     } catch (const InputError&) {
     }
   }

@@ -61,7 +61,7 @@ ProfileCase CaseOf(const std::string& name) {
   return c;
 }
 
-Scan Decode(const OusterSensor& sensor, const std::string& packet) {
+Scan DecodeOuster(const OusterSensor& sensor, const std::string& packet) {
   Scan scan;
   sensor.NewSweep()->Add(packet, 5, "a.pcap#0", &scan);
   return scan;
@@ -78,7 +78,7 @@ TEST_P(OusterProfiles, PointsAreWhereTheBeamsHit) {
     const std::string packet = OusterPacket(c.legacy, 5, 16, kChannels, c.channel);
     ASSERT_EQ(sensor.packet_bytes(), packet.size());
     EXPECT_EQ(sensor.PlaceOf(packet), 5U);
-    const Scan scan = Decode(sensor, packet);
+    const Scan scan = DecodeOuster(sensor, packet);
     const std::size_t returns = dual ? 2 : 1;
     ASSERT_THAT(scan.points, SizeIs(15 * returns));
     // Column 17: 17/64 of a turn clockwise from the back, 7 deg down, 3 deg to the side.
@@ -118,17 +118,17 @@ TEST(OusterPacket, PacketsOfAnotherLengthAreNone) {
   const std::string packet = OusterPacket(false, 5, 0, kChannels, c.channel);
   for (const std::size_t bytes : {std::size_t{0}, std::size_t{1}, packet.size() - 1}) {
     EXPECT_FALSE(sensor.PlaceOf(packet.substr(0, bytes)));
-    EXPECT_TRUE(Decode(sensor, packet.substr(0, bytes)).points.empty());
+    EXPECT_TRUE(DecodeOuster(sensor, packet.substr(0, bytes)).points.empty());
   }
   EXPECT_TRUE(MayBeOusterPacket(packet));
   EXPECT_FALSE(MayBeOusterPacket(packet + "x"));
   // Columns beyond the frame, and of another clock.
   std::string wrong = packet;
   wrong[32 + 8] = '\xFF';
-  EXPECT_THAT(Decode(sensor, wrong).points, SizeIs(14));
+  EXPECT_THAT(DecodeOuster(sensor, wrong).points, SizeIs(14));
   wrong = packet;
   wrong[32 + 12 + 4 * kChannels + 7] = '\x70';
-  EXPECT_THAT(Decode(sensor, wrong).points, SizeIs(14));
+  EXPECT_THAT(DecodeOuster(sensor, wrong).points, SizeIs(14));
 }
 
 TEST(OusterPacket, MetadataThatCannotBeUsedSayWhy) {

@@ -6,13 +6,13 @@
 namespace lamina {
 namespace {
 
-std::string PcdHeader(const std::string& data) {
+std::string PlainPcdHeader(const std::string& data) {
   return "# .PCD v.7\nVERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 2\n"
          "HEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA " +
          data + "\n";
 }
 
-std::string PlyHeader(const std::string& format) {
+std::string PlainPlyHeader(const std::string& format) {
   return "ply\nformat " + format +
          " 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
          "element face 1\nproperty list uchar int vertex_index\nend_header\n";
@@ -30,22 +30,22 @@ void ExpectWholeOnlyAt(const Declared& declared, const std::string& file, std::s
 
 TEST(DeclaredBytesTest, BinaryFilesAreWholeWithTheirLastPoint) {
   const std::string points = Pack(1.0F, 2.0F, 3.0F, 4.0F, 5.0F, 6.0F);
-  const std::string pcd = PcdHeader("binary") + points;
+  const std::string pcd = PlainPcdHeader("binary") + points;
   ExpectWholeOnlyAt(DeclaredPcdBytes, pcd + "more", pcd.size());
-  const std::string ply = PlyHeader("binary_little_endian") + points;
+  const std::string ply = PlainPlyHeader("binary_little_endian") + points;
   ExpectWholeOnlyAt(DeclaredPlyBytes, ply + '\0', ply.size() + 1);  // an empty list
 }
 
 TEST(DeclaredBytesTest, CompressedFilesSayHowMuchTheyPack) {
   const std::string pcd =
-      PcdHeader("binary_compressed") + Pack(std::uint32_t{5}, std::uint32_t{24}) + "\n\n567";
+      PlainPcdHeader("binary_compressed") + Pack(std::uint32_t{5}, std::uint32_t{24}) + "\n\n567";
   ExpectWholeOnlyAt(DeclaredPcdBytes, pcd, pcd.size());
 }
 
 TEST(DeclaredBytesTest, TextHasALowerBound) {
-  const std::string pcd = PcdHeader("ascii") + "1 2 3\n4 5 6";
+  const std::string pcd = PlainPcdHeader("ascii") + "1 2 3\n4 5 6";
   ExpectWholeOnlyAt(DeclaredPcdBytes, pcd, pcd.size());
-  const std::string ply = PlyHeader("ascii") + "1 2 3\n4 5 6\n0";
+  const std::string ply = PlainPlyHeader("ascii") + "1 2 3\n4 5 6\n0";
   ExpectWholeOnlyAt(DeclaredPlyBytes, ply, ply.size());
 }
 

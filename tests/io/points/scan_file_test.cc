@@ -282,7 +282,7 @@ std::string PlyHeader(const std::string& format, const std::string& count,
          "end_header\n";
 }
 
-std::string BigEndian(float value) {
+std::string BigEndianFloat(float value) {
   const std::string bytes = Pack(value);
   return {bytes.rbegin(), bytes.rend()};
 }
@@ -310,8 +310,8 @@ TEST_F(ScanFileTest, PlyBigEndianAndOtherElements) {
   const std::string header =
       Replaced(PlyHeader("binary_big_endian", "1"), "end_header",
                "element face 1\nproperty list uchar int vertex_indices\nend_header");
-  const Scan scan = Read("a.ply", header + BigEndian(1) + BigEndian(-2.5F) + BigEndian(3) +
-                                      Pack('\x1', '\0', '\0', '\0', '\0'));
+  const Scan scan = Read("a.ply", header + BigEndianFloat(1) + BigEndianFloat(-2.5F) +
+                                      BigEndianFloat(3) + Pack('\x1', '\0', '\0', '\0', '\0'));
   ASSERT_EQ(scan.points.size(), 1U);
   ExpectPoint(scan.points[0], 1, -2.5F, 3, 0);
 }
@@ -342,7 +342,7 @@ TEST_F(ScanFileTest, PlyColoursListsAndRangeGridsAreNoObstacle) {
     std::string data =
         Pack(std::uint8_t{2}, std::uint32_t{7}, std::uint8_t{1}, std::uint8_t{0}, std::uint8_t{1});
     for (float value : {1.0F, 2.0F, 3.0F}) {
-      data += big ? BigEndian(value) : Pack(value);
+      data += big ? BigEndianFloat(value) : Pack(value);
     }
     ExpectPoint(Read("b.ply", header + data).points[0], 1, 2, 3, 0);
     EXPECT_THAT(ReadError("c.ply", header + data.substr(0, data.size() - 1)), HasSubstr("fewer"));

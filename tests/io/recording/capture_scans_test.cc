@@ -16,7 +16,7 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::SizeIs;
 
-constexpr StampNs kFirst = 1700000000000000000, kApart = 1'327'104;
+constexpr StampNs kFirstCaptured = 1700000000000000000, kApart = 1'327'104;
 constexpr std::size_t kPoints = 12 * 32;
 
 class CaptureScansTest : public FilesTest {
@@ -26,7 +26,9 @@ class CaptureScansTest : public FilesTest {
     return RoundPacket(static_cast<std::uint16_t>((4500 + 9000 * i) % 36000),
                        static_cast<std::uint32_t>(i * kApart / 1000));
   }
-  static StampNs StampOf(std::size_t i) { return kFirst + static_cast<StampNs>(i) * kApart; }
+  static StampNs StampOf(std::size_t i) {
+    return kFirstCaptured + static_cast<StampNs>(i) * kApart;
+  }
   static std::string Pcap(std::size_t packets, bool nanoseconds = true, bool vlan = false) {
     std::string bytes = PcapHead(nanoseconds);
     for (std::size_t i = 0; i < packets; ++i) {
@@ -146,10 +148,13 @@ TEST_F(OusterCaptureTest, HostileFragmentsTakeNoMemoryAndCrashNothing) {
   // Datagrams that never end, overlap, or are longer than any.
   for (std::uint16_t i = 0; i < 500; ++i) {
     const std::string part(1480, 'x');
-    bytes += PcapPacket(kFirst, IpFrame(part, 7, 0x2000, i), true);
-    bytes += PcapPacket(kFirst, IpFrame(part, 7, 0x2001, static_cast<std::uint16_t>(i + 7)), true);
-    bytes += PcapPacket(kFirst, IpFrame(part, 7, 0x1FFF, static_cast<std::uint16_t>(i + 9)), true);
-    bytes += PcapPacket(kFirst, IpFrame("", 7, 0x2000, static_cast<std::uint16_t>(i + 11)), true);
+    bytes += PcapPacket(kFirstCaptured, IpFrame(part, 7, 0x2000, i), true);
+    bytes += PcapPacket(kFirstCaptured, IpFrame(part, 7, 0x2001, static_cast<std::uint16_t>(i + 7)),
+                        true);
+    bytes += PcapPacket(kFirstCaptured, IpFrame(part, 7, 0x1FFF, static_cast<std::uint16_t>(i + 9)),
+                        true);
+    bytes += PcapPacket(kFirstCaptured, IpFrame("", 7, 0x2000, static_cast<std::uint16_t>(i + 11)),
+                        true);
   }
   EXPECT_THAT(MessageOfOpening(Write("a.pcap", bytes)), HasSubstr("holds no packets"));
   const std::string sound = Capture(4);

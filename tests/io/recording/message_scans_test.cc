@@ -21,7 +21,7 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::Pointwise;
 
-constexpr StampNs kFirstNs = 1700000000000000000, kPeriod = 100'000'000;
+constexpr StampNs kFirstNs = 1700000000000000000, kMessagePeriod = 100'000'000;
 constexpr char kCloudType[] = "sensor_msgs/PointCloud2";
 
 Scan SomeScan(int i) {
@@ -39,9 +39,9 @@ class MessageScansTest : public FilesTest {
   static void Add(const RecordedTopic& topic, int scans, RecordedMessages* recorded,
                   bool stamps = true) {
     for (int i = 0; i < scans; ++i) {
-      const StampNs stamp = kFirstNs + i * kPeriod;
+      const StampNs stamp = kFirstNs + i * kMessagePeriod;
       recorded->messages.push_back(
-          {recorded->topics.size(), stamp + 5 * kPeriod,
+          {recorded->topics.size(), stamp + 5 * kMessagePeriod,
            CloudMessage(WireWriter::Form::kCdr, stamps ? stamp : 0, SomeScan(i))});
     }
     recorded->topics.push_back(topic);
@@ -61,7 +61,7 @@ TEST_F(MessageScansTest, OneTopicIsFoundByItself) {
   const auto scans = OpenScans(path, options_);
   ASSERT_EQ(scans->size(), 4U);
   for (std::size_t i = 0; i < 4; ++i) {
-    EXPECT_EQ(scans->Stamp(i), kFirstNs + static_cast<StampNs>(i) * kPeriod);
+    EXPECT_EQ(scans->Stamp(i), kFirstNs + static_cast<StampNs>(i) * kMessagePeriod);
     const Scan scan = scans->Read(i), expected = SomeScan(static_cast<int>(i));
     EXPECT_EQ(scan.stamp_ns, scans->Stamp(i));
     EXPECT_FALSE(scan.stamp_made_up);
@@ -115,8 +115,8 @@ TEST_F(MessageScansTest, TimesOfRecordingWhereMessagesHaveNone) {
   Add({"/points", kCloudType}, 3, &recorded, false);
   const auto scans = OpenScans(Write("a.mcap", McapBytes(recorded, {})), options_);
   EXPECT_EQ(scans->Describe().stamps, "the times of recording");
-  EXPECT_EQ(scans->Stamp(1), kFirstNs + 6 * kPeriod);
-  EXPECT_EQ(scans->Read(1).stamp_ns, kFirstNs + 6 * kPeriod);
+  EXPECT_EQ(scans->Stamp(1), kFirstNs + 6 * kMessagePeriod);
+  EXPECT_EQ(scans->Read(1).stamp_ns, kFirstNs + 6 * kMessagePeriod);
 }
 
 TEST_F(MessageScansTest, ADamagedScanIsAnErrorOfItsOwn) {
@@ -125,7 +125,7 @@ TEST_F(MessageScansTest, ADamagedScanIsAnErrorOfItsOwn) {
   recorded.messages[2].bytes.resize(300);
   const std::string path = Write("a.mcap", McapBytes(recorded, {}));
   const auto scans = OpenScans(path, options_);
-  EXPECT_EQ(scans->Stamp(2), kFirstNs + 2 * kPeriod);
+  EXPECT_EQ(scans->Stamp(2), kFirstNs + 2 * kMessagePeriod);
   EXPECT_THAT(MessageOf<InputError>([&] { scans->Read(2); }), HasSubstr(path + "#2: "));
   EXPECT_EQ(scans->Read(3).points.size(), 50U);
 }

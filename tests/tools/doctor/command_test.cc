@@ -19,7 +19,7 @@
 namespace lamina {
 namespace {
 
-using nlohmann::json;
+using Json = nlohmann::json;
 using testing::AllOf;
 using testing::HasSubstr;
 using testing::IsEmpty;
@@ -97,14 +97,14 @@ TEST_F(DoctorTest, NamesOfFilesHaveNoEffect) {
 
 TEST_F(DoctorTest, ThePageHasPicturesOfThePlaces) {
   WriteRun(BadDrive());
-  const json data = DoctorData(Found());
+  const Json data = DoctorData(Found());
   ASSERT_EQ(data["places"].size(), 4U);
-  const json& lost = data["places"][0];
+  const Json& lost = data["places"][0];
   EXPECT_EQ(lost["picture"]["piece"], "0");
   EXPECT_NEAR(lost["picture"]["centre"][0], 109.5, 1e-6);
-  EXPECT_EQ(lost["chart"]["band"], json({100, 119}));
+  EXPECT_EQ(lost["chart"]["band"], Json({100, 119}));
   EXPECT_TRUE(lost["chart"]["limit"].is_null());
-  const json& unconverged = data["places"][1];
+  const Json& unconverged = data["places"][1];
   EXPECT_EQ(unconverged["chart"]["limit"], 20);
   // Both surfels lie near scan 45: x and y in float32.
   EXPECT_EQ(unconverged["picture"]["map"], Base64Floats({50, 3, 52, -3}));

@@ -66,7 +66,7 @@ MemoryScans RandomScans(size_t count, int points) {
   return MemoryScans(std::move(scans));
 }
 
-std::vector<PosedScan> Drive(size_t count, double step_m) {
+std::vector<PosedScan> PosedDrive(size_t count, double step_m) {
   std::vector<PosedScan> posed(count);
   for (size_t i = 0; i < count; ++i) {
     posed[i].scan = i;
@@ -77,7 +77,7 @@ std::vector<PosedScan> Drive(size_t count, double step_m) {
 
 TEST_F(ExportCloudTest, KeepsTheFirstPointOfEveryVoxel) {
   const MemoryScans scans = RandomScans(10, 3000);
-  const std::vector<PosedScan> posed = Drive(10, 2.0);
+  const std::vector<PosedScan> posed = PosedDrive(10, 2.0);
   ExportOptions options;
   options.resolution_m = 1.5;
   std::set<VoxelKey> seen;
@@ -102,7 +102,7 @@ TEST_F(ExportCloudTest, KeepsTheFirstPointOfEveryVoxel) {
 
 TEST_F(ExportCloudTest, SmallBudgetGivesTheSamePoints) {
   const MemoryScans scans = RandomScans(40, 5000);
-  const std::vector<PosedScan> posed = Drive(40, 5.0);
+  const std::vector<PosedScan> posed = PosedDrive(40, 5.0);
   ExportOptions options;
   options.resolution_m = 0.3;
   ExportResult one;
@@ -147,14 +147,14 @@ TEST_F(ExportCloudTest, IntensitiesStayWithTheirPoints) {
   const float nan = std::nanf("");
   scan.points = {{10, 0, 0, 1}, {0, 0, 0, 2}, {nan, 0, 0, 3}, {20, 0, 0, nan}, {30, 0, 0, 5}};
   ExportResult result;
-  const std::vector<Row> rows = Export(MemoryScans({scan}), Drive(1, 0.0), {}, &result);
+  const std::vector<Row> rows = Export(MemoryScans({scan}), PosedDrive(1, 0.0), {}, &result);
   EXPECT_EQ(rows, (std::vector<Row>{{10, 0, 0, 1}, {20, 0, 0, 0}, {30, 0, 0, 5}}));
 }
 
 TEST_F(ExportCloudTest, CountsWhatLiesBeyondTheGrid) {
   Scan scan;
   scan.points = {{10, 0, 0, 1}};
-  std::vector<PosedScan> posed = Drive(1, 0.0);
+  std::vector<PosedScan> posed = PosedDrive(1, 0.0);
   posed[0].T_world_lidar.t.y() = 1e6;
   ExportOptions options;
   ExportResult result;
@@ -169,10 +169,10 @@ TEST_F(ExportCloudTest, RefusesOptionsOutsideOfTheirRules) {
   ExportResult result;
   ExportOptions options;
   options.resolution_m = -1.0;
-  EXPECT_THROW(Export(RandomScans(1, 1), Drive(1, 0.0), options, &result), OptionError);
+  EXPECT_THROW(Export(RandomScans(1, 1), PosedDrive(1, 0.0), options, &result), OptionError);
   options = {};
   options.budget_mb = 0;
-  EXPECT_THROW(Export(RandomScans(1, 1), Drive(1, 0.0), options, &result), OptionError);
+  EXPECT_THROW(Export(RandomScans(1, 1), PosedDrive(1, 0.0), options, &result), OptionError);
   EXPECT_TRUE(std::filesystem::is_empty(folder_)) << "a failed export left a file behind";
 }
 

@@ -26,7 +26,7 @@ int Solve(std::vector<std::string> arguments) {
 
 // Rings of a sphere, as in the benchmark of that name: odometry along the rings, loops between
 // them; the start is what odometry alone says.
-G2oGraph Sphere(int rings, int ring, std::vector<SE3>* truth) {
+G2oGraph SphereGraph(int rings, int ring, std::vector<SE3>* truth) {
   Draws draws(1);
   G2oGraph graph;
   const auto add = [&](std::size_t from, std::size_t to) {
@@ -68,7 +68,7 @@ TEST(SolveGraphCommand, ASphereComesTogether) {
   const std::string in = testing::TempDir() + "lamina_sphere.g2o";
   const std::string out = testing::TempDir() + "lamina_sphere_solved.g2o";
   std::vector<SE3> truth;
-  G2oGraph graph = Sphere(12, 20, &truth);
+  G2oGraph graph = SphereGraph(12, 20, &truth);
   WriteG2o(in, graph);
   EXPECT_EQ(Solve({in, "--out", out}), 0);
   const G2oGraph solved = ReadG2o(out);

@@ -12,7 +12,7 @@ namespace {
 
 using testing::HasSubstr;
 
-constexpr std::size_t kScans = 8;
+constexpr std::size_t kStreetScans = 8;
 
 class RegisterTest : public RunTest {
  protected:
@@ -27,7 +27,7 @@ class RegisterTest : public RunTest {
     std::uniform_real_distribution<double> draw(-off_m, off_m);
     Trajectory poses;
     const SE3 T_first_world = sequence.TruePose(0).Inverse();
-    for (std::size_t i = 0; i < kScans; ++i) {
+    for (std::size_t i = 0; i < kStreetScans; ++i) {
       StampedPose pose{sequence.Stamp(i), T_first_world * sequence.TruePose(i)};
       if (i > 0) pose.T_world_lidar.t += Eigen::Vector3d(draw(random), draw(random), draw(random));
       poses.push_back(pose);
@@ -42,8 +42,9 @@ class RegisterTest : public RunTest {
 
   Outcome Register(const std::string& initial, std::vector<std::string> more = {}, int code = 0) {
     std::vector<std::string> arguments{
-        "register", "--scans",  WriteRecording("street", Street(kScans)), "--initial", initial,
-        "--out",    Path("out")};
+        "register",  "--scans", WriteRecording("street", Street(kStreetScans)),
+        "--initial", initial,   "--out",
+        Path("out")};
     arguments.insert(arguments.end(), more.begin(), more.end());
     Outcome outcome = Lamina(arguments);
     EXPECT_EQ(outcome.code, code) << outcome.err;
@@ -67,7 +68,7 @@ TEST_F(RegisterTest, BringsAStreetTogetherAndWritesEverything) {
   const std::vector<std::string> rounds = Lines(Bytes(Path("out/rounds.csv")));
   EXPECT_THAT(rounds.at(0), testing::StartsWith("round,iteration,cost,step,planes,ms"));
   EXPECT_EQ(rounds.size(), 1U + summary["iterations"].get<std::size_t>());
-  EXPECT_EQ(Lines(Bytes(Path("out/covariance.csv"))).size(), 1 + kScans);
+  EXPECT_EQ(Lines(Bytes(Path("out/covariance.csv"))).size(), 1 + kStreetScans);
   EXPECT_THAT(Bytes(Path("out/map_surfels.ply")), testing::StartsWith("ply"));
   EXPECT_THAT(Bytes(Path("out/config.yaml")), HasSubstr("registration:"));
   EXPECT_THAT(outcome.out, HasSubstr("against the truth"));
@@ -120,7 +121,7 @@ TEST_F(RegisterTest, PosesWithStampsMayMissScans) {
   EXPECT_THAT(outcome.err, HasSubstr("skipped scan 7: it has no initial pose"));
   EXPECT_EQ(Summary()["skipped_scans"], 1);
   Trajectory found = AllScans();
-  ASSERT_EQ(found.size(), kScans);
+  ASSERT_EQ(found.size(), kStreetScans);
   // Scan 3 began between its neighbours.
   EXPECT_LT(LargestDistance({found.begin(), found.end() - 1}, {truth.begin(), truth.end() - 1}),
             0.03);
@@ -160,7 +161,7 @@ TEST_F(RegisterTest, OneScanAloneIsRefusedWithAReason) {
 }
 
 TEST_F(RegisterTest, AnEmptyScanKeepsItsPoseAndTheRestIsSolved) {
-  Recording recording = Street(kScans);
+  Recording recording = Street(kStreetScans);
   recording[4].bytes = recording[4].bytes.substr(0, 160);
   const Trajectory start = StartPoses(0.1);
   const Outcome outcome =
@@ -170,7 +171,7 @@ TEST_F(RegisterTest, AnEmptyScanKeepsItsPoseAndTheRestIsSolved) {
   EXPECT_THAT(outcome.err, HasSubstr("skipped scan 4"));
   EXPECT_EQ(Summary()["skipped_scans"], 1);
   const Trajectory poses = AllScans();
-  ASSERT_EQ(poses.size(), kScans);
+  ASSERT_EQ(poses.size(), kStreetScans);
   EXPECT_LT((poses[4].T_world_lidar.t - start[4].T_world_lidar.t).norm(), 1e-9);
   EXPECT_LT((poses[5].T_world_lidar.t - StartPoses(0.0)[5].T_world_lidar.t).norm(), 0.03);
 }

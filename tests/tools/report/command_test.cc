@@ -18,7 +18,7 @@
 namespace lamina {
 namespace {
 
-using nlohmann::json;
+using Json = nlohmann::json;
 using testing::AllOf;
 using testing::HasSubstr;
 using testing::IsEmpty;
@@ -91,7 +91,7 @@ TEST_F(ReportTest, DataHoldsErrorsAgainstTheTruth) {
   WriteTumTrajectory(Path("truth.txt"), Drive(40, 0.1));
   ReportSource source = Source();
   source.truth = Path("truth.txt");
-  const json data = ReadReportData(source);
+  const Json data = ReadReportData(source);
   EXPECT_EQ(data["name"], "run");
   EXPECT_NEAR(data["truth"]["figures"]["ape_rmse_m"], 0.1, 0.005);
   EXPECT_EQ(data["truth"]["axis_name"], "s");
@@ -107,10 +107,10 @@ TEST_F(ReportTest, DataHoldsErrorsAgainstTheTruth) {
 TEST_F(ReportTest, LargeMapsAreThinnedEvenly) {
   WriteRun();
   ReportSource source = Source();
-  const json all = ReadReportData(source)["map"];
+  const Json all = ReadReportData(source)["map"];
   EXPECT_EQ(all["shown"], all["surfels"]);
   source.max_surfels = 1000;
-  const json some = ReadReportData(source)["map"];
+  const Json some = ReadReportData(source)["map"];
   EXPECT_EQ(some["surfels"], all["surfels"]);
   EXPECT_EQ(some["shown"], 1000);
   EXPECT_LT(some["cells"].get<std::string>().size(), all["cells"].get<std::string>().size() / 3);
@@ -121,7 +121,7 @@ TEST_F(ReportTest, LongRunsKeepTheirPeaks) {
   std::string csv = "scan,read_ms\n";
   for (int i = 0; i < 45000; ++i) csv += std::to_string(i) + (i == 31 ? ",77\n" : ",1\n");
   Write("run/frames.csv", csv);
-  const json timings = ReadReportData(Source())["timings"];
+  const Json timings = ReadReportData(Source())["timings"];
   EXPECT_EQ(timings["group"], 3);
   const std::string read = timings["stages"]["read_ms"];
   EXPECT_EQ(read.size(), 15000U * 4 / 3 * 4);
@@ -133,7 +133,7 @@ TEST_F(ReportTest, FilesThatMayBeMissing) {
   WriteRun();
   std::filesystem::remove(Path("run/frames.csv"));
   std::filesystem::remove(Path("run/summary.json"));
-  const json data = ReadReportData(Source());
+  const Json data = ReadReportData(Source());
   EXPECT_FALSE(data.contains("timings"));
   EXPECT_FALSE(data.contains("summary"));
 }

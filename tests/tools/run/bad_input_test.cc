@@ -21,7 +21,7 @@ using testing::AllOf;
 using testing::HasSubstr;
 using testing::SizeIs;
 
-constexpr std::size_t kScans = 16;
+constexpr std::size_t kScansGiven = 16;
 constexpr std::size_t kBad = 8;  // the scan that is spoilt
 
 // The points of a scan, each changed by `change`.
@@ -38,7 +38,7 @@ class RunBadInputTest : public RunTest {
   // `message`, and must leave the other poses as they are.
   void ExpectSkipped(const std::string& bytes, const std::string& reason,
                      const std::string& message) {
-    Recording recording = Street(kScans);
+    Recording recording = Street(kScansGiven);
     const std::string good = WriteRecording("good", recording);
     recording[kBad].bytes = bytes;
     ExpectSkippedScans(WriteRecording("bad", recording), reason, message, 1);
@@ -59,10 +59,10 @@ class RunBadInputTest : public RunTest {
     const nlohmann::json summary = Summary();
     EXPECT_EQ(summary["skipped_scans"], count);
     EXPECT_EQ(summary["skipped_by_reason"], nlohmann::json({{reason, count}}));
-    EXPECT_EQ(summary["frames"], kScans - count);
+    EXPECT_EQ(summary["frames"], kScansGiven - count);
     EXPECT_EQ(summary["lost_frames"], 0);
-    EXPECT_THAT(Lines(Bytes(Path("out/trajectory_kitti.txt"))), SizeIs(kScans));
-    EXPECT_THAT(Lines(Bytes(Path("out/trajectory_tum.txt"))), SizeIs(kScans - count));
+    EXPECT_THAT(Lines(Bytes(Path("out/trajectory_kitti.txt"))), SizeIs(kScansGiven));
+    EXPECT_THAT(Lines(Bytes(Path("out/trajectory_tum.txt"))), SizeIs(kScansGiven - count));
     EXPECT_THAT(Bytes(Path("out/frames.csv")), HasSubstr("," + reason + ","));
   }
 
@@ -88,7 +88,7 @@ TEST_F(RunBadInputTest, EmptyFolder) {
 }
 
 TEST_F(RunBadInputTest, TruncatedScan) {
-  const std::string bytes = Street(kScans)[kBad].bytes;
+  const std::string bytes = Street(kScansGiven)[kBad].bytes;
   const std::string truncated = bytes.substr(0, bytes.size() - 5);
   ExpectSkipped(truncated, "unreadable", "000008.bin");
   ExpectNothingUsable(truncated, "unreadable");
@@ -111,12 +111,13 @@ TEST_F(RunBadInputTest, SinglePoint) {
 }
 
 TEST_F(RunBadInputTest, ScanAtAMillionKilometres) {
-  const std::string bytes = Changed(Street(kScans)[kBad].bytes, [](ScanPoint* p) { p->x = 1e9F; });
+  const std::string bytes =
+      Changed(Street(kScansGiven)[kBad].bytes, [](ScanPoint* p) { p->x = 1e9F; });
   ExpectSkipped(bytes, "too_few_points", "out of range");
 }
 
 TEST_F(RunBadInputTest, SomePointsAtAMillionKilometres) {
-  Recording recording = Street(kScans);
+  Recording recording = Street(kScansGiven);
   Run(WriteRecording("good", recording), {}, 0, "good_out");
   for (RecordedScan& scan : recording) {
     scan.bytes += KittiBin({{1e9F, 0.0F, 0.0F, 0.0F},
@@ -139,14 +140,14 @@ TEST_F(RunBadInputTest, ThousandIdenticalScans) {
 }
 
 TEST_F(RunBadInputTest, DuplicatedStamp) {
-  Recording recording = Street(kScans);
+  Recording recording = Street(kScansGiven);
   recording[kBad].stamp_s = recording[kBad - 1].stamp_s;
   const std::string scans = WriteRecording("bad", recording);
   ExpectSkippedScans(scans, "stamp_not_after_last", "is not after the last one", 1);
 }
 
 TEST_F(RunBadInputTest, DecreasingStamps) {
-  Recording recording = Street(kScans);
+  Recording recording = Street(kScansGiven);
   for (std::size_t i = kBad; i < kBad + 3; ++i) {
     recording[i].stamp_s = 0.05 - 0.01 * static_cast<double>(i - kBad);
   }
@@ -156,19 +157,19 @@ TEST_F(RunBadInputTest, DecreasingStamps) {
 
 TEST_F(RunBadInputTest, GapsOfSeconds) {
   // The sensor stands still meanwhile, and goes on as before.
-  Recording recording = Street(kScans);
+  Recording recording = Street(kScansGiven);
   Run(WriteRecording("good", recording), {}, 0, "good_out");
-  for (std::size_t i = 0; i < kScans; ++i) {
+  for (std::size_t i = 0; i < kScansGiven; ++i) {
     recording[i].stamp_s += (i >= 6 ? 3.0 : 0.0) + (i >= 11 ? 60.0 : 0.0);
   }
   Run(WriteRecording("gaps", recording));
-  EXPECT_EQ(Summary()["frames"], kScans);
+  EXPECT_EQ(Summary()["frames"], kScansGiven);
   EXPECT_EQ(Summary()["lost_frames"], 0);
   EXPECT_LT(LargestDistance(AllScans(), AllScans("good_out")), 0.05);
 }
 
 TEST_F(RunBadInputTest, RotatedScanIsLostAlone) {
-  Recording recording = Street(kScans);
+  Recording recording = Street(kScansGiven);
   Run(WriteRecording("good", recording), {}, 0, "good_out");
   recording[kBad].bytes = Changed(recording[kBad].bytes, [](ScanPoint* p) {
     const float x = p->x;
@@ -178,14 +179,14 @@ TEST_F(RunBadInputTest, RotatedScanIsLostAlone) {
   const Outcome outcome = Run(WriteRecording("bad", recording));
   EXPECT_THAT(outcome.err, HasSubstr("lost at scan 8"));
   EXPECT_EQ(Summary()["lost_frames"], 1);
-  EXPECT_EQ(Summary()["frames"], kScans);
+  EXPECT_EQ(Summary()["frames"], kScansGiven);
   EXPECT_EQ(Summary()["restarts"], 0);
   EXPECT_LT(LargestDistance(AllScans(), AllScans("good_out")), 0.1);
   EXPECT_THAT(Bytes(Path("out/frames.csv")), HasSubstr("\n8,0.800000000,lost,0,"));
 }
 
 TEST_F(RunBadInputTest, ALostScanDelaysNothingWhereSearchIsOff) {
-  Recording recording = Street(kScans);
+  Recording recording = Street(kScansGiven);
   recording[kBad].bytes = Changed(recording[kBad].bytes, [](ScanPoint* p) {
     const float x = p->x;
     p->x = -p->y;

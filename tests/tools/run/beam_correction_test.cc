@@ -32,7 +32,7 @@ SynthOptions HalfKnown(int frames) {
   return synth;
 }
 
-struct Drive {
+struct CorrectedDrive {
   OpeningCalibration opening;
   int begun = 0;         // mappings
   double error_m = 0.0;  // of the last pose, from the first
@@ -40,14 +40,14 @@ struct Drive {
   std::size_t lost = 0;
 };
 
-Drive Map(const SynthOptions& synth, const std::string& correction) {
+CorrectedDrive Map(const SynthOptions& synth, const std::string& correction) {
   const auto sequence = std::make_shared<const SynthSequence>(synth);
   const SynthScanSource source(sequence);
   MappingOptions options;
   options.loops.enabled = false;
   if (correction == "off")
     options.preparation.beam_correction = ScanPreparationOptions::BeamCorrection::kOff;
-  Drive drive;
+  CorrectedDrive drive;
   SE3 last;
   MappingCallbacks callbacks;
   callbacks.on_final_pose = [&](const FinalPose& pose) { last = pose.pose.T_world_lidar; };
@@ -93,8 +93,8 @@ void ExpectTrue(const std::vector<BeamOffset>& beams, const SynthOptions& synth)
 
 TEST(BeamCorrection, ATownBySuchASensorDriftsNoMore) {
   const SynthOptions synth = HalfKnown(60);
-  const Drive as_it_is = Map(synth, "off");
-  const Drive corrected = Map(synth, "auto");
+  const CorrectedDrive as_it_is = Map(synth, "off");
+  const CorrectedDrive corrected = Map(synth, "auto");
   EXPECT_EQ(as_it_is.opening.outcome, Outcomes::kNotLookedFor);
   ASSERT_EQ(corrected.opening.outcome, Outcomes::kCorrected) << corrected.opening.why;
   EXPECT_EQ(corrected.begun, 2);
@@ -111,8 +111,8 @@ TEST(BeamCorrection, WithoutConesOneAngleIsFoundForAll) {
   synth.sensor = synth::SensorKind::kScattered;
   synth.errors = {};
   synth.errors.beam_elevation_offset_deg = 0.4;
-  const Drive as_it_is = Map(synth, "off");
-  const Drive corrected = Map(synth, "auto");
+  const CorrectedDrive as_it_is = Map(synth, "off");
+  const CorrectedDrive corrected = Map(synth, "auto");
   ASSERT_EQ(corrected.opening.outcome, Outcomes::kCorrected) << corrected.opening.why;
   EXPECT_TRUE(corrected.opening.beams.empty());
   EXPECT_NEAR(Degrees(corrected.opening.elevation_rad), 0.4, 0.12);
@@ -125,7 +125,7 @@ TEST(BeamCorrection, ANoisySensorIsLookedAtAndLeftAsItIs) {
   SynthOptions synth = HalfKnown(60);
   synth.errors = {};
   synth.noise_m = 0.03;
-  const Drive drive = Map(synth, "auto");
+  const CorrectedDrive drive = Map(synth, "auto");
   ASSERT_EQ(drive.opening.outcome, Outcomes::kRefused);
   EXPECT_THAT(drive.opening.why, HasSubstr("as thick"));
   EXPECT_EQ(drive.begun, 1);
@@ -134,7 +134,7 @@ TEST(BeamCorrection, ANoisySensorIsLookedAtAndLeftAsItIs) {
 TEST(BeamCorrection, AWellKnownSensorIsNotTouched) {
   SynthOptions synth = HalfKnown(60);
   synth.errors = {};
-  const Drive drive = Map(synth, "auto");
+  const CorrectedDrive drive = Map(synth, "auto");
   EXPECT_EQ(drive.opening.outcome, Outcomes::kNotLookedFor);
   EXPECT_EQ(drive.begun, 1);
 }
@@ -142,7 +142,7 @@ TEST(BeamCorrection, AWellKnownSensorIsNotTouched) {
 TEST(BeamCorrection, AFieldDeterminesNothing) {
   SynthOptions synth = HalfKnown(60);
   synth.scene = synth::SceneKind::kField;
-  const Drive drive = Map(synth, "auto");
+  const CorrectedDrive drive = Map(synth, "auto");
   EXPECT_NE(drive.opening.outcome, Outcomes::kCorrected);
 }
 
@@ -151,7 +151,7 @@ TEST(BeamCorrection, ASensorThatSeesToOneSideIsRefused) {
   synth.sensor = synth::SensorKind::kAvia;
   synth.rings = synth.points = 0;
   synth.noise_m = 0.05;
-  const Drive drive = Map(synth, "auto");
+  const CorrectedDrive drive = Map(synth, "auto");
   ASSERT_EQ(drive.opening.outcome, Outcomes::kRefused);
   EXPECT_THAT(drive.opening.why, HasSubstr("one side"));
   EXPECT_EQ(drive.begun, 1);

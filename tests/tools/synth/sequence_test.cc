@@ -47,7 +47,7 @@ std::string Bytes(const Scan& scan) {
   return bytes;
 }
 
-Eigen::Vector3d Position(const ScanPoint& p) {
+Eigen::Vector3d PositionOf(const ScanPoint& p) {
   return Eigen::Vector3f(p.x, p.y, p.z).cast<double>();
 }
 
@@ -61,7 +61,7 @@ std::vector<double> SurfaceDistances(const SynthSequence& sequence, std::size_t 
   std::vector<double> distances;
   for (std::size_t i = 0; i < scan.points.size(); i += stride) {
     const double t = stamp_s + (deskewed && !scan.time_s.empty() ? scan.time_s[i] : 0.0);
-    const Eigen::Vector3d p_world = sequence.TruePoseAt(t) * Position(scan.points[i]);
+    const Eigen::Vector3d p_world = sequence.TruePoseAt(t) * PositionOf(scan.points[i]);
     distances.push_back(view.SurfaceDistance(sequence.T_scene_world() * p_world, 2.0));
   }
   return distances;
@@ -100,7 +100,7 @@ TEST_P(SynthSetups, MostRaysReturnWithinTheSensorsRange) {
   EXPECT_LE(scan.points.size(), rays);
   EXPECT_EQ(scan.time_s.size(), scan.points.size());
   for (const ScanPoint& p : scan.points) {
-    const double range = Position(p).norm();
+    const double range = PositionOf(p).norm();
     EXPECT_GT(range, sensor.min_range_m() - 0.15);
     EXPECT_LT(range, sensor.max_range_m() + 0.15);
     EXPECT_TRUE(p.intensity >= 0.0F && p.intensity <= 1.0F) << p.intensity;
@@ -138,7 +138,7 @@ TEST(SynthSequence, NoiseHasTheGivenSize) {
   double sum = 0.0;
   double square = 0.0;
   for (std::size_t i = 0; i < a.points.size(); ++i) {
-    const double error = Position(a.points[i]).norm() - Position(b.points[i]).norm();
+    const double error = PositionOf(a.points[i]).norm() - PositionOf(b.points[i]).norm();
     sum += error;
     square += error * error;
   }

@@ -14,7 +14,7 @@
 namespace lamina {
 namespace {
 
-BundleScene Scene(BundleSceneOptions options, unsigned seed) {
+BundleScene FormulationScene(BundleSceneOptions options, unsigned seed) {
   Draws draws(seed);
   BundleScene scene = MakeBundleScene(options, &draws);
   for (const Points& points : scene.points) {
@@ -43,7 +43,7 @@ BundleAdjusterOptions LongSolve() {
   return options;
 }
 
-double LargestError(const std::vector<SE3>& a, const std::vector<SE3>& b) {
+double LargestPoseError(const std::vector<SE3>& a, const std::vector<SE3>& b) {
   double largest = 0.0;
   for (std::size_t k = 0; k < a.size(); ++k) {
     largest = std::max({largest, RotationAngle(a[k], b[k]), (a[k].t - b[k].t).norm()});
@@ -61,13 +61,14 @@ TEST_P(EveryFormulation, ReturnsTheExactPosesWithoutNoise) {
     options.poses = 8;
     options.planes = 15;
     options.points = 10;
-    const BundleScene scene = Scene(options, seed);
-    ASSERT_GT(LargestError(scene.problem.poses, scene.truth), 0.09);
+    const BundleScene scene = FormulationScene(options, seed);
+    ASSERT_GT(LargestPoseError(scene.problem.poses, scene.truth), 0.09);
     const BundleResult result =
         AdjustBundle(scene.problem, LongSolve(), FindFormulation(GetParam()));
     EXPECT_TRUE(result.usable());
     // Eigen-Factors' 4x4 matrices hold squared coordinates: rounding hides the last of the way.
-    EXPECT_LT(LargestError(result.poses, scene.truth), GetParam() == "eigen_factors" ? 1e-5 : 1e-6)
+    EXPECT_LT(LargestPoseError(result.poses, scene.truth),
+              GetParam() == "eigen_factors" ? 1e-5 : 1e-6)
         << result.iterations << " iterations, cost " << result.final_cost;
   }
 }
@@ -75,18 +76,18 @@ TEST_P(EveryFormulation, ReturnsTheExactPosesWithoutNoise) {
 TEST_P(EveryFormulation, FindsTheTruthBetterThanTheStart) {
   BundleSceneOptions options;
   options.sigma_m = 0.01;
-  const BundleScene scene = Scene(options, 7);
+  const BundleScene scene = FormulationScene(options, 7);
   BundleAdjusterOptions solve = LongSolve();
   solve.max_iterations = 3000;
   solve.min_cost_change = 1e-9;
   const BundleResult result = AdjustBundle(scene.problem, solve, FindFormulation(GetParam()));
   EXPECT_TRUE(result.usable());
   EXPECT_LT(result.final_cost, result.initial_cost);
-  EXPECT_LT(LargestError(result.poses, scene.truth), 0.02);
+  EXPECT_LT(LargestPoseError(result.poses, scene.truth), 0.02);
 }
 
 TEST_P(EveryFormulation, TellsTheObserverOfEveryStep) {
-  const BundleScene scene = Scene(Noisy(), 3);
+  const BundleScene scene = FormulationScene(Noisy(), 3);
   BundleAdjusterOptions solve = LongSolve();
   solve.max_iterations = 4;
   int steps = 0;
@@ -102,7 +103,7 @@ TEST_P(EveryFormulation, TellsTheObserverOfEveryStep) {
                    });
   EXPECT_EQ(steps, result.iterations);
   EXPECT_GE(result.solve_ms, last_ms);
-  EXPECT_LT(LargestError(last, result.poses), 1e-12);
+  EXPECT_LT(LargestPoseError(last, result.poses), 1e-12);
 }
 
 TEST_P(EveryFormulation, HasTheSameBitsAtAnyNumberOfThreads) {
@@ -110,7 +111,7 @@ TEST_P(EveryFormulation, HasTheSameBitsAtAnyNumberOfThreads) {
   options.poses = 12;
   options.planes = 300;
   options.points = 6;
-  const BundleScene scene = Scene(options, 5);
+  const BundleScene scene = FormulationScene(options, 5);
   BundleAdjusterOptions solve = LongSolve();
   solve.max_iterations = 5;
   std::vector<SE3> first;
@@ -118,12 +119,12 @@ TEST_P(EveryFormulation, HasTheSameBitsAtAnyNumberOfThreads) {
     const ThreadLimit limit(threads);
     const BundleResult result = AdjustBundle(scene.problem, solve, FindFormulation(GetParam()));
     if (first.empty()) first = result.poses;
-    EXPECT_EQ(LargestError(result.poses, first), 0.0) << threads << " threads";
+    EXPECT_EQ(LargestPoseError(result.poses, first), 0.0) << threads << " threads";
   }
 }
 
 TEST_P(EveryFormulation, HoldsTheFirstPose) {
-  const BundleScene scene = Scene(Noisy(), 4);
+  const BundleScene scene = FormulationScene(Noisy(), 4);
   const BundleResult result = AdjustBundle(scene.problem, LongSolve(), FindFormulation(GetParam()));
   EXPECT_EQ((result.poses[0].t - scene.problem.poses[0].t).norm(), 0.0);
   EXPECT_LT(RotationAngle(result.poses[0], scene.problem.poses[0]), 1e-12);
@@ -148,7 +149,7 @@ class NormalEquationsOf : public ::testing::TestWithParam<std::string> {};
 // Value() judges a step from the last linearisation: that is the function to be differentiated.
 TEST_P(NormalEquationsOf, GradientMeetsNumericDifferences) {
   for (unsigned seed = 0; seed < 10; ++seed) {
-    const BundleScene scene = Scene(Noisy(), seed);
+    const BundleScene scene = FormulationScene(Noisy(), seed);
     const std::vector<SE3>& poses = scene.problem.poses;
     const auto cost = FindFormulation(GetParam()).make_cost(scene.problem);
     Eigen::VectorXd g;
@@ -187,7 +188,7 @@ Eigen::MatrixXd NumericHessian(const BundleProblem& problem, BundleCost* cost) {
 
 TEST(Evm2Cost, HessianIsExact) {
   for (unsigned seed = 0; seed < 10; ++seed) {
-    const BundleScene scene = Scene(Noisy(), seed);
+    const BundleScene scene = FormulationScene(Noisy(), seed);
     const auto cost = FindFormulation("evm2").make_cost(scene.problem);
     Eigen::VectorXd g;
     Eigen::MatrixXd H;
@@ -200,7 +201,7 @@ TEST(Evm2Cost, HessianIsExact) {
 // The cost by the points alone: what Evm1Cost's Hessian is the second derivative of, poses
 // entering by the first derivative of the points.
 TEST(Evm1Cost, HessianIsThatOfThePointsWithLinearMotion) {
-  const BundleScene scene = Scene(Noisy(), 1);
+  const BundleScene scene = FormulationScene(Noisy(), 1);
   const BundleProblem& problem = scene.problem;
   const auto cost = FindFormulation("evm1").make_cost(problem);
   Eigen::VectorXd g;
@@ -245,7 +246,7 @@ TEST(Evm1Cost, HessianIsThatOfThePointsWithLinearMotion) {
 }
 
 TEST(HuangCost, IsThePapersSumAndItsMatrixTheGaussNewtonOne) {
-  const BundleScene scene = Scene(Noisy(), 2);
+  const BundleScene scene = FormulationScene(Noisy(), 2);
   const BundleProblem& problem = scene.problem;
   HuangCost cost(problem);
   Eigen::VectorXd g;
@@ -284,7 +285,7 @@ TEST(HuangCost, IsThePapersSumAndItsMatrixTheGaussNewtonOne) {
 
 TEST(EigenFactors, GradientMeetsNumericDifferences) {
   for (unsigned seed = 0; seed < 10; ++seed) {
-    const BundleScene scene = Scene(Noisy(), seed);
+    const BundleScene scene = FormulationScene(Noisy(), seed);
     const std::vector<SE3>& poses = scene.problem.poses;
     const EigenFactorsCost cost(scene.problem);
     Eigen::VectorXd g;
@@ -301,7 +302,7 @@ TEST(EigenFactors, GradientMeetsNumericDifferences) {
 }
 
 TEST(EigenFactors, SmallestEigenvalueIsTheSumOfSquaredPlaneDistances) {
-  const BundleScene scene = Scene(Noisy(), 3);
+  const BundleScene scene = FormulationScene(Noisy(), 3);
   const std::vector<SE3>& poses = scene.problem.poses;
   double expected = 0.0;
   for (const Plane& plane : scene.problem.planes) {
@@ -323,13 +324,13 @@ TEST(PlaneLandmarks, ConvergeInAFewSteps) {
   options.poses = 8;
   options.planes = 15;
   options.points = 10;
-  const BundleScene scene = Scene(options, 1);
-  ASSERT_GT(LargestError(scene.problem.poses, scene.truth), 0.05);
+  const BundleScene scene = FormulationScene(options, 1);
+  ASSERT_GT(LargestPoseError(scene.problem.poses, scene.truth), 0.05);
   BundleAdjusterOptions solve = LongSolve();
   solve.max_iterations = 8;
   const BundleResult result =
       AdjustBundle(scene.problem, solve, FindFormulation("plane_landmarks"));
-  EXPECT_LT(LargestError(result.poses, scene.truth), 1e-9);
+  EXPECT_LT(LargestPoseError(result.poses, scene.truth), 1e-9);
 }
 
 TEST(Formulations, AreFoundByNameAndByNoOther) {
@@ -343,7 +344,7 @@ TEST(Formulations, AreFoundByNameAndByNoOther) {
 }
 
 TEST(Formulations, RefuseWhatTheyCannotExpress) {
-  BundleScene scene = Scene(Noisy(), 6);
+  BundleScene scene = FormulationScene(Noisy(), 6);
   scene.problem.priors.push_back({0, 1, SE3(), Matrix6d::Identity()});
   for (const char* name : {"huang", "eigen_factors", "eigen_factors_lm", "plane_landmarks"}) {
     EXPECT_THROW(AdjustBundle(scene.problem, LongSolve(), FindFormulation(name)), std::logic_error);
@@ -354,12 +355,12 @@ TEST(Formulations, RefuseWhatTheyCannotExpress) {
 }
 
 TEST(Formulations, CondensedAndBothSecondOrderFormsShareOneOptimum) {
-  const BundleScene scene = Scene(Noisy(), 8);
+  const BundleScene scene = FormulationScene(Noisy(), 8);
   const BundleResult condensed = AdjustBundle(scene.problem, LongSolve());
   for (const char* name : {"evm1", "evm2"}) {
     const BundleResult other = AdjustBundle(scene.problem, LongSolve(), FindFormulation(name));
     EXPECT_NEAR(other.final_cost, condensed.final_cost, 1e-10 * condensed.final_cost);
-    EXPECT_LT(LargestError(other.poses, condensed.poses), 1e-6);
+    EXPECT_LT(LargestPoseError(other.poses, condensed.poses), 1e-6);
   }
 }
 

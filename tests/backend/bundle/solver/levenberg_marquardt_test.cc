@@ -13,7 +13,7 @@
 namespace lamina {
 namespace {
 
-constexpr int kFrames = 70;
+constexpr int kStepFrames = 70;
 
 // A drive along a street and back: each plane is seen by a few neighbours, and by those that come
 // by later. More unknowns than the solver takes for few.
@@ -21,19 +21,19 @@ BundleProblem StreetAndBack(unsigned seed) {
   Draws draws(seed);
   std::vector<SE3> truth;
   BundleProblem problem;
-  for (int k = 0; k < kFrames; ++k) {
-    const double x = std::min(k, kFrames - k);
+  for (int k = 0; k < kStepFrames; ++k) {
+    const double x = std::min(k, kStepFrames - k);
     truth.emplace_back(draws.Offset(0.1, 0.0).q, Eigen::Vector3d(x, 0, 0));
     const SE3 off = k == 0 ? SE3() : draws.Offset(0.005, 0.02);
     problem.poses.emplace_back(truth.back().q * off.q, truth.back().t + off.t);
   }
-  for (int p = 0; p < 8 * kFrames; ++p) {
+  for (int p = 0; p < 8 * kStepFrames; ++p) {
     const Eigen::Vector3d at(0.5 * p / 8.0, 0, 0);
     const Patch patch(at + draws.InCube(4.0), draws.Direction());
     Plane plane;
     plane.first = static_cast<std::int32_t>(problem.observations.size());
     plane.weight = 400.0;
-    for (int k = 0; k < kFrames; ++k) {
+    for (int k = 0; k < kStepFrames; ++k) {
       const SE3& T = truth[static_cast<std::size_t>(k)];
       if (std::abs(T.t.x() - at.x()) > 2.0) continue;
       Points seen;
@@ -79,8 +79,9 @@ TEST(LevenbergMarquardt, TheSparseWayMeetsTheDenseMinimumWithTheSameBitsAtAnyNum
     }
   }
   // Priors that say nothing fill every block.
-  for (int a = 0; a < kFrames; ++a) {
-    for (int b = a + 1; b < kFrames; ++b) problem.priors.push_back({a, b, SE3(), Matrix6d::Zero()});
+  for (int a = 0; a < kStepFrames; ++a) {
+    for (int b = a + 1; b < kStepFrames; ++b)
+      problem.priors.push_back({a, b, SE3(), Matrix6d::Zero()});
   }
   const BundleResult dense = Solve(problem, false);
   EXPECT_NEAR(sparse.final_cost, dense.final_cost, 1e-9 * dense.final_cost);

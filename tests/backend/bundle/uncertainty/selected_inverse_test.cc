@@ -153,8 +153,9 @@ TEST(InvertOnDiagonal, SaysWhenAMatrixIsAllButSingular) {
 
 // Largest difference of the covariances from those of a dense factorisation, rotation and
 // translation each for itself, over every `stride`-th frame and the last one.
-double LargestError(const BundleProblem& problem, const std::vector<Matrix6d>& covariances,
-                    double open_variance, std::size_t stride = 1) {
+double LargestCovarianceError(const BundleProblem& problem,
+                              const std::vector<Matrix6d>& covariances, double open_variance,
+                              std::size_t stride = 1) {
   if (covariances.size() != problem.poses.size()) return std::numeric_limits<double>::infinity();
   const auto cost = CondensedFormulation().make_cost(problem);
   Eigen::VectorXd g;
@@ -208,7 +209,7 @@ TEST(PoseCovariances, OfAThinChainAreThoseOfTheDenseInverse) {
           scene.problem.holds = {{frames / 3, slanted}, {frames / 2, Vector6d::Unit(2)}};
         }
         const auto covariances = PoseCovariances(scene.problem, scene.problem.poses, 0.0);
-        EXPECT_LT(LargestError(scene.problem, covariances, 0.0, 10), 1e-3)
+        EXPECT_LT(LargestCovarianceError(scene.problem, covariances, 0.0, 10), 1e-3)
             << frames << " frames, ring " << ring << ", open " << with_open;
       }
     }
@@ -255,7 +256,7 @@ TEST(PoseCovariances, OfALineAreThoseOfTheDenseInverse) {
   const auto covariances = PoseCovariances(problem, problem.poses, kOpenVariance);
   ASSERT_EQ(covariances.size(), problem.poses.size());
   EXPECT_EQ(covariances[0].norm(), 0.0);
-  EXPECT_LT(LargestError(problem, covariances, kOpenVariance), 1e-6);
+  EXPECT_LT(LargestCovarianceError(problem, covariances, kOpenVariance), 1e-6);
   problem.planes[7].weight = std::numeric_limits<double>::quiet_NaN();
   EXPECT_TRUE(PoseCovariances(problem, problem.poses, kOpenVariance).empty());
 }

@@ -14,7 +14,7 @@ using testing::IsEmpty;
 constexpr int kMaxIterations = 20;
 
 // A drive of 200 scans at 10 m/s, all as they should be but for what `change` does to scan i.
-RunVerdict Drive(const std::function<void(int i, ScanRecord* scan)>& change = {}) {
+RunVerdict VerdictOn(const std::function<void(int i, ScanRecord* scan)>& change = {}) {
   VerdictCounter counter(kMaxIterations);
   for (int i = 0; i < 200; ++i) {
     ScanRecord scan;
@@ -34,7 +34,7 @@ RunVerdict Drive(const std::function<void(int i, ScanRecord* scan)>& change = {}
 }
 
 TEST(RunVerdictTest, AGoodRunIsSaidToBe) {
-  const RunVerdict verdict = Drive();
+  const RunVerdict verdict = VerdictOn();
   EXPECT_EQ(verdict.grade, RunVerdict::Grade::kGood);
   EXPECT_THAT(verdict.reasons, IsEmpty());
   EXPECT_EQ(ToString(verdict), "good");
@@ -56,17 +56,17 @@ TEST(RunVerdictTest, MotionsThatNoVehicleMakesAreWrong) {
       if (i % each == each - 1) scan->T_world_lidar.t.x() += 0.5;
     };
   };
-  EXPECT_EQ(Drive(off_each(10)).grade, RunVerdict::Grade::kWrong);
-  EXPECT_THAT(ToString(Drive(off_each(10))), HasSubstr("which no vehicle makes"));
-  EXPECT_EQ(Drive(off_each(100)).grade, RunVerdict::Grade::kDoubtful);
+  EXPECT_EQ(VerdictOn(off_each(10)).grade, RunVerdict::Grade::kWrong);
+  EXPECT_THAT(ToString(VerdictOn(off_each(10))), HasSubstr("which no vehicle makes"));
+  EXPECT_EQ(VerdictOn(off_each(100)).grade, RunVerdict::Grade::kDoubtful);
   // Full braking is none; nor is a gap of seconds.
-  EXPECT_EQ(Drive([](int i, ScanRecord* scan) {
+  EXPECT_EQ(VerdictOn([](int i, ScanRecord* scan) {
               const double braking_s = std::clamp(0.1 * (i - 100), 0.0, 1.25);
               if (i < 100) return;
               scan->T_world_lidar.t.x() = 100.0 + 10.0 * braking_s - 4.0 * braking_s * braking_s;
             }).grade,
             RunVerdict::Grade::kGood);
-  EXPECT_EQ(Drive([](int i, ScanRecord* scan) {
+  EXPECT_EQ(VerdictOn([](int i, ScanRecord* scan) {
               if (i < 100) return;
               scan->stamp_ns += 3'000'000'000LL;
               scan->T_world_lidar.t.x() += 25.0;
@@ -81,8 +81,8 @@ TEST(RunVerdictTest, UnevenStepsWithoutStampsAreNoSpeeds) {
       scan->recorded_stamp = recorded;
     };
   };
-  EXPECT_EQ(Drive(uneven(true)).grade, RunVerdict::Grade::kWrong);
-  EXPECT_EQ(Drive(uneven(false)).grade, RunVerdict::Grade::kGood);
+  EXPECT_EQ(VerdictOn(uneven(true)).grade, RunVerdict::Grade::kWrong);
+  EXPECT_EQ(VerdictOn(uneven(false)).grade, RunVerdict::Grade::kGood);
 }
 
 TEST(RunVerdictTest, MatchesThatDoNotConvergeAreWrong) {
@@ -91,19 +91,19 @@ TEST(RunVerdictTest, MatchesThatDoNotConvergeAreWrong) {
       if (i % each == 0) scan->iterations = kMaxIterations;
     };
   };
-  EXPECT_EQ(Drive(share(5)).grade, RunVerdict::Grade::kWrong);
-  EXPECT_EQ(Drive(share(10)).grade, RunVerdict::Grade::kDoubtful);
-  EXPECT_EQ(Drive(share(50)).grade, RunVerdict::Grade::kGood);
+  EXPECT_EQ(VerdictOn(share(5)).grade, RunVerdict::Grade::kWrong);
+  EXPECT_EQ(VerdictOn(share(10)).grade, RunVerdict::Grade::kDoubtful);
+  EXPECT_EQ(VerdictOn(share(50)).grade, RunVerdict::Grade::kGood);
 }
 
 TEST(RunVerdictTest, ScansTooFarApartMatchLittle) {
-  const RunVerdict verdict = Drive([](int, ScanRecord* scan) { scan->inlier_share = 0.10; });
+  const RunVerdict verdict = VerdictOn([](int, ScanRecord* scan) { scan->inlier_share = 0.10; });
   EXPECT_EQ(verdict.grade, RunVerdict::Grade::kWrong);
   EXPECT_THAT(ToString(verdict), HasSubstr("share of inliers is 0.10"));
 }
 
 TEST(RunVerdictTest, WhatWeighsMostIsSaidFirst) {
-  const RunVerdict verdict = Drive([](int i, ScanRecord* scan) {
+  const RunVerdict verdict = VerdictOn([](int i, ScanRecord* scan) {
     if (i >= 40 && i < 160) scan->status = "lost";
     scan->piece = i < 160 ? 0 : 1;
     if (i % 11 == 0) scan->iterations = kMaxIterations;
@@ -117,7 +117,7 @@ TEST(RunVerdictTest, WhatWeighsMostIsSaidFirst) {
 }
 
 TEST(RunVerdictTest, PosesOfDifferentPiecesAreNoMotion) {
-  const RunVerdict verdict = Drive([](int i, ScanRecord* scan) {
+  const RunVerdict verdict = VerdictOn([](int i, ScanRecord* scan) {
     scan->piece = i / 100;
     if (scan->piece == 1) scan->T_world_lidar.t.x() = 1e4;
   });

@@ -93,7 +93,7 @@ class StreetMap {
   std::int64_t frame_ = 0;
 };
 
-MapQuery Sphere(const Eigen::Vector3d& centre, double radius_m, std::int64_t newer_than = -1) {
+MapQuery Ball(const Eigen::Vector3d& centre, double radius_m, std::int64_t newer_than = -1) {
   MapQuery query;
   query.centre = centre;
   query.radius_m = radius_m;
@@ -109,14 +109,14 @@ TEST(MapAnswer, AllSurfelsOfTheSphereAreOnItsPages) {
   street.map.ForEachSurface(1, [&](const Surfel&) { ++all; });
   EXPECT_EQ(all, 600U * 16U);
   int pages = 0;
-  EXPECT_EQ(StreetMap::Surfels(street.Ask(Sphere({0.1, 0.2, 0.3}, 200.0), &pages)), all);
+  EXPECT_EQ(StreetMap::Surfels(street.Ask(Ball({0.1, 0.2, 0.3}, 200.0), &pages)), all);
   EXPECT_GT(pages, 0);
   // Before, 2142 pages for 200 m at this size, whatever the map.
   EXPECT_LT(pages, 6);
-  const auto near = street.Ask(Sphere({100.0, 0.2, 0.3}, 10.0));
+  const auto near = street.Ask(Ball({100.0, 0.2, 0.3}, 10.0));
   EXPECT_NEAR(static_cast<double>(StreetMap::Surfels(near)), 40.0 * 16.0, 4.0 * 16.0 * 4.0);
-  EXPECT_TRUE(street.Ask(Sphere({0.0, 100.0, 0.0}, 50.0)).empty());
-  EXPECT_TRUE(street.Ask(Sphere({1e9, 0.0, 0.0}, 50.0)).empty());
+  EXPECT_TRUE(street.Ask(Ball({0.0, 100.0, 0.0}, 50.0)).empty());
+  EXPECT_TRUE(street.Ask(Ball({1e9, 0.0, 0.0}, 50.0)).empty());
 }
 
 TEST(MapAnswer, CostsWhatItReturnsAndNotTheSphere) {
@@ -124,12 +124,12 @@ TEST(MapAnswer, CostsWhatItReturnsAndNotTheSphere) {
   street.Pave(-20.0, 20.0, 2.0);
   street.map.TrackTiles();  // of what is there already
   std::size_t small = 0, large = 0, none = 0;
-  const auto cells = street.Ask(Sphere({0, 0, 0}, 30.0), nullptr, &small);
+  const auto cells = street.Ask(Ball({0, 0, 0}, 30.0), nullptr, &small);
   EXPECT_EQ(StreetMap::Surfels(cells), 80U * 8U);
-  EXPECT_EQ(street.Ask(Sphere({0, 0, 0}, 200.0), nullptr, &large), cells);
+  EXPECT_EQ(street.Ask(Ball({0, 0, 0}, 200.0), nullptr, &large), cells);
   EXPECT_LE(large, 4 * cells.size() + 100);
   EXPECT_EQ(large, small);
-  EXPECT_TRUE(street.Ask(Sphere({0, 0, 0}, 200.0, street.map.refreshes()), nullptr, &none).empty());
+  EXPECT_TRUE(street.Ask(Ball({0, 0, 0}, 200.0, street.map.refreshes()), nullptr, &none).empty());
   EXPECT_LT(none, 10U);
 }
 
@@ -139,24 +139,24 @@ TEST(MapAnswer, ShowsWhatHasChanged) {
   street.map.TrackTiles();
   street.Pave(0.0, 50.0, 4.0);
   const std::int64_t before = street.map.refreshes();
-  EXPECT_TRUE(street.Ask(Sphere({0, 0, 0}, 100.0, before)).empty());
+  EXPECT_TRUE(street.Ask(Ball({0, 0, 0}, 100.0, before)).empty());
   street.Pave(50.0, 60.0, 4.0);
-  EXPECT_EQ(StreetMap::Surfels(street.Ask(Sphere({0, 0, 0}, 100.0, before))), 20U * 16U);
+  EXPECT_EQ(StreetMap::Surfels(street.Ask(Ball({0, 0, 0}, 100.0, before))), 20U * 16U);
   // What has left memory since then is news all the same, and is still there.
   street.Pave(1000.0, 1100.0, 4.0);
   ASSERT_GT(street.map.EvictToBudget(), 0U);
-  EXPECT_EQ(StreetMap::Surfels(street.Ask(Sphere({0, 0, 0}, 100.0, before))), 20U * 16U);
-  EXPECT_EQ(StreetMap::Surfels(street.Ask(Sphere({0, 0, 0}, 100.0))), 120U * 16U);
+  EXPECT_EQ(StreetMap::Surfels(street.Ask(Ball({0, 0, 0}, 100.0, before))), 20U * 16U);
+  EXPECT_EQ(StreetMap::Surfels(street.Ask(Ball({0, 0, 0}, 100.0))), 120U * 16U);
   // So are tiles that were in the store before they were asked for.
   street.map.TrackTiles();
-  EXPECT_EQ(StreetMap::Surfels(street.Ask(Sphere({0, 0, 0}, 100.0))), 120U * 16U);
+  EXPECT_EQ(StreetMap::Surfels(street.Ask(Ball({0, 0, 0}, 100.0))), 120U * 16U);
 }
 
 TEST(MapAnswer, ASliceIsBounded) {
   StreetMap street(0.5);
   street.map.TrackTiles();
   street.Pave(-100.0, 100.0, 10.0);
-  MapAnswer answer(street.map, 1, Sphere({0, 0, 0}, 200.0));
+  MapAnswer answer(street.map, 1, Ball({0, 0, 0}, 200.0));
   int slices = 1;
   while (!answer.Continue()) ++slices;
   const MapPage page = answer.TakePage();
@@ -176,8 +176,8 @@ TEST(MapQueries, AreAnsweredSliceBySlice) {
   MapPage page;
   std::atomic<bool> answered{false};
   std::thread asker([&] {
-    page = queries.Ask(Sphere({0, 0, 0}, 5.0));
-    const MapPage more = queries.Ask(Sphere({0, 0, 0}, 150.0));
+    page = queries.Ask(Ball({0, 0, 0}, 5.0));
+    const MapPage more = queries.Ask(Ball({0, 0, 0}, 150.0));
     EXPECT_GT(more.cells.size(), page.cells.size());
     answered = true;
   });

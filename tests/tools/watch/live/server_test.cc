@@ -22,7 +22,7 @@
 namespace lamina {
 namespace {
 
-using nlohmann::json;
+using Json = nlohmann::json;
 using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
@@ -178,7 +178,7 @@ TEST_F(HttpServerTest, StatusTellsWhatTheBoardKnows) {
   ASSERT_TRUE(answer);
   EXPECT_EQ(answer->status, 200);
   EXPECT_EQ(answer->get_header_value("Content-Type"), "application/json");
-  const json s = json::parse(answer->body);
+  const Json s = Json::parse(answer->body);
   EXPECT_EQ(s["state"], "mapping");
   EXPECT_EQ(s["frames"], 3);
   EXPECT_EQ(s["lag_s"], 0.003);
@@ -312,7 +312,7 @@ TEST_F(HttpServerTest, BadParametersAreNamed) {
   const auto refused = [&](const std::string& path, const char* name) {
     const auto answer = Client().Get(path.c_str());
     EXPECT_EQ(answer->status, 400) << path;
-    EXPECT_THAT(json::parse(answer->body)["error"].get<std::string>(), HasSubstr(name)) << path;
+    EXPECT_THAT(Json::parse(answer->body)["error"].get<std::string>(), HasSubstr(name)) << path;
   };
   refused("/api/map", "x must be");
   refused("/api/map?x=0&y=0&z=0", "radius");
@@ -540,7 +540,7 @@ TEST_F(HttpServerTest, LargeRequestsEnd) {
   for (int i = 0; i < 1000; ++i) ranges += ",0-";
   const auto whole = Client().Get("/api/status", {{"Range", ranges}});
   EXPECT_EQ(whole->status, 200);
-  EXPECT_EQ(json::parse(whole->body)["state"], "starting");
+  EXPECT_EQ(Json::parse(whole->body)["state"], "starting");
 }
 
 TEST_F(HttpServerTest, ABodyIsNotTakenForTheNextRequest) {
