@@ -209,7 +209,8 @@ PoseHypotheses PoseSearch::GoingOn(const PosePrediction& prediction,
   PoseHypotheses hypotheses;
   hypotheses.dense = TurnsAbout({prediction.T_world_lidar, T_world_last});
   const Eigen::Vector3d way = prediction.T_world_lidar.t - T_world_last.t;
-  if (way.norm() > kLeastWayM) {
+  // Beyond what is searched there may be a better place.
+  if (way.norm() > kLeastWayM && kSigmas * SigmaM(prediction) <= options_.max_way_m) {
     hypotheses.way = way.normalized();
     hypotheses.coarse = AlongTheWay(prediction, hypotheses.way, way.norm());
   }

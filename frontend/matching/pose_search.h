@@ -52,6 +52,9 @@ struct SearchedScan {
   bool starting = false;
   // By how many standard deviations a match must be better than each rival.
   double clear_sigmas = 4.0;
+  // The same at a start: two scans know less of a place than a map, and minima beside the right one
+  // are nearly as good.
+  static constexpr double kStartSigmas = 2.0;
 };
 
 struct PoseHypotheses {
@@ -89,8 +92,8 @@ class PoseSearch {
   std::vector<SE3> AlongTheWay(const PosePrediction& prediction, const Eigen::Vector3d& way,
                                double way_m) const;
 
-  // Hypotheses where no motion is known yet, and where one is that the prediction goes on with.
-  // Coarse ones only as far as the prediction leaves open.
+  // What to look at where no motion is known yet, and where the prediction goes on with one: as far
+  // as it leaves open, along the way no farther than max_way_m.
   PoseHypotheses Starting(const PosePrediction& prediction, const SE3& T_world_last) const;
   PoseHypotheses GoingOn(const PosePrediction& prediction, const SE3& T_world_last) const;
 

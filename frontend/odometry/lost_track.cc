@@ -96,9 +96,7 @@ MatchResult LostTrack::SearchFor(const std::vector<PointCluster>& clusters,
   const PoseSearch search(search_options_, &matcher_);
   const bool starting = !motion_.moving_known();
   SearchedScan scan{clusters, prediction, map, starting};
-  // Two scans know less of a place than a map, and minima beside the right one are nearly as good.
-  constexpr double kStartSigmas = 2.0;
-  if (starting) scan.clear_sigmas = kStartSigmas;
+  if (starting) scan.clear_sigmas = SearchedScan::kStartSigmas;
   PoseHypotheses hypotheses = starting ? search.Starting(prediction, motion_.T_world_last())
                                        : search.GoingOn(prediction, motion_.T_world_last());
   search.Descend(scan, &hypotheses);

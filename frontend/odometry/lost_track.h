@@ -3,8 +3,9 @@
 //
 // What a gap leaves uncertain does not grow while the sensor is followed: with the first of these
 // scans expected at T_world_first, scan k is at T_world_first T_first_k. And a few scans together
-// meet more of the map than one does, which tells places apart that look alike to one. Rain, spray
-// and a hand before the lens agree with nothing, not even with themselves a moment later.
+// meet more of the map than one does, which tells places apart that look alike to one. Scans too
+// far apart for matching alone are searched for, as where a recording begins. Rain, spray and a
+// hand before the lens agree with nothing, not even with themselves a moment later.
 #pragma once
 
 #include <cstddef>

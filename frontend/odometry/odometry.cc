@@ -82,10 +82,8 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
     hypotheses = Hypotheses(prediction, map_is_older);
     frame.searched = !hypotheses.empty();
   }
-  // Two scans know less of a place than a map, and minima beside the right one are nearly as good.
-  constexpr double kStartSigmas = 2.0;
   SearchedScan scan{deskewed, prediction, map, starting};
-  if (starting) scan.clear_sigmas = kStartSigmas;
+  if (starting) scan.clear_sigmas = SearchedScan::kStartSigmas;
   if (frame.searched) {
     search_.Descend(scan, &hypotheses);
     frame.match = search_.Best(scan, hypotheses, frame.match);
@@ -254,24 +252,19 @@ bool Odometry::Leaps(const MatchResult& match, const PosePrediction& prediction)
 }
 
 PoseHypotheses Odometry::Hypotheses(const PosePrediction& prediction, bool map_is_older) const {
-  const SE3& centre = prediction.T_world_lidar;
+  const SE3 &centre = prediction.T_world_lidar, &last = motion_.T_world_last();
   // The first match has no speed, and the second none yet.
   const bool starting = !motion_.moving_known() || (map_is_older && recent_inliers_.size() < 2);
   PoseHypotheses hypotheses;
-  if (starting) hypotheses.dense = search_.OffsetsAbout(centre);
-  if (map_is_older && starting) return hypotheses;
-  if (starting) hypotheses.coarse = search_.OffsetsAround(prediction);
-  const std::vector<SE3> turns = search_.TurnsAbout({centre, motion_.T_world_last()});
-  hypotheses.dense.insert(hypotheses.dense.end(), turns.begin(), turns.end());
-  const Eigen::Vector3d way = centre.t - motion_.T_world_last().t;
-  constexpr double kLeastWayM = 0.1;
-  if (!starting && way.norm() > kLeastWayM && Searchable(prediction)) {
-    hypotheses.way = way.normalized();
-    hypotheses.coarse = search_.AlongTheWay(prediction, hypotheses.way, way.norm());
+  if (map_is_older && starting) {
+    hypotheses.dense = search_.OffsetsAbout(centre);
+    return hypotheses;
   }
+  if (starting) return search_.Starting(prediction, last);
+  hypotheses = search_.GoingOn(prediction, last);
   // One that goes so slowly that it may be anywhere about may have turned about as well.
-  if (!starting && lost_ && way.norm() < SigmaM(prediction) && Searchable(prediction)) {
-    for (const SE3& T : search_.AllRound({centre, motion_.T_world_last()})) {
+  if (lost_ && (centre.t - last.t).norm() < SigmaM(prediction) && Searchable(prediction)) {
+    for (const SE3& T : search_.AllRound({centre, last})) {
       hypotheses.dense.push_back(T);
       hypotheses.coarse.push_back(T);
     }

@@ -282,11 +282,12 @@ void AddRunCommand(CLI::App* app, std::function<int()>* run) {
   command->add_option("--out", a.out, "Folder for the results; made if it is not there")
       ->required();
   AddTopicOption(command, &a.config);
-  AddConfigOptions(command,
-                   ", e.g. kitti_raw; `lamina config default` explains every option. Without: "
-                   "livox_avia for a narrow view, handheld where scans see a small place, else the "
-                   "defaults",
-                   &a.config);
+  AddConfigOptions(
+      command,
+      ", e.g. kitti_raw; `lamina config default` explains every option. Without: "
+      "livox_avia for a narrow view, handheld where scans see a small place, keyframes where "
+      "they are thinned and far apart, else the defaults",
+      &a.config);
   AddFramesOption(command, &a.frames);
   AddThreadsOption(command, "", &a.threads);
   command->add_option("--truth", a.truth,

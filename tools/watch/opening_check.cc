@@ -64,8 +64,8 @@ std::vector<std::string> OpeningCheck::Look(const WatchFiles& files, const Mappi
   const FittingConfig fit = FindFittingConfig(scans, {0, scans.size()});
   fit_told_ = fit.measured;
   if (fit.measured) {
-    warnings.push_back(fmt::format(
-        "{}: a session begun with --config {} maps it with smaller planes", fit.reason, fit.name));
+    warnings.push_back(
+        fmt::format("{}: a session begun with --config {} maps it better", fit.reason, fit.name));
   }
   return warnings;
 }

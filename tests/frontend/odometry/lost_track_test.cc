@@ -53,6 +53,37 @@ TEST_F(LostTrackTest, FollowsScansOfOnePlace) {
   EXPECT_GT(track.Together().size(), Scan(11.0).size() * 3 / 2);
 }
 
+// They lie beyond the reach of matching, whatever the sensor was seen to do before.
+TEST_F(LostTrackTest, FollowsScansFarApart) {
+  OdometryOptions blind = options_;
+  blind.search.enabled = false;
+  int followed = 0, trials = 0, without = 0;
+  for (const double way_m : {5.0, 8.0}) {
+    for (double from_m = 0.0; from_m <= 60.0; from_m += 10.0) {
+      LostTrack track(options_, map_), unsearched(blind, map_);
+      for (int i = 0; i < 4; ++i) {
+        const std::vector<TimedCluster> scan = Scan(from_m + way_m * i);
+        track.Add(Stamp(4 * i), scan, still_);
+        unsearched.Add(Stamp(4 * i), scan, still_);
+      }
+      const SE3 truth =
+          BayStreet::PoseAt(from_m).Inverse() * BayStreet::PoseAt(from_m + 3.0 * way_m);
+      const auto right = [&](const LostTrack& t) {
+        return t.scans() == 4 && (t.T_first_newest().t - truth.t).norm() < 0.15;
+      };
+      ++trials;
+      followed += right(track) ? 1 : 0;
+      without += right(unsearched) ? 1 : 0;
+      EXPECT_TRUE(track.scans() < 4 || right(track)) << way_m << " m from " << from_m;
+    }
+  }
+  EXPECT_GE(followed, trials - 2);
+  EXPECT_LE(without, trials / 3);
+  LostTrack wet(options_, map_);
+  for (int i = 0; i < 3; ++i) wet.Add(Stamp(4 * i), Spray(), still_);
+  EXPECT_EQ(wet.scans(), 1);
+}
+
 // Of so few points a second scan meets 0.20 to 0.28 of the first, spray 0.02 of spray.
 TEST_F(LostTrackTest, FollowsScansOfFewPoints) {
   constexpr int kPoints = 1500;

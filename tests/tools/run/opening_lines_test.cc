@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstring>
 #include <filesystem>
 #include <functional>
 #include <string>
@@ -199,6 +200,27 @@ TEST_F(OpeningTest, ASmallPlaceOnTheWayCounts) {
   EXPECT_EQ(fit("wide", {13, 13, 13, 13, 13, 13}).name, "");
   EXPECT_EQ(fit("into", {13, 13, 13, 13, 13, 5}).name, "handheld");
   EXPECT_EQ(fit("one", {5}).name, "handheld");
+}
+
+TEST_F(OpeningTest, ThinnedScansFarApartAreKeyframes) {
+  const auto fit = [&](const std::string& folder, std::size_t step, double apart_s) {
+    Recording scans = Street(6);
+    for (std::size_t i = 0; i < scans.size(); ++i) {
+      std::vector<ScanPoint> kept;
+      const std::string& all = scans[i].bytes;
+      for (std::size_t at = 0; at < all.size(); at += step * sizeof(ScanPoint)) {
+        kept.emplace_back();
+        std::memcpy(&kept.back(), all.data() + at, sizeof(ScanPoint));
+      }
+      scans[i] = {KittiBin(kept), apart_s * static_cast<double>(i)};
+    }
+    const auto source = OpenScans(WriteRecording(folder, scans), {});
+    return FindFittingConfig(*source, {0, source->size()});
+  };
+  EXPECT_EQ(fit("keyframes", 7, 0.5).name, "keyframes");
+  EXPECT_TRUE(fit("keyframes", 7, 0.5).measured);
+  EXPECT_EQ(fit("stream", 7, 0.1).name, "");
+  EXPECT_EQ(fit("picked", 1, 0.5).name, "");
 }
 
 TEST_F(OpeningTest, ScansThatCannotBeReadTellNothingOfTheConfiguration) {
