@@ -21,8 +21,9 @@ struct Look {
 };
 
 Look MapAndLook(const ScanSource& source, std::size_t begin, std::size_t end,
-                MappingOptions options, Deskew deskew, const std::atomic<bool>* stop) {
-  options.preparation.deskew = deskew;
+                const ScanPreparationOptions& preparation, MappingOptions options,
+                const std::atomic<bool>* stop) {
+  options.preparation = preparation;
   options.loops.enabled = false;
   Look look;
   Trajectory poses;
@@ -65,15 +66,21 @@ bool Misled(const Look& deskewed, const Look& as_they_are) {
 
 enum class Times { kNone, kOfTheScan, kLonger };
 
+// Between the first scans of a sensor; 0 where they tell none.
+double PeriodByStamps(const ScanSource& source, std::size_t begin, std::size_t end) {
+  constexpr std::size_t kMost = 5;
+  std::vector<StampNs> stamps;
+  for (std::size_t i = begin; i < end && stamps.size() < kMost; ++i) {
+    if (source.Sensor(i) == source.Sensor(begin)) stamps.push_back(source.Stamp(i));
+  }
+  return SweepPeriod(stamps, 0.0);
+}
+
 // How the times of the points lie between the stamps.
 Times TimesOf(const ScanSource& source, std::size_t begin, std::size_t end) {
   constexpr std::size_t kTries = 5;
   constexpr double kMostPeriods = 1.5;
-  std::vector<StampNs> stamps;
-  for (std::size_t i = begin; i < end && stamps.size() < kTries; ++i) {
-    if (source.Sensor(i) == source.Sensor(begin)) stamps.push_back(source.Stamp(i));
-  }
-  const double period_s = SweepPeriod(stamps, 0.0);
+  const double period_s = PeriodByStamps(source, begin, end);
   for (std::size_t i = begin; i < std::min(end, begin + kTries); ++i) {
     try {
       const std::vector<float> times = source.Read(i).time_s;
@@ -98,10 +105,13 @@ DeskewChoice ChooseDeskew(const ScanSource& source, std::size_t begin, std::size
   if (options.preparation.deskew != Deskew::kAuto) return choice;
   const Times times = TimesOf(source, begin, end);
   if (times == Times::kNone) return choice;
+  ScanPreparationOptions by_times = options.preparation, off = options.preparation;
+  by_times.deskew = Deskew::kTime;
+  off.deskew = Deskew::kOff;
   for (const std::size_t from : {begin, begin + (end - begin) / 2}) {
     const std::size_t to = std::min(end, from + kScans);
-    const Look deskewed = MapAndLook(source, from, to, options, Deskew::kTime, stop);
-    const Look as_they_are = MapAndLook(source, from, to, options, Deskew::kOff, stop);
+    const Look deskewed = MapAndLook(source, from, to, by_times, options, stop);
+    const Look as_they_are = MapAndLook(source, from, to, off, options, stop);
     if (stop != nullptr && stop->load()) return {};
     if (Misled(deskewed, as_they_are)) {
       choice.verdict = DeskewChoice::Verdict::kWrongTimes;
@@ -114,6 +124,34 @@ DeskewChoice ChooseDeskew(const ScanSource& source, std::size_t begin, std::size
       choice.verdict = times == Times::kOfTheScan ? DeskewChoice::Verdict::kCompensated
                                                   : DeskewChoice::Verdict::kWrongTimes;
     }
+    break;
+  }
+  return choice;
+}
+
+SweepPeriodChoice ChooseSweepPeriod(const ScanSource& source, std::size_t begin, std::size_t end,
+                                    const MappingOptions& options, const std::atomic<bool>* stop) {
+  // Most sensors sweep ten times a second or more. Of the thinner planes, which beams that disagree
+  // thicken least, half of the period makes thicker ones unless it is right; where the sensor
+  // hardly moves, either will do.
+  constexpr double kLongS = 0.15, kThinner = 0.95;
+  SweepPeriodChoice choice;
+  const ScanPreparationOptions& given = options.preparation;
+  if (given.deskew != Deskew::kAzimuth || given.sweep_period_s > 0.0) return choice;
+  const double period_s = source.recorded_stamps() ? PeriodByStamps(source, begin, end) : 0.0;
+  if (period_s < kLongS) return choice;
+  ScanPreparationOptions whole = given, halved = given;
+  whole.sweep_period_s = period_s;
+  halved.sweep_period_s = 0.5 * period_s;
+  for (const std::size_t from : {begin, begin + (end - begin) / 2}) {
+    const std::size_t to = std::min(end, from + kScans);
+    const Look by_stamps = MapAndLook(source, from, to, whole, options, stop);
+    const Look twice = MapAndLook(source, from, to, halved, options, stop);
+    if (stop != nullptr && stop->load()) return {};
+    if (!Comparable(by_stamps, twice)) continue;
+    choice.by_stamps_m = by_stamps.map.thin_m;
+    choice.halved_m = twice.map.thin_m;
+    if (choice.halved_m < kThinner * choice.by_stamps_m) choice.period_s = halved.sweep_period_s;
     break;
   }
   return choice;

@@ -170,11 +170,21 @@ void OpenRun(const ScanSource& source, const FrameRange& range, const RunArgumen
       ChooseDeskew(source, range.begin, range.end, config->Mapping(), &stop);
   const bool use_times = choice.verdict == DeskewChoice::Verdict::kDeskew;
   if (!use_times) config->preparation.deskew = ScanPreparationOptions::Deskew::kOff;
+  const SweepPeriodChoice sweep =
+      ChooseSweepPeriod(source, range.begin, range.end, config->Mapping(), &stop);
+  if (sweep.period_s > 0.0) config->preparation.sweep_period_s = sweep.period_s;
   const OpeningLines opening = DescribeOpening(source, range, *config, fit, arguments.config.file);
   for (const std::string& line : opening.lines) {
     if (!arguments.quiet) fmt::print(stderr, "{}\n", Printable(line));
   }
   for (const std::string& doubt : opening.doubts) spdlog::warn("{}", doubt);
+  if (sweep.period_s > 0.0) {
+    spdlog::warn(
+        "a sweep seems to last half as long as the time between two scans: planes are {:.1f} mm "
+        "thick with that, {:.1f} mm else. Every second one may be missing "
+        "(preparation.sweep_period_s={:.4g})",
+        1e3 * sweep.halved_m, 1e3 * sweep.by_stamps_m, sweep.period_s);
+  }
   if (use_times) return;
   spdlog::warn("{}. Not deskewed (preparation.deskew=off{})", DescribeAgainstDeskewing(choice),
                choice.verdict == DeskewChoice::Verdict::kCompensated

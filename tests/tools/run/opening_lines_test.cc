@@ -31,6 +31,27 @@ const SweptDrive& LongDrive(bool compensated) {
   return compensated ? still : swept;
 }
 
+// Every `step`-th scan of a drive, without times, by a clock that runs so many times as fast.
+class Clocked final : public ScanSource {
+ public:
+  Clocked(std::size_t step, StampNs faster) : step_(step), faster_(faster) {}
+  std::size_t size() const override { return LongDrive(false).size() / step_; }
+  std::string Name(std::size_t i) const override { return std::to_string(i); }
+  StampNs Stamp(std::size_t i) const override {
+    return faster_ * LongDrive(false).Stamp(step_ * i);
+  }
+  Scan Read(std::size_t i) const override {
+    Scan scan = LongDrive(false).Read(step_ * i);
+    scan.time_s.clear();
+    scan.stamp_ns = Stamp(i);
+    return scan;
+  }
+
+ private:
+  std::size_t step_;
+  StampNs faster_;
+};
+
 class OpeningTest : public RunTest {
  protected:
   // Files 1.pcd, 2.pcd, ... in the order of `order`, with readings of a clock.
@@ -167,6 +188,22 @@ std::string SphereBin(double radius_m) {
     }
   }
   return KittiBin(points);
+}
+
+// Stamps 0.2 s apart are those of each scan of a slow sensor, or of every second one of a fast one.
+TEST(SweepPeriodChoice, TellsHalfTheScansFromASlowSensor) {
+  MappingOptions options;
+  options.preparation.deskew = ScanPreparationOptions::Deskew::kAzimuth;
+  const Clocked half(2, 1), slow(1, 2), fast(1, 1);
+  const SweepPeriodChoice dropped = ChooseSweepPeriod(half, 0, half.size(), options, nullptr);
+  EXPECT_NEAR(dropped.period_s, 0.1, 1e-6);
+  EXPECT_LT(dropped.halved_m, 0.9 * dropped.by_stamps_m);
+  const SweepPeriodChoice all = ChooseSweepPeriod(slow, 0, slow.size(), options, nullptr);
+  EXPECT_EQ(all.period_s, 0.0);
+  EXPECT_GT(all.halved_m, all.by_stamps_m);
+  EXPECT_EQ(ChooseSweepPeriod(fast, 0, fast.size(), options, nullptr).by_stamps_m, 0.0);
+  options.preparation.sweep_period_s = 0.2;
+  EXPECT_EQ(ChooseSweepPeriod(half, 0, half.size(), options, nullptr).period_s, 0.0);
 }
 
 TEST_F(OpeningTest, ASmallPlaceIsMappedFinerWhereNoConfigurationIsGiven) {
