@@ -11,11 +11,12 @@
 namespace lamina {
 namespace {
 
-JoinedPieces Join(const std::vector<const MappedDrive*>& drives) {
+JoinedPieces Join(const std::vector<const MappedDrive*>& drives,
+                  const LoopOptions& options = DriveLoopOptions()) {
   std::vector<MapPiece> pieces;
   for (const MappedDrive* drive : drives)
     pieces.push_back({&drive->loops->submaps(), drive->loops->graph()});
-  return JoinPieces(pieces, DriveLoopOptions(), VoxelMapOptions(), ScanMatcherOptions());
+  return JoinPieces(pieces, options, VoxelMapOptions(), ScanMatcherOptions());
 }
 
 // Of all submaps, against the truth in the frame of the first drive.
@@ -48,6 +49,27 @@ TEST(PieceJoining, DrivesOfOneTownBecomeOnePieceWhateverTheDirection) {
   EXPECT_GE(Accepted(joined), 6);
   EXPECT_LT(WorstM(joined, {&first, &there, &back}), 1.0);
   EXPECT_EQ(joined.graph.poses[0].t, first.loops->anchors()[0].t);
+}
+
+// What is open along its street is no loop; where the other loops have it, it does not contradict
+// them, either.
+TEST(PieceJoining, WhatIsOpenAlongAStreetSpeaksNotAgainstAJoin) {
+  const Town town(1);
+  const std::vector<SE3> way = Drive({{-60, -60}, {60, -60}, {60, 60}});
+  const MappedDrive first = MapDrive(town, way, 3), second = MapDrive(town, way, 4);
+  LoopOptions options = DriveLoopOptions();
+  options.verification.min_facing = 300.0;  // a third of these loops have more
+  const JoinedPieces joined = Join({&first, &second}, options);
+  EXPECT_EQ(joined.part, (std::vector<std::size_t>{0, 0}));
+  EXPECT_LT(WorstM(joined, {&first, &second}), 1.3);
+  const auto open = [](const Loop& loop) {
+    return loop.reason == "open along a horizontal direction";
+  };
+  EXPECT_GE(std::count_if(joined.loops.begin(), joined.loops.end(), open), 4);
+  for (const Loop& loop : joined.loops) {
+    EXPECT_TRUE(loop.status != Loop::Status::kAccepted ||
+                loop.match.facing >= options.verification.min_facing);
+  }
 }
 
 TEST(PieceJoining, APieceOfOneSubmapFindsItsPlace) {
