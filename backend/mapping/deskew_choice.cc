@@ -1,6 +1,8 @@
 #include "backend/mapping/deskew_choice.h"
 
 #include <algorithm>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "backend/mapping/map_thickness.h"
@@ -64,6 +66,25 @@ bool Misled(const Look& deskewed, const Look& as_they_are) {
          as_they_are.map.planes >= kLeastPlanes;
 }
 
+// The maps under both: of the first scans, or, where `tells` says that these tell nothing, of some
+// from the middle. Nothing if neither tells, or if it was stopped.
+template <typename Tells>
+std::optional<std::pair<Look, Look>> LookUnderBoth(const ScanSource& source, std::size_t begin,
+                                                   std::size_t end, const MappingOptions& options,
+                                                   const ScanPreparationOptions& one,
+                                                   const ScanPreparationOptions& other,
+                                                   const Tells& tells,
+                                                   const std::atomic<bool>* stop) {
+  for (const std::size_t from : {begin, begin + (end - begin) / 2}) {
+    const std::size_t to = std::min(end, from + kScans);
+    const Look first = MapAndLook(source, from, to, one, options, stop);
+    const Look second = MapAndLook(source, from, to, other, options, stop);
+    if (stop != nullptr && stop->load()) break;
+    if (tells(first, second)) return std::make_pair(first, second);
+  }
+  return std::nullopt;
+}
+
 enum class Times { kNone, kOfTheScan, kLonger };
 
 // Between the first scans of a sensor; 0 where they tell none.
@@ -108,23 +129,20 @@ DeskewChoice ChooseDeskew(const ScanSource& source, std::size_t begin, std::size
   ScanPreparationOptions by_times = options.preparation, off = options.preparation;
   by_times.deskew = Deskew::kTime;
   off.deskew = Deskew::kOff;
-  for (const std::size_t from : {begin, begin + (end - begin) / 2}) {
-    const std::size_t to = std::min(end, from + kScans);
-    const Look deskewed = MapAndLook(source, from, to, by_times, options, stop);
-    const Look as_they_are = MapAndLook(source, from, to, off, options, stop);
-    if (stop != nullptr && stop->load()) return {};
-    if (Misled(deskewed, as_they_are)) {
-      choice.verdict = DeskewChoice::Verdict::kWrongTimes;
-      break;
-    }
-    if (!Comparable(deskewed, as_they_are)) continue;
-    choice.deskewed_m = deskewed.map.median_m;
-    choice.as_they_are_m = as_they_are.map.median_m;
-    if (choice.as_they_are_m < kClearlyThinner * choice.deskewed_m) {
-      choice.verdict = times == Times::kOfTheScan ? DeskewChoice::Verdict::kCompensated
-                                                  : DeskewChoice::Verdict::kWrongTimes;
-    }
-    break;
+  const auto looks = LookUnderBoth(
+      source, begin, end, options, by_times, off,
+      [](const Look& a, const Look& b) { return Misled(a, b) || Comparable(a, b); }, stop);
+  if (!looks) return choice;
+  const auto& [deskewed, as_they_are] = *looks;
+  if (Misled(deskewed, as_they_are)) {
+    choice.verdict = DeskewChoice::Verdict::kWrongTimes;
+    return choice;
+  }
+  choice.deskewed_m = deskewed.map.median_m;
+  choice.as_they_are_m = as_they_are.map.median_m;
+  if (choice.as_they_are_m < kClearlyThinner * choice.deskewed_m) {
+    choice.verdict = times == Times::kOfTheScan ? DeskewChoice::Verdict::kCompensated
+                                                : DeskewChoice::Verdict::kWrongTimes;
   }
   return choice;
 }
@@ -143,17 +161,11 @@ SweepPeriodChoice ChooseSweepPeriod(const ScanSource& source, std::size_t begin,
   ScanPreparationOptions whole = given, halved = given;
   whole.sweep_period_s = period_s;
   halved.sweep_period_s = 0.5 * period_s;
-  for (const std::size_t from : {begin, begin + (end - begin) / 2}) {
-    const std::size_t to = std::min(end, from + kScans);
-    const Look by_stamps = MapAndLook(source, from, to, whole, options, stop);
-    const Look twice = MapAndLook(source, from, to, halved, options, stop);
-    if (stop != nullptr && stop->load()) return {};
-    if (!Comparable(by_stamps, twice)) continue;
-    choice.by_stamps_m = by_stamps.map.thin_m;
-    choice.halved_m = twice.map.thin_m;
-    if (choice.halved_m < kThinner * choice.by_stamps_m) choice.period_s = halved.sweep_period_s;
-    break;
-  }
+  const auto looks = LookUnderBoth(source, begin, end, options, whole, halved, Comparable, stop);
+  if (!looks) return choice;
+  choice.by_stamps_m = looks->first.map.thin_m;
+  choice.halved_m = looks->second.map.thin_m;
+  if (choice.halved_m < kThinner * choice.by_stamps_m) choice.period_s = halved.sweep_period_s;
   return choice;
 }
 

@@ -52,31 +52,60 @@ std::vector<ScanPoint> SomeOf(const std::vector<ScanPoint>& points) {
   return some;
 }
 
+// A few scans spread over the range, both ends among them.
+std::vector<std::size_t> AFewOf(const FrameRange& range) {
+  constexpr std::size_t kScans = 5;
+  const std::size_t size = range.end - std::min(range.begin, range.end);
+  std::vector<std::size_t> scans;
+  for (std::size_t i = 0; i < kScans && size > 0; ++i) {
+    const std::size_t scan = range.begin + i * (size - 1) / (kScans - 1);
+    if (scans.empty() || scan != scans.back()) scans.push_back(scan);
+  }
+  return scans;
+}
+
+// Whether the next scan, as a rule, follows later than any sensor delivers it. Reads none.
+bool AreFarApart(const ScanSource& source, const std::vector<std::size_t>& scans) {
+  constexpr double kLeastApartS = 0.25;
+  if (!source.recorded_stamps()) return false;
+  std::vector<double> apart_s;
+  for (const std::size_t scan : scans) {
+    const std::optional<StampNs> after = source.StampAfter(scan);
+    if (after) apart_s.push_back(SecondsBetween(source.Stamp(scan), *after));
+  }
+  return !apart_s.empty() && UpperMedian(&apart_s) > kLeastApartS;
+}
+
+// The share of a scan's points that have enough others in their voxel to make a plane of the
+// defaults: of scans as sensors deliver them half and more.
+double ShareInFullVoxels(const Scan& scan) {
+  const VoxelMapOptions map;
+  const std::vector<TimedPoint> points =
+      PrepareScan(scan, ScanPreparationOptions(), ScanSourceOptions().frame_period_s).points;
+  double full = 0.0;
+  for (const TimedCluster& cluster : BuildScanClusters(points, map.LeafSize())) {
+    if (cluster.points.count >= map.min_points) full += cluster.points.count;
+  }
+  return points.empty() ? 0.0 : full / static_cast<double>(points.size());
+}
+
 // What a few scans tell of a recording.
 struct Glance {
   std::vector<SensorGuess> sensor;
-  // Of each of the scans: ShareInFullVoxels under the defaults, and the time to the next one.
-  std::vector<double> full, apart_s;
+  std::vector<double> full;  // ShareInFullVoxels, where scans are far apart
 };
 
-// Spread over the range, both ends among them.
 Glance LookAtAFew(const ScanSource& source, const FrameRange& range) {
-  constexpr std::size_t kScans = 5;
-  const std::size_t size = range.end - std::min(range.begin, range.end);
+  const std::vector<std::size_t> scans = AFewOf(range);
+  const bool far_apart = AreFarApart(source, scans);
   Glance glance;
-  std::size_t last = range.end;
-  for (std::size_t i = 0; i < kScans && size > 0; ++i) {
-    const std::size_t scan = range.begin + i * (size - 1) / (kScans - 1);
-    if (scan == last) continue;
-    last = scan;
+  for (const std::size_t scan : scans) {
     try {
       const Scan read = source.Read(scan);
       const SensorGuess guess = GuessSensor(SomeOf(read.points));
       if (guess.farthest_m <= 0.0) continue;
       glance.sensor.push_back(guess);
-      glance.full.push_back(ShareInFullVoxels(read));
-      const std::optional<StampNs> after = source.StampAfter(scan);
-      if (after) glance.apart_s.push_back(SecondsBetween(source.Stamp(scan), *after));
+      if (far_apart) glance.full.push_back(ShareInFullVoxels(read));
     } catch (const InputError&) {
       // The run will say so.
     }
@@ -90,27 +119,14 @@ bool IsNarrow(const SensorGuess& sensor) { return sensor.around_deg < 150.0 && s
 // 9 m; of streets, halls, and beside a lorry, within 13 m or more.
 constexpr double kSmallPlaceM = 10.0;
 
-// Scans that were thinned and picked: as a rule too few points share a voxel to make a plane, and
-// the next scan follows later than any sensor delivers it.
-bool AreKeyframes(const ScanSource& source, const Glance& glance) {
-  constexpr double kMostInFullVoxels = 0.6, kLeastApartS = 0.25;
-  if (!source.recorded_stamps() || glance.apart_s.empty()) return false;
-  std::vector<double> full = glance.full, apart_s = glance.apart_s;
-  return UpperMedian(&full) < kMostInFullVoxels && UpperMedian(&apart_s) > kLeastApartS;
+// Scans that were thinned and picked: far apart, and as a rule too few points share a voxel to make
+// a plane.
+bool AreKeyframes(Glance glance) {
+  constexpr double kMostInFullVoxels = 0.6;
+  return !glance.full.empty() && UpperMedian(&glance.full) < kMostInFullVoxels;
 }
 
 }  // namespace
-
-double ShareInFullVoxels(const Scan& scan) {
-  const VoxelMapOptions map;
-  const std::vector<TimedPoint> points =
-      PrepareScan(scan, ScanPreparationOptions(), ScanSourceOptions().frame_period_s).points;
-  double full = 0.0;
-  for (const TimedCluster& cluster : BuildScanClusters(points, map.LeafSize())) {
-    if (cluster.points.count >= map.min_points) full += cluster.points.count;
-  }
-  return points.empty() ? 0.0 : full / static_cast<double>(points.size());
-}
 
 SensorGuess GuessSensor(const std::vector<ScanPoint>& points) {
   // Shares of points that may be strays; nearer ones may be the vehicle's own.
@@ -155,7 +171,7 @@ FittingConfig FindFittingConfig(const ScanSource& source, const FrameRange& rang
             fmt::format("a small place, nine points of ten within {:.1f} m", nearest->mostly_m),
             true};
   }
-  if (AreKeyframes(source, glance)) {
+  if (AreKeyframes(glance)) {
     return {"keyframes", "thinned scans that are metres apart", true};
   }
   const fs::path folder = fs::weakly_canonical(fs::absolute(source.Name(0))).parent_path();

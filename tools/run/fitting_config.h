@@ -21,10 +21,6 @@ struct SensorGuess {
 };
 SensorGuess GuessSensor(const std::vector<ScanPoint>& points);
 
-// The share of a scan's points that have enough others in their voxel to make a plane of the
-// defaults: of scans as sensors deliver them half and more.
-double ShareInFullVoxels(const Scan& scan);
-
 struct FittingConfig {
   std::string name;    // of a shipped configuration; empty where the defaults fit
   std::string reason;  // why, for a line of text
