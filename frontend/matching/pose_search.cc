@@ -12,9 +12,6 @@
 namespace lamina {
 namespace {
 
-// Steps of a grid to either side of its middle.
-int StepsIn(double range, double step) { return static_cast<int>(std::floor(range / step + 1e-9)); }
-
 // Poses that are another place, not another start into the same minimum.
 constexpr double kApartM = 0.75, kApartRad = 0.07;
 bool Apart(const SE3& a, const SE3& b, double share = 1.0) {
@@ -65,27 +62,7 @@ std::vector<SE3> TurnedByQuarters(const std::vector<PointCluster>& clusters, con
 
 constexpr double kCompareScale = 1.5;  // of the score's scale
 
-// How far from the prediction coarse hypotheses lie, in standard deviations.
-constexpr double kSigmas = 2.0;
-// Steps from the middle of which a coarse descent finds the way.
-constexpr double kStepM = 1.0;
-
 }  // namespace
-
-void PoseSearchOptions::Visit(OptionVisitor& v) {
-  v.Flag("enabled", &enabled);
-  v.Number("trigger_rotation_deg", &trigger_rotation_deg, 0.0, 180.0);
-  v.Number("trigger_translation_m", &trigger_translation_m, 0.0, 1e3);
-  v.Number("trigger_inlier_ratio", &trigger_inlier_ratio, 0.0, 10.0);
-  v.Number("range_deg", &range_deg, 0.0, 60.0);
-  v.Number("step_deg", &step_deg, 0.5, 60.0);
-  v.Number("range_m", &range_m, 0.0, 20.0);
-  v.Number("step_m", &step_m, 0.05, 20.0);
-  v.Number("max_way_m", &max_way_m, 0.0, 200.0);
-  v.Integer("clusters", &clusters, 10, 100000);
-  v.Number("score_scale_m", &score_scale_m, 0.001, 10.0);
-  v.Integer("refined", &refined, 1, 1000);
-}
 
 ScanMatcherOptions PoseSearch::Coarse(ScanMatcherOptions options) {
   constexpr double kWide = 5.0;
@@ -98,123 +75,6 @@ ScanMatcherOptions PoseSearch::Coarse(ScanMatcherOptions options) {
 
 std::size_t PoseSearch::Stride(std::size_t clusters) const {
   return std::max<std::size_t>(1, clusters / static_cast<std::size_t>(options_.clusters));
-}
-
-std::vector<SE3> PoseSearch::TurnsAbout(const std::vector<SE3>& centres) const {
-  const int steps = StepsIn(options_.range_deg, options_.step_deg);
-  std::vector<SE3> hypotheses;
-  for (const SE3& centre : centres) {
-    for (int x = -steps; x <= steps; ++x) {
-      for (int y = -steps; y <= steps; ++y) {
-        for (int z = -steps; z <= steps; ++z) {
-          const Eigen::Vector3d w = Radians(options_.step_deg) * Eigen::Vector3d(x, y, z);
-          hypotheses.emplace_back(centre.q * ExpSO3(w), centre.t);
-        }
-      }
-    }
-  }
-  return hypotheses;
-}
-
-std::vector<SE3> PoseSearch::AllRound(const std::vector<SE3>& centres) const {
-  constexpr int kTurns = 12;
-  constexpr double kBesideM = 2.0;
-  const Eigen::Vector3d offsets[] = {
-      {0, 0, 0}, {kBesideM, 0, 0}, {-kBesideM, 0, 0}, {0, kBesideM, 0}, {0, -kBesideM, 0}};
-  std::vector<SE3> hypotheses;
-  for (const SE3& centre : centres) {
-    for (const Eigen::Vector3d& offset : offsets) {
-      for (int k = 0; k < kTurns; ++k) {
-        const Eigen::Vector3d turn = 2.0 * M_PI * k / kTurns * Eigen::Vector3d::UnitZ();
-        hypotheses.emplace_back(centre.q * ExpSO3(turn), centre * offset);
-      }
-    }
-  }
-  return hypotheses;
-}
-
-std::vector<SE3> PoseSearch::OffsetsAbout(const SE3& centre) const {
-  const int steps = StepsIn(options_.range_m, options_.step_m);
-  std::vector<SE3> hypotheses;
-  for (int x = -steps; x <= steps; ++x) {
-    for (int y = -steps; y <= steps; ++y) {
-      const Eigen::Vector3d offset(options_.step_m * x, options_.step_m * y, 0.0);
-      hypotheses.emplace_back(centre.q, centre * offset);
-    }
-  }
-  return hypotheses;
-}
-
-std::vector<SE3> PoseSearch::OffsetsAround(const PosePrediction& prediction) const {
-  // Farther apart, two scans of a street hardly have a plane in common.
-  constexpr double kMostM = 8.0;
-  const double sigma = SigmaM(prediction);
-  const double reach = std::min(kSigmas * sigma, kMostM);
-  std::vector<SE3> hypotheses;
-  if (reach < options_.range_m + kStepM) return hypotheses;
-  const SE3& centre = prediction.T_world_lidar;
-  const int steps = static_cast<int>(std::ceil(reach / kStepM));
-  for (int x = -steps; x <= steps; ++x) {
-    for (int y = -steps; y <= steps; ++y) {
-      const Eigen::Vector3d offset(kStepM * x, kStepM * y, 0.0);
-      if (offset.norm() <= reach) hypotheses.emplace_back(centre.q, centre * offset);
-    }
-  }
-  return hypotheses;
-}
-
-std::vector<SE3> PoseSearch::AlongTheWay(const PosePrediction& prediction,
-                                         const Eigen::Vector3d& way, double way_m) const {
-  constexpr double kTurn = Radians(6.0);
-  // What a turn does not explain: a part of the way.
-  constexpr double kSideways = 0.05;
-  const double sigma = SigmaM(prediction);
-  const double turn_sigma = SigmaRad(prediction);
-  const double reach = std::min(kSigmas * sigma, options_.max_way_m);
-  std::vector<SE3> hypotheses;
-  if (reach < kStepM) return hypotheses;
-  const SE3& centre = prediction.T_world_lidar;
-  const Eigen::Vector3d up = centre.q * Eigen::Vector3d::UnitZ();
-  const Eigen::Vector3d side = up.cross(way).normalized();
-  const int steps = static_cast<int>(std::ceil(reach / kStepM));
-  const int sides = static_cast<int>(std::ceil(std::min(reach, kSideways * way_m) / kStepM));
-  const int turns = StepsIn(std::min(kSigmas * turn_sigma, Radians(options_.range_deg)), kTurn);
-  for (int along = -steps; along <= steps; ++along) {
-    for (int about = -turns; about <= turns; ++about) {
-      const double on_m = kStepM * along, turn = kTurn * about;
-      // A steady turn leads to the side by half of it.
-      const double aside_m = 0.5 * turn * std::max(0.0, way_m + on_m);
-      for (int across = -sides; across <= sides; ++across) {
-        hypotheses.emplace_back(centre.q * ExpSO3(turn * Eigen::Vector3d::UnitZ()),
-                                centre.t + on_m * way + (aside_m + kStepM * across) * side);
-      }
-    }
-  }
-  return hypotheses;
-}
-
-PoseHypotheses PoseSearch::Starting(const PosePrediction& prediction,
-                                    const SE3& T_world_last) const {
-  PoseHypotheses hypotheses;
-  hypotheses.dense = OffsetsAbout(prediction.T_world_lidar);
-  hypotheses.coarse = OffsetsAround(prediction);
-  const std::vector<SE3> turns = TurnsAbout({prediction.T_world_lidar, T_world_last});
-  hypotheses.dense.insert(hypotheses.dense.end(), turns.begin(), turns.end());
-  return hypotheses;
-}
-
-PoseHypotheses PoseSearch::GoingOn(const PosePrediction& prediction,
-                                   const SE3& T_world_last) const {
-  constexpr double kLeastWayM = 0.1;
-  PoseHypotheses hypotheses;
-  hypotheses.dense = TurnsAbout({prediction.T_world_lidar, T_world_last});
-  const Eigen::Vector3d way = prediction.T_world_lidar.t - T_world_last.t;
-  // Beyond what is searched there may be a better place.
-  if (way.norm() > kLeastWayM && kSigmas * SigmaM(prediction) <= options_.max_way_m) {
-    hypotheses.way = way.normalized();
-    hypotheses.coarse = AlongTheWay(prediction, hypotheses.way, way.norm());
-  }
-  return hypotheses;
 }
 
 void PoseSearch::SortByScore(const SearchedScan& scan, std::size_t stride, double chance,
@@ -344,16 +204,17 @@ bool PoseSearch::Beats(const SearchedScan& scan, const MatchResult& r,
   return Better(kBetterSigmas, scan, r, best);
 }
 
-MatchResult PoseSearch::Best(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+MatchResult PoseSearch::Best(const SearchedScan& scan, PoseHypotheses* hypotheses,
                              const MatchResult& given) const {
+  Descend(scan, hypotheses);
   const std::vector<SE3> starts =
-      Starts(scan, hypotheses, static_cast<std::size_t>(options_.refined),
+      Starts(scan, *hypotheses, static_cast<std::size_t>(options_.refined),
              [](const SE3&) { return true; });
   MatchResult best = given;
   for (const MatchResult& r : MatchFrom(scan, scan.clusters, LeadElsewhere(scan, starts, given))) {
     if (Beats(scan, r, best)) best = r;
   }
-  if (!hypotheses.way.isZero()) best = BestBeside(scan, hypotheses.way, best);
+  if (!hypotheses->way.isZero()) best = BestBeside(scan, hypotheses->way, best);
   // From afar a weak direction takes more steps than from a good prediction.
   constexpr int kMoreRounds = 4;
   for (int i = 0; i < kMoreRounds && best.status == MatchResult::Status::kIterationLimit; ++i)
@@ -383,12 +244,14 @@ bool PoseSearch::Unique(const SearchedScan& scan, const PoseHypotheses& hypothes
   constexpr std::size_t kRivals = 6;
   const auto apart = [&](const SE3& T) { return Apart(T, best.T_world_lidar); };
   std::vector<SE3> rivals = Starts(scan, hypotheses, kRivals, apart);
-  double clear_sigmas = scan.clear_sigmas;
+  // By how many standard deviations the match must be better than each rival. Two scans know less
+  // of a place than a map, and minima beside the right one are nearly as good.
+  constexpr double kClearSigmas = 4.0, kStartSigmas = 2.0, kAgreedSigmas = 2.0;
+  double clear_sigmas = scan.starting ? kStartSigmas : scan.agreed ? kAgreedSigmas : kClearSigmas;
   if (RotationAngle(best.T_world_lidar, scan.prediction.T_world_lidar) > kDescentRad &&
       MayHaveTurnedAbout(scan.prediction)) {
     // A place that repeats does so for each scan that follows.
-    constexpr double kTurnedSigmas = 4.0;
-    clear_sigmas = std::max(clear_sigmas, kTurnedSigmas);
+    clear_sigmas = kClearSigmas;
     const std::vector<SE3> turned = TurnedByQuarters(scan.clusters, best.T_world_lidar);
     rivals.insert(rivals.end(), turned.begin(), turned.end());
   }

@@ -25,8 +25,7 @@ void Odometry::SearchTogether(const SearchedScan& scan, PoseHypotheses* hypothes
   frame->match = matcher_.MatchPose(scan.clusters, scan.prediction, scan.map);
   if (frame->searched) {
     *hypotheses = Hypotheses(scan.prediction, false);
-    search_.Descend(scan, hypotheses);
-    frame->match = search_.Best(scan, *hypotheses, frame->match);
+    frame->match = search_.Best(scan, hypotheses, frame->match);
   }
   frame->match =
       matcher_.Match(scan.clusters, scan.prediction, frame->match.T_world_lidar, scan.map);
@@ -50,10 +49,8 @@ OdometryFrame Odometry::FindAgain(StampNs stamp_ns, const VoxelMap& map, bool se
         track->Straighten({frame.match.T_world_lidar, prediction.covariance}, map,
                           options_.lost_inlier_ratio * RecentInliers()))
       continue;
-    // Scans that lead to the same place again and again need not tell it from others so clearly.
     constexpr int kAgreeing = 2;
-    constexpr double kAgreeingSigmas = 2.0;
-    if (track->Guessed(frame.match.T_world_lidar) >= kAgreeing) scan.clear_sigmas = kAgreeingSigmas;
+    scan.agreed = track->Guessed(frame.match.T_world_lidar) >= kAgreeing;
     Judge(scan, hypotheses, &frame);
     return frame;
   }

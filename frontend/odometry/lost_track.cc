@@ -95,12 +95,11 @@ MatchResult LostTrack::SearchFor(const std::vector<PointCluster>& clusters,
                                  const PosePrediction& prediction, const VoxelMap& map) const {
   const PoseSearch search(search_options_, &matcher_);
   const bool starting = !motion_.moving_known();
-  SearchedScan scan{clusters, prediction, map, starting};
-  if (starting) scan.clear_sigmas = SearchedScan::kStartSigmas;
-  PoseHypotheses hypotheses = starting ? search.Starting(prediction, motion_.T_world_last())
-                                       : search.GoingOn(prediction, motion_.T_world_last());
-  search.Descend(scan, &hypotheses);
-  MatchResult match = search.Best(scan, hypotheses, matcher_.MatchPose(clusters, prediction, map));
+  const SearchedScan scan{clusters, prediction, map, starting};
+  const SE3& last = motion_.T_world_last();
+  PoseHypotheses hypotheses = starting ? PoseHypotheses::Starting(search_options_, prediction, last)
+                                       : PoseHypotheses::GoingOn(search_options_, prediction, last);
+  MatchResult match = search.Best(scan, &hypotheses, matcher_.MatchPose(clusters, prediction, map));
   match = matcher_.Match(clusters, prediction, match.T_world_lidar, map);
   if (match.status == MatchResult::Status::kConverged && !search.Unique(scan, hypotheses, match))
     match.status = MatchResult::Status::kTooFewMatches;

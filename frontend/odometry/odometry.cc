@@ -82,11 +82,9 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
     hypotheses = Hypotheses(prediction, map_is_older);
     frame.searched = !hypotheses.empty();
   }
-  SearchedScan scan{deskewed, prediction, map, starting};
-  if (starting) scan.clear_sigmas = SearchedScan::kStartSigmas;
+  const SearchedScan scan{deskewed, prediction, map, starting};
   if (frame.searched) {
-    search_.Descend(scan, &hypotheses);
-    frame.match = search_.Best(scan, hypotheses, frame.match);
+    frame.match = search_.Best(scan, &hypotheses, frame.match);
     if (passes == 0)
       frame.match = matcher_.Match(deskewed, prediction, frame.match.T_world_lidar, map);
   }
@@ -257,14 +255,14 @@ PoseHypotheses Odometry::Hypotheses(const PosePrediction& prediction, bool map_i
   const bool starting = !motion_.moving_known() || (map_is_older && recent_inliers_.size() < 2);
   PoseHypotheses hypotheses;
   if (map_is_older && starting) {
-    hypotheses.dense = search_.OffsetsAbout(centre);
+    hypotheses.dense = OffsetsAbout(options_.search, centre);
     return hypotheses;
   }
-  if (starting) return search_.Starting(prediction, last);
-  hypotheses = search_.GoingOn(prediction, last);
+  if (starting) return PoseHypotheses::Starting(options_.search, prediction, last);
+  hypotheses = PoseHypotheses::GoingOn(options_.search, prediction, last);
   // One that goes so slowly that it may be anywhere about may have turned about as well.
   if (lost_ && (centre.t - last.t).norm() < SigmaM(prediction) && Searchable(prediction)) {
-    for (const SE3& T : search_.AllRound({centre, last})) {
+    for (const SE3& T : AllRound({centre, last})) {
       hypotheses.dense.push_back(T);
       hypotheses.coarse.push_back(T);
     }

@@ -44,12 +44,13 @@ TEST(PoseSearchTest, AMatchTurnedAwayFromAllThatWasTriedIsNotUnique) {
   ASSERT_EQ(scan.match.status, MatchResult::Status::kConverged);
   for (const auto& [turned_deg, unique] :
        {std::pair{0.0, true}, {25.0, true}, {50.0, false}, {180.0, false}}) {
-    EXPECT_EQ(scan.Unique(scan.search.TurnsAbout({Turned(scan.truth, turned_deg)})), unique)
+    EXPECT_EQ(scan.Unique(TurnsAbout(PoseSearchOptions{}, {Turned(scan.truth, turned_deg)})),
+              unique)
         << turned_deg;
   }
   EXPECT_TRUE(scan.Unique({}));
   // No turns were tried about a start whose heading is not known.
-  EXPECT_TRUE(scan.Unique(scan.search.OffsetsAbout(Turned(scan.truth, 50.0))));
+  EXPECT_TRUE(scan.Unique(OffsetsAbout(PoseSearchOptions{}, Turned(scan.truth, 50.0))));
 }
 
 // Half a room fits the other half, though no hypothesis was turned so far.
@@ -63,7 +64,7 @@ TEST(PoseSearchTest, AMatchThatWasTurnedHasARivalWhereTheRoomComesUponItself) {
   for (const auto& [room, unique] : {std::pair{furnished, true}, {box, false}}) {
     MatchedScan scan(room, SE3(ExpSO3(0.6 * Eigen::Vector3d::UnitZ()), {0.9, -0.7, 0.1}));
     scan.prediction.T_world_lidar = Turned(scan.truth, 60.0);
-    EXPECT_EQ(scan.Unique(scan.search.TurnsAbout({scan.truth})), unique);
+    EXPECT_EQ(scan.Unique(TurnsAbout(PoseSearchOptions{}, {scan.truth})), unique);
   }
 }
 
