@@ -246,8 +246,8 @@ bool PoseSearch::Unique(const SearchedScan& scan, const PoseHypotheses& hypothes
   std::vector<SE3> rivals = Starts(scan, hypotheses, kRivals, apart);
   // By how many standard deviations the match must be better than each rival. Two scans know less
   // of a place than a map, and minima beside the right one are nearly as good.
-  constexpr double kClearSigmas = 4.0, kStartSigmas = 2.0, kAgreedSigmas = 2.0;
-  double clear_sigmas = scan.starting ? kStartSigmas : scan.agreed ? kAgreedSigmas : kClearSigmas;
+  constexpr double kClearSigmas = 4.0, kLessClearSigmas = 2.0;
+  double clear_sigmas = scan.starting || scan.agreed ? kLessClearSigmas : kClearSigmas;
   if (RotationAngle(best.T_world_lidar, scan.prediction.T_world_lidar) > kDescentRad &&
       MayHaveTurnedAbout(scan.prediction)) {
     // A place that repeats does so for each scan that follows.
