@@ -126,5 +126,22 @@ TEST(HeldDirections, AnAdjustmentKeepsOutOfThem) {
   EXPECT_LT(gradient.norm(), 1e-3 * system.gradient.norm());
 }
 
+TEST(HeldSpaces, SpanWhatIsHeldAndNoMore) {
+  BundleProblem problem;
+  problem.poses.resize(3);
+  Vector6d a = Vector6d::Zero(), b = Vector6d::Zero();
+  a << 1, 1, 0, 0, 0, 0;
+  b << 1, 0, 0, 2, 0, 0;
+  problem.holds = {{1, a}, {1, b}, {1, Vector6d(a + 3.0 * b)}};
+  const std::vector<HeldSpace> held = HeldSpaces(problem);
+  EXPECT_EQ(held[0].cols(), 6);
+  ASSERT_EQ(held[1].cols(), 2);
+  EXPECT_EQ(held[2].cols(), 0);
+  EXPECT_LT((held[1].transpose() * held[1] - Eigen::Matrix2d::Identity()).norm(), 1e-12);
+  for (const Vector6d& v : {a, b}) {
+    EXPECT_LT((v - held[1] * (held[1].transpose() * v)).norm(), 1e-12);
+  }
+}
+
 }  // namespace
 }  // namespace lamina

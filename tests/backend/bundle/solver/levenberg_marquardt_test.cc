@@ -8,6 +8,8 @@
 
 #include "backend/bundle/block_pattern.h"
 #include "backend/bundle/condensed_cost.h"
+#include "backend/bundle/index.h"
+#include "backend/bundle/solver/adjuster.h"
 #include "tests/support/scenes/random_bundles.h"
 
 namespace lamina {
@@ -85,6 +87,57 @@ TEST(LevenbergMarquardt, TheSparseWayMeetsTheDenseMinimumWithTheSameBitsAtAnyNum
   }
   const BundleResult dense = Solve(problem, false);
   EXPECT_NEAR(sparse.final_cost, dense.final_cost, 1e-9 * dense.final_cost);
+}
+
+// A long chain, each plane seen by few neighbours: the sparse path must give the dense one's poses.
+TEST(LevenbergMarquardt, SparseAndDenseFactorisationsAgree) {
+  Draws draws(10);
+  BundleScene scene;
+  const int frames = 80;
+  for (int k = 0; k < frames; ++k) {
+    scene.truth.emplace_back(draws.Offset(0.1, 0.0).q, Eigen::Vector3d(0.5 * k, 0, 0));
+    const SE3 off = k == 0 ? SE3() : draws.Offset(0.01, 0.03);
+    scene.problem.poses.emplace_back(scene.truth.back().q * off.q, scene.truth.back().t + off.t);
+  }
+  for (int p = 0; p < 12 * frames; ++p) {
+    const int at = p / 12;
+    const Patch patch(Eigen::Vector3d(0.5 * at, 0, 0) + draws.InCube(3.0), draws.Direction());
+    Plane plane;
+    plane.first = static_cast<std::int32_t>(scene.problem.observations.size());
+    for (int k = std::max(0, at - 2); k <= std::min(frames - 1, at + 2); ++k, ++plane.count) {
+      const SE3 T_lidar_world = scene.truth[static_cast<std::size_t>(k)].Inverse();
+      Points seen;
+      for (int i = 0; i < 10; ++i) seen.push_back(T_lidar_world * patch.Point(1.0, 0.005, &draws));
+      scene.problem.observations.push_back({k, ClusterOf(seen)});
+    }
+    scene.problem.planes.push_back(plane);
+  }
+  // Priors along the chain, and one across it that closes a loop.
+  for (int k = 1; k < frames; ++k) {
+    const auto i = static_cast<std::size_t>(k);
+    scene.problem.priors.push_back(
+        {k - 1, k, scene.truth[i - 1].Inverse() * scene.truth[i], 10.0 * Matrix6d::Identity()});
+  }
+  scene.problem.priors.push_back(
+      {frames - 1, 0, scene.truth.back().Inverse() * scene.truth[0], 5.0 * Matrix6d::Identity()});
+  // A frame in the middle that does not rise, whatever its priors say.
+  scene.problem.holds.push_back({frames / 2, Vector6d::Unit(5)});
+  ASSERT_LT(BlockPattern(scene.problem, BundleIndex(scene.problem)).Density(), 0.25);
+  BundleAdjusterOptions options{100, 1e-14, 3};
+  const BundleResult sparse = AdjustBundle(scene.problem, options);
+  // Priors that say nothing between all frames make the solver take the dense way.
+  for (int a = 0; a < frames; ++a) {
+    for (int b = a + 1; b < frames; ++b)
+      scene.problem.priors.push_back({a, b, SE3(), Matrix6d::Zero()});
+  }
+  const BundleResult dense = AdjustBundle(scene.problem, options);
+  EXPECT_TRUE(sparse.usable());
+  EXPECT_LT(sparse.final_cost, 0.1 * sparse.initial_cost);
+  EXPECT_NEAR(sparse.final_cost, dense.final_cost, 1e-9 * dense.final_cost);
+  for (std::size_t k = 0; k < dense.poses.size(); ++k) {
+    EXPECT_LT(RotationAngle(sparse.poses[k], dense.poses[k]), 1e-6) << k;
+    EXPECT_LT((sparse.poses[k].t - dense.poses[k].t).norm(), 1e-6) << k;
+  }
 }
 
 }  // namespace
