@@ -1,4 +1,5 @@
 // Batches of worlds that draw poses off: thin walls, bent chains, traffic.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "tests/backend/registration/batches.h"
@@ -6,6 +7,7 @@
 namespace lamina {
 namespace {
 
+using testing::HasSubstr;
 using BatchStatus = RegistrationResult::Status;
 
 // Two rooms with a wall between them that is thinner than what passes for a plane. Through a door

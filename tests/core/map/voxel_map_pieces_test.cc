@@ -7,23 +7,14 @@
 #include <string>
 
 #include "core/map/voxel_map.h"
+#include "tests/core/map/voxel_map_fixture.h"
+#include "tests/support/memory_voxel_store.h"
 #include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
 namespace {
 
 using NodeId = VoxelMap::NodeId;
-
-// Everything is a plane.
-VoxelMapOptions AnyPlanes() {
-  VoxelMapOptions options;
-  options.max_flatness = 1.0;
-  options.max_thickness_m = 10.0;
-  options.min_breadth = 0.0;
-  options.max_fixed_weight = 1e9;
-  options.depth = 2;
-  return options;
-}
 
 // What the map shows of each piece, as text.
 std::map<std::int64_t, std::string> SurfacesOf(const VoxelMap& map) {
@@ -39,14 +30,14 @@ std::map<std::int64_t, std::string> SurfacesOf(const VoxelMap& map) {
 TEST(VoxelMap, PiecesInOnePlaceDoNotSeeEachOther) {
   constexpr std::int64_t kPieces = 5;
   MemoryVoxelStore store;
-  VoxelMapOptions options = AnyPlanes();
+  VoxelMapOptions options = OnlyPlanes();
   options.budget_mb = 1.0;  // some of it goes to the store and comes back
   VoxelMap together(options, &store);
   std::vector<std::unique_ptr<VoxelMap>> alone;
   std::vector<Draws> draws;
   for (std::int64_t piece = 0; piece < kPieces; ++piece) {
     if (piece > 0) together.BeginPiece(piece);
-    alone.push_back(std::make_unique<VoxelMap>(AnyPlanes()));
+    alone.push_back(std::make_unique<VoxelMap>(OnlyPlanes()));
     draws.emplace_back(static_cast<unsigned>(piece));
   }
   const auto find = [](const VoxelMap& map, const Eigen::Vector3d& p) {
@@ -63,7 +54,7 @@ TEST(VoxelMap, PiecesInOnePlaceDoNotSeeEachOther) {
     together.SelectPiece(piece);
     VoxelMap& own = *alone[static_cast<std::size_t>(piece)];
     for (VoxelMap* map : {&together, &own}) {
-      for (const Eigen::Vector3d& p : points) map->AddWindow(map->LeafAt(p), ClusterOf({p}), i);
+      AddPoints(points, i, map);
       map->Refresh();
       map->EvictToBudget();
     }
@@ -85,7 +76,7 @@ TEST(VoxelMap, PiecesInOnePlaceDoNotSeeEachOther) {
 }
 
 TEST(VoxelMap, WhatIsDroppedOfAPieceMakesRoomForAnother) {
-  VoxelMap map(AnyPlanes());
+  VoxelMap map(OnlyPlanes());
   Draws draws(4);
   const auto add = [&](std::vector<VoxelKey>* roots) {
     VoxelMap::LeafAddress address;

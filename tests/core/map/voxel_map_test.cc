@@ -2,11 +2,9 @@
 
 #include <gtest/gtest.h>
 
-#include <memory>
 #include <set>
-#include <sstream>
-#include <stdexcept>
 
+#include "tests/core/map/voxel_map_fixture.h"
 #include "tests/support/memory_voxel_store.h"
 #include "tests/support/scenes/random_scenes.h"
 
@@ -22,26 +20,12 @@ constexpr int kManyPerSide = 60;  // 216 000 voxels: sanitizers multiply memory 
 constexpr int kManyPerSide = 127;  // 2 048 383 voxels
 #endif
 
-// Nothing is a plane / everything is.
+// Nothing is a plane.
 VoxelMapOptions NoPlanes() {
   VoxelMapOptions options;
   options.max_flatness = 1e-6;
   options.max_fixed_weight = 1e9;
   return options;
-}
-VoxelMapOptions OnlyPlanes() {
-  VoxelMapOptions options;
-  options.max_flatness = 1.0;
-  options.max_thickness_m = 10.0;
-  options.min_breadth = 0.0;
-  options.max_fixed_weight = 1e9;
-  options.depth = 2;
-  return options;
-}
-
-// Puts each point into its leaf.
-void AddPoints(const Points& points, std::int64_t frame, VoxelMap* map) {
-  for (const Eigen::Vector3d& p : points) map->AddWindow(map->LeafAt(p), ClusterOf({p}), frame);
 }
 
 void ExpectSame(const PointCluster& a, const PointCluster& b) {

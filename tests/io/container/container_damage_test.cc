@@ -1,7 +1,5 @@
 // What is damaged or made to do harm is refused, or passed over with a line that says so.
 #include <algorithm>
-#include <filesystem>
-#include <functional>
 
 #include "tests/io/container/container_fixture.h"
 #include "tests/support/peak_memory.h"

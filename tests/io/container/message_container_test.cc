@@ -2,17 +2,14 @@
 // there.
 #include "io/container/message_container.h"
 
-#include <algorithm>
 #include <filesystem>
 #include <fstream>
-#include <functional>
 
 #include "tests/io/container/container_fixture.h"
 
 namespace lamina {
 namespace {
 
-using testing::AnyOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;

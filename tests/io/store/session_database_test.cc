@@ -2,17 +2,14 @@
 
 #include <SQLiteCpp/SQLiteCpp.h>
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
-#include <memory>
 
 #include "tests/io/store/session_database_fixture.h"
 
 namespace lamina {
 namespace {
 
-using testing::AllOf;
 using testing::HasSubstr;
 
 TEST_F(SessionDatabaseTest, EveryFieldComesBackToTheLastBit) {

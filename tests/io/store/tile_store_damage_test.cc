@@ -1,5 +1,4 @@
 // Stores of tiles that are damaged, of another kind, or copied.
-#include <memory>
 
 #include "io/file/checksum.h"
 #include "tests/io/store/tile_store_fixture.h"

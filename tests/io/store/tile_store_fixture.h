@@ -22,7 +22,7 @@ using Lifetime = TileStore::Lifetime;
 
 // Keys far apart and near, with the highest and the lowest that there are.
 inline constexpr VoxelKey kLargest = (VoxelKey{1} << (3 * kVoxelKeyBits)) - 1;
-const VoxelKey kTiles[] = {0, 1, 2, VoxelKey{1} << 40, kLargest - 1, kLargest};
+inline constexpr VoxelKey kTiles[] = {0, 1, 2, VoxelKey{1} << 40, kLargest - 1, kLargest};
 inline constexpr int kRoots = 6;
 inline VoxelKey RootOf(int i) {
   return i % 2 == 0 ? static_cast<VoxelKey>(i) : kLargest - static_cast<VoxelKey>(i);

@@ -4,7 +4,6 @@
 
 #include <map>
 #include <memory>
-#include <set>
 
 #include "tests/io/store/tile_store_fixture.h"
 

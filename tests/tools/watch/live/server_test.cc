@@ -2,7 +2,6 @@
 #include "tools/watch/live/server.h"
 
 #include <gmock/gmock.h>
-#include <httplib.h>
 
 #include <nlohmann/json.hpp>
 #include <regex>

@@ -1,9 +1,6 @@
 // The board between the mapping thread and those who ask.
 #include "tools/watch/live/view.h"
 
-#include <gmock/gmock.h>
-#include <httplib.h>
-
 #include "tests/tools/watch/live/live_server_fixture.h"
 
 namespace lamina {
