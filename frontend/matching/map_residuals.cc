@@ -4,7 +4,6 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <map>
 
 #include "core/base/median.h"
 #include "core/base/parallel.h"
@@ -12,6 +11,7 @@
 #include "core/map/voxel_key.h"
 #include "frontend/matching/line_of_sight.h"
 #include "frontend/matching/scan_matcher.h"
+#include "frontend/matching/seen_through.h"
 
 namespace lamina {
 
@@ -94,11 +94,16 @@ NormalEquations MapResiduals::At(const SE3& T, double kernel_sigma, const Matrix
   return total;
 }
 
-void MapResiduals::AddEvidence(const MatchRow& row, const Eigen::Vector3d& mu,
-                               NormalEquations* sum) {
+Vector6d MapResiduals::Information(const MatchRow& row, const Eigen::Vector3d& mu,
+                                   const DirectionEvidence& evidence) {
   const Vector6d scaled = DividedByArm(Vector6d(Eigen::Map<const Vector6d>(row.j)));
   const double arm = mu.norm() / kRotationArmM;
-  const Vector6d information = sum->all.InformationOf(scaled, row.w, row.normal_error2, arm, 1.0);
+  return evidence.InformationOf(scaled, row.w, row.normal_error2, arm, 1.0);
+}
+
+void MapResiduals::AddEvidence(const MatchRow& row, const Eigen::Vector3d& mu,
+                               NormalEquations* sum) {
+  const Vector6d information = Information(row, mu, sum->all);
   sum->all.Add(information);
   if (!row.young) sum->old.Add(information);
 }
@@ -117,6 +122,62 @@ DirectionEvidence MapResiduals::EvidenceOfOlder(const SE3& T, double kernel_sigm
                 }
               });
   return sum.all;
+}
+
+std::map<VoxelMap::NodeId, MapResiduals::MetPlane> MapResiduals::MeetPlanes(
+    const RowSettings& settings, const Matrix6d& directions) const {
+  DirectionEvidence evidence;
+  evidence.directions = directions;
+  std::map<VoxelMap::NodeId, MetPlane> planes;
+  ForEachRows(0, clusters_.size(), settings,
+              [&](const MatchRow* rows, const std::size_t* of, std::size_t count) {
+                for (std::size_t k = 0; k < count; ++k) {
+                  if (rows[k].rough || rows[k].w == 0.0) continue;
+                  const PointCluster& cluster = clusters_[of[k]];
+                  MetPlane& met = planes[surfaces_[of[k]]];
+                  met.plane = planes_[of[k]];
+                  met.points += rows[k].robust * cluster.count;
+                  met.sums.Add(&rows[k], 1);
+                  const Vector6d information = Information(rows[k], cluster.mean, evidence);
+                  met.faces = met.faces || information.maxCoeff() > 0.0;
+                }
+              });
+  return planes;
+}
+
+SeenThrough MapResiduals::FindSeenThrough(const SE3& T, double kernel_sigma,
+                                          const Matrix6d& directions) {
+  Associate(T, T.R());
+  const BeamsOfScan beams(clusters_, T);
+  SeenThrough seen;
+  for (const auto& [id, met] : MeetPlanes(SettingsAt(T, kernel_sigma), directions)) {
+    const bool through = beams.SeeThrough(*met.plane, map_.Aggregate(id), met.points);
+    if (!met.faces) {
+      ++seen.others;
+      seen.others_through += through ? 1 : 0;
+      continue;
+    }
+    (through ? seen.H : seen.H_opaque) += met.sums.H();
+    if (through) seen.planes.push_back(id);
+  }
+  // Rounding differs across the diagonal.
+  seen.H = seen.H.selfadjointView<Eigen::Upper>();
+  seen.H_opaque = seen.H_opaque.selfadjointView<Eigen::Upper>();
+  return seen;
+}
+
+void MapResiduals::Drop(const std::vector<VoxelMap::NodeId>& planes) {
+  dropped_.insert(dropped_.end(), planes.begin(), planes.end());
+  std::sort(dropped_.begin(), dropped_.end());
+  for (std::size_t i = 0; i < clusters_.size(); ++i) {
+    if (!IsDropped(surfaces_[i])) continue;
+    surfaces_[i] = VoxelMap::kNoNode;
+    planes_[i] = nullptr;
+  }
+}
+
+bool MapResiduals::IsDropped(VoxelMap::NodeId id) const {
+  return std::binary_search(dropped_.begin(), dropped_.end(), id);
 }
 
 VoxelKey MapResiduals::BlockAround(const Eigen::Vector3d& p) {
@@ -255,6 +316,7 @@ void MapResiduals::Associate(const SE3& T, const Eigen::Matrix3d& R) {
       if (associated_ && place == places_[i]) continue;
       places_[i] = place;
       surfaces_[i] = can_hold ? map_.FindSurface(place) : VoxelMap::kNoNode;
+      if (IsDropped(surfaces_[i])) surfaces_[i] = VoxelMap::kNoNode;
       const bool on_plane =
           surfaces_[i] != VoxelMap::kNoNode && map_.kind(surfaces_[i]) == Surface::Kind::kPlane;
       planes_[i] = on_plane ? &map_.plane(surfaces_[i]) : nullptr;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <vector>
 
 #include "core/geometry/point_cluster.h"
@@ -39,6 +40,22 @@ struct NormalEquations {
   NormalEquations& operator+=(const NormalEquations& o);
 };
 
+// Of the planes that face some direction those that a scan sees through, and what they and the
+// others have in the matrix of the normal equations.
+struct SeenThrough {
+  std::vector<VoxelMap::NodeId> planes;
+  Matrix6d H = Matrix6d::Zero(), H_opaque = Matrix6d::Zero();
+  int others = 0, others_through = 0;  // of planes that face none of the directions
+
+  // Whether the beams come from where the scan says: those of several sensors in one scan, or
+  // points drawn on surfaces whatever stands before them, pass planes of all directions.
+  bool OfOneSensor() const {
+    constexpr int kLeastOthers = 20;
+    constexpr double kMostPassed = 0.02;
+    return others >= kLeastOthers && others_through <= kMostPassed * others;
+  }
+};
+
 // Not thread-safe; runs on several threads, with the same bits at any number.
 class MapResiduals {
  public:
@@ -64,6 +81,12 @@ class MapResiduals {
   DirectionEvidence EvidenceOfOlder(const SE3& T, double kernel_sigma, const Matrix6d& directions,
                                     std::int64_t before_frame);
 
+  // Which planes that face one of these directions (columns, of the scaled tangent, or zero) the
+  // scan sees through (seen_through.h).
+  SeenThrough FindSeenThrough(const SE3& T, double kernel_sigma, const Matrix6d& directions);
+  // Nothing meets these planes from now on.
+  void Drop(const std::vector<VoxelMap::NodeId>& planes);
+
   // How the gradient scatters, at the pose and kernel of the last At: the sum of scan_matcher.h
   // over blocks of space, without H^-1 on both sides.
   Matrix6d GradientScatter(const SE3& T, double kernel_sigma);
@@ -86,6 +109,16 @@ class MapResiduals {
   // look-up that a cluster at 30 m has moved by less than a small part of a leaf. Most clusters are
   // still in the leaf in which they were then, and have no need of another.
   void Associate(const SE3& T, const Eigen::Matrix3d& R);
+  bool IsDropped(VoxelMap::NodeId id) const;
+  // A plane and what the scan has on it.
+  struct MetPlane {
+    const Surface* plane = nullptr;
+    bool faces = false;   // one of the directions
+    double points = 0.0;  // of the scan, by the kernel's weight
+    RowSums sums;
+  };
+  std::map<VoxelMap::NodeId, MetPlane> MeetPlanes(const RowSettings& settings,
+                                                  const Matrix6d& directions) const;
   // How thick even the thin ones of the planes around the scan are. A plane that looks thinner does
   // so because few points made it, or one beam.
   void FindLeastThickness();
@@ -101,7 +134,9 @@ class MapResiduals {
   // at anything real, and say nothing. Returns the number of rows, at most 3.
   std::size_t MakeRoughRows(const PointCluster& cluster, VoxelMap::NodeId leaf,
                             const RowSettings& settings, MatchRow* rows) const;
-  // What a row says along the watched directions.
+  // What a row, of a cluster with this mean, says along the directions.
+  static Vector6d Information(const MatchRow& row, const Eigen::Vector3d& mu,
+                              const DirectionEvidence& evidence);
   static void AddEvidence(const MatchRow& row, const Eigen::Vector3d& mu, NormalEquations* sum);
 
   const ScanMatcherOptions& options_;
@@ -109,9 +144,10 @@ class MapResiduals {
   const std::vector<PointCluster>& clusters_;
   std::vector<LeafPlace> places_;  // of the last look-up, where there was one
   std::vector<VoxelMap::NodeId> surfaces_;
-  std::vector<const Surface*> planes_;  // of those that are planar, else null
-  double floor2_ = 0.0;                 // m^2: variance that no plane is believed to have less of
-  double beam2_ = 0.0;                  // m^2: see NormalError2
+  std::vector<const Surface*> planes_;     // of those that are planar, else null
+  std::vector<VoxelMap::NodeId> dropped_;  // in their order
+  double floor2_ = 0.0;  // m^2: variance that no plane is believed to have less of
+  double beam2_ = 0.0;   // m^2: see NormalError2
   bool associated_ = false;
   SE3 associated_at_;
 };

@@ -13,6 +13,8 @@ namespace lamina {
 namespace {
 
 constexpr int kMinMatches = 10;
+// Where more clusters face a direction, they do not lie on planes that are none (seen_through.h).
+constexpr double kFewFacing = 100.0;
 
 // The degenerate directions at one linearisation, and how they are held.
 struct Held {
@@ -40,9 +42,24 @@ class Descent {
   // Fills pose, status, iterations, degeneracy and, if asked for, covariance. False if there are
   // too few matches.
   bool Run(const SE3& initial, bool with_covariance, MatchResult* result) {
+    // Other planes that are none are met where the pose goes without the first ones.
+    constexpr int kMostRounds = 3;
     T_ = T_known_ = initial;
-    result->status = MatchResult::Status::kIterationLimit;
     double kernel = known_ == nullptr ? options_.kernel_start_sigma : options_.kernel_end_sigma;
+    for (int round = 0; round < kMostRounds; ++round, kernel = options_.kernel_end_sigma) {
+      if (!Descend(kernel, result)) return false;
+      if (!DropFeigned()) break;
+    }
+    Report(result);
+    if (with_covariance) result->covariance = Covariance();
+    return true;
+  }
+
+  const NormalEquations& equations() const { return eq_; }
+
+ private:
+  bool Descend(double kernel, MatchResult* result) {
+    result->status = MatchResult::Status::kIterationLimit;
     for (int i = 0; i < options_.max_iterations; ++i) {
       const bool narrow = kernel <= options_.kernel_end_sigma;
       ++result->iterations;
@@ -57,21 +74,44 @@ class Descent {
       if (narrow && step.head<3>().norm() < Radians(options_.min_rotation_step_deg) &&
           step.tail<3>().norm() < options_.min_translation_step_m) {
         result->status = MatchResult::Status::kConverged;
-        break;
+        return true;
       }
     }
     // What is reported is of the last pose, not of the one before the last step.
-    if (result->status != MatchResult::Status::kConverged &&
-        !Linearise(options_.kernel_end_sigma, false, true))
+    return Linearise(options_.kernel_end_sigma, false, true);
+  }
+
+  // Where few clusters face the weakest direction and most of them lie on planes that the scan sees
+  // through: takes these out. False where it is not so.
+  bool DropFeigned() {
+    // All planes of that kind together do not make a direction as certain as this.
+    constexpr double kCertainM = 0.003;
+    if (smallest_ * kCertainM * kCertainM > 1.0) return false;
+    const bool watched = !eq_.all.information.isZero();
+    const DirectionEvidence evidence =
+        watched ? eq_.all : residuals_->At(T_, options_.kernel_end_sigma, &basis_).all;
+    if (evidence.Facing(0) >= kFewFacing) return false;
+    Matrix6d weakest = Matrix6d::Zero();
+    weakest.col(0) = evidence.directions.col(0);
+    const SeenThrough seen = residuals_->FindSeenThrough(T_, options_.kernel_end_sigma, weakest);
+    const Matrix6d feigned = feigned_ + DividedByArm(seen.H), opaque = DividedByArm(seen.H_opaque);
+    if (seen.planes.empty() || !seen.OfOneSensor() ||
+        !MostlyFeigned(weakest.col(0), feigned, opaque))
       return false;
-    Report(result);
-    if (with_covariance) result->covariance = Covariance();
+    feigned_ = feigned;
+    opaque_ = opaque;
+    residuals_->Drop(seen.planes);
     return true;
   }
 
-  const NormalEquations& equations() const { return eq_; }
+  // Whether planes that are none would determine a direction, and most of those that face it are
+  // none. What else holds it is of the same kind: only no beam happens to pass.
+  bool MostlyFeigned(const Vector6d& v, const Matrix6d& feigned, const Matrix6d& opaque) const {
+    constexpr double kMostly = 2.0;
+    const double least = 1.0 / (options_.max_direction_sigma_m * options_.max_direction_sigma_m);
+    return v.dot(feigned * v) > std::max(least, kMostly * v.dot(opaque * v));
+  }
 
- private:
   // At the present pose. `decide`: which directions are degenerate is found anew.
   bool Linearise(double kernel, bool first, bool decide) {
     if (first) {
@@ -137,13 +177,15 @@ class Descent {
     const DirectionEvidence& evidence = eq_.matched_old >= kMinMatches ? eq_.old : eq_.all;
     const Matrix6d H = DividedByArm(eq_.H);
     for (int k = 0; k < (known_ == nullptr ? 6 : 5); ++k) {
-      worst_sigma_m_ =
-          std::max(worst_sigma_m_, std::min(evidence.Sigma(k), MatchResult::kUnknownSigmaM));
-      if (!evidence.Degenerate(k, options_.max_direction_sigma_m, options_.min_facing_clusters))
-        continue;
       const Vector6d v = basis_.col(k);
+      const bool feigned = evidence.Facing(k) < kFewFacing && MostlyFeigned(v, feigned_, opaque_);
+      const double sigma_m = feigned ? MatchResult::kUnknownSigmaM : evidence.Sigma(k);
+      worst_sigma_m_ = std::max(worst_sigma_m_, std::min(sigma_m, MatchResult::kUnknownSigmaM));
+      if (!feigned &&
+          !evidence.Degenerate(k, options_.max_direction_sigma_m, options_.min_facing_clusters))
+        continue;
       held.directions.col(held.count) = v;
-      held.facing(held.count) = evidence.information(k);
+      held.facing(held.count) = feigned ? 0.0 : evidence.information(k);
       held.seeming(held.count) = v.dot(H * v);
       held.prior(held.count) = prediction_.Information(v);
       ++held.count;
@@ -210,6 +252,8 @@ class Descent {
   NormalEquations eq_;
   Matrix6d basis_ = Matrix6d::Identity();
   double smallest_ = 0.0;
+  // Scaled information of planes that are none, and of those beside them.
+  Matrix6d feigned_ = Matrix6d::Zero(), opaque_ = Matrix6d::Zero();
   double worst_sigma_m_ = 0.0;
   int degenerate_ = 0;
   Held held_;

@@ -189,7 +189,7 @@ TEST(AdverseStart, ASteadyMotionIsFoundWhereMatchesMislead) {
 TEST(AdverseStart, AWayThatIsNotToldFromStandingIsNotTaken) {
   const Verdict verdict = Tried("start-5000", 21);
   EXPECT_LT(verdict.worst_m, 2.0);
-  EXPECT_LT(verdict.degenerate, 60u);
+  EXPECT_LT(verdict.degenerate, 66u);
 }
 
 // Vans that go along hold the sensor, by 2.4 standard deviations of all scans against it: neither
