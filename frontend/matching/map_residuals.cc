@@ -125,9 +125,10 @@ DirectionEvidence MapResiduals::EvidenceOfOlder(const SE3& T, double kernel_sigm
 }
 
 std::map<VoxelMap::NodeId, MapResiduals::MetPlane> MapResiduals::MeetPlanes(
-    const RowSettings& settings, const Matrix6d& directions) const {
+    const RowSettings& settings, const Vector6d& direction) const {
   DirectionEvidence evidence;
-  evidence.directions = directions;
+  evidence.directions.setZero();
+  evidence.directions.col(0) = direction;
   std::map<VoxelMap::NodeId, MetPlane> planes;
   ForEachRows(0, clusters_.size(), settings,
               [&](const MatchRow* rows, const std::size_t* of, std::size_t count) {
@@ -139,24 +140,20 @@ std::map<VoxelMap::NodeId, MapResiduals::MetPlane> MapResiduals::MeetPlanes(
                   met.points += rows[k].robust * cluster.count;
                   met.sums.Add(&rows[k], 1);
                   const Vector6d information = Information(rows[k], cluster.mean, evidence);
-                  met.faces = met.faces || information.maxCoeff() > 0.0;
+                  met.faces = met.faces || information(0) > 0.0;
                 }
               });
   return planes;
 }
 
 SeenThrough MapResiduals::FindSeenThrough(const SE3& T, double kernel_sigma,
-                                          const Matrix6d& directions) {
+                                          const Vector6d& direction) {
   Associate(T, T.R());
   const BeamsOfScan beams(clusters_, T);
   SeenThrough seen;
-  for (const auto& [id, met] : MeetPlanes(SettingsAt(T, kernel_sigma), directions)) {
+  for (const auto& [id, met] : MeetPlanes(SettingsAt(T, kernel_sigma), direction)) {
+    if (!met.faces) continue;
     const bool through = beams.SeeThrough(*met.plane, map_.Aggregate(id), met.points);
-    if (!met.faces) {
-      ++seen.others;
-      seen.others_through += through ? 1 : 0;
-      continue;
-    }
     (through ? seen.H : seen.H_opaque) += met.sums.H();
     if (through) seen.planes.push_back(id);
   }
@@ -164,6 +161,20 @@ SeenThrough MapResiduals::FindSeenThrough(const SE3& T, double kernel_sigma,
   seen.H = seen.H.selfadjointView<Eigen::Upper>();
   seen.H_opaque = seen.H_opaque.selfadjointView<Eigen::Upper>();
   return seen;
+}
+
+bool MapResiduals::OfOneSensor(const SE3& T, double kernel_sigma, const Vector6d& direction) {
+  constexpr int kLeastOthers = 20;
+  constexpr double kMostPassed = 0.02;
+  Associate(T, T.R());
+  const BeamsOfScan beams(clusters_, T);
+  int others = 0, through = 0;
+  for (const auto& [id, met] : MeetPlanes(SettingsAt(T, kernel_sigma), direction)) {
+    if (met.faces) continue;
+    ++others;
+    through += beams.SeeThrough(*met.plane, map_.Aggregate(id), met.points) ? 1 : 0;
+  }
+  return others >= kLeastOthers && through <= kMostPassed * others;
 }
 
 void MapResiduals::Drop(const std::vector<VoxelMap::NodeId>& planes) {

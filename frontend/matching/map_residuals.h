@@ -45,15 +45,6 @@ struct NormalEquations {
 struct SeenThrough {
   std::vector<VoxelMap::NodeId> planes;
   Matrix6d H = Matrix6d::Zero(), H_opaque = Matrix6d::Zero();
-  int others = 0, others_through = 0;  // of planes that face none of the directions
-
-  // Whether the beams come from where the scan says: those of several sensors in one scan, or
-  // points drawn on surfaces whatever stands before them, pass planes of all directions.
-  bool OfOneSensor() const {
-    constexpr int kLeastOthers = 20;
-    constexpr double kMostPassed = 0.02;
-    return others >= kLeastOthers && others_through <= kMostPassed * others;
-  }
 };
 
 // Not thread-safe; runs on several threads, with the same bits at any number.
@@ -81,9 +72,12 @@ class MapResiduals {
   DirectionEvidence EvidenceOfOlder(const SE3& T, double kernel_sigma, const Matrix6d& directions,
                                     std::int64_t before_frame);
 
-  // Which planes that face one of these directions (columns, of the scaled tangent, or zero) the
-  // scan sees through (seen_through.h).
-  SeenThrough FindSeenThrough(const SE3& T, double kernel_sigma, const Matrix6d& directions);
+  // Which planes that face this direction (scaled tangent) the scan sees through (seen_through.h).
+  SeenThrough FindSeenThrough(const SE3& T, double kernel_sigma, const Vector6d& direction);
+  // Whether the beams come from where the scan says: those of several sensors in one scan, or
+  // points drawn on surfaces whatever stands before them, pass planes that do not face the
+  // direction as well. Asks all planes that the scan meets.
+  bool OfOneSensor(const SE3& T, double kernel_sigma, const Vector6d& direction);
   // Nothing meets these planes from now on.
   void Drop(const std::vector<VoxelMap::NodeId>& planes);
 
@@ -113,12 +107,12 @@ class MapResiduals {
   // A plane and what the scan has on it.
   struct MetPlane {
     const Surface* plane = nullptr;
-    bool faces = false;   // one of the directions
+    bool faces = false;   // the direction
     double points = 0.0;  // of the scan, by the kernel's weight
     RowSums sums;
   };
   std::map<VoxelMap::NodeId, MetPlane> MeetPlanes(const RowSettings& settings,
-                                                  const Matrix6d& directions) const;
+                                                  const Vector6d& direction) const;
   // How thick even the thin ones of the planes around the scan are. A plane that looks thinner does
   // so because few points made it, or one beam.
   void FindLeastThickness();

@@ -91,12 +91,11 @@ class Descent {
     const DirectionEvidence evidence =
         watched ? eq_.all : residuals_->At(T_, options_.kernel_end_sigma, &basis_).all;
     if (evidence.Facing(0) >= kFewFacing) return false;
-    Matrix6d weakest = Matrix6d::Zero();
-    weakest.col(0) = evidence.directions.col(0);
-    const SeenThrough seen = residuals_->FindSeenThrough(T_, options_.kernel_end_sigma, weakest);
+    const Vector6d v = evidence.directions.col(0);
+    const SeenThrough seen = residuals_->FindSeenThrough(T_, options_.kernel_end_sigma, v);
     const Matrix6d feigned = feigned_ + DividedByArm(seen.H), opaque = DividedByArm(seen.H_opaque);
-    if (seen.planes.empty() || !seen.OfOneSensor() ||
-        !MostlyFeigned(weakest.col(0), feigned, opaque))
+    if (seen.planes.empty() || !MostlyFeigned(v, feigned, opaque) ||
+        !residuals_->OfOneSensor(T_, options_.kernel_end_sigma, v))
       return false;
     feigned_ = feigned;
     opaque_ = opaque;
