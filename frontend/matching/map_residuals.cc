@@ -168,13 +168,16 @@ bool MapResiduals::OfOneSensor(const SE3& T, double kernel_sigma, const Vector6d
   constexpr double kMostPassed = 0.02;
   Associate(T, T.R());
   const BeamsOfScan beams(clusters_, T);
-  int others = 0, through = 0;
-  for (const auto& [id, met] : MeetPlanes(SettingsAt(T, kernel_sigma), direction)) {
-    if (met.faces) continue;
-    ++others;
-    through += beams.SeeThrough(*met.plane, map_.Aggregate(id), met.points) ? 1 : 0;
+  const auto planes = MeetPlanes(SettingsAt(T, kernel_sigma), direction);
+  const auto others =
+      std::count_if(planes.begin(), planes.end(), [](const auto& p) { return !p.second.faces; });
+  if (others < kLeastOthers) return false;
+  int through = 0;
+  for (const auto& [id, met] : planes) {
+    if (met.faces || !beams.SeeThrough(*met.plane, map_.Aggregate(id), met.points)) continue;
+    if (++through > kMostPassed * static_cast<double>(others)) return false;
   }
-  return others >= kLeastOthers && through <= kMostPassed * others;
+  return true;
 }
 
 void MapResiduals::Drop(const std::vector<VoxelMap::NodeId>& planes) {

@@ -3,51 +3,94 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/processor.h"
+
 namespace lamina {
+namespace {
+
+// A plane as the sensor sees it. With n the normal towards the sensor, h the sensor's distance, s
+// the vector from the mean to the sensor and v_k = u_k / sqrt(l_k): a ray r ends h + n.r above the
+// plane, and crosses it at s - h r / (n.r). Both are told without a division,
+//
+//     h + n.r < -0.2,    sum_k (v_k.s n.r - h v_k.r)^2 < 4 (n.r)^2.
+struct SeenPlane {
+  float n[3], v1[3], v2[3];
+  float h, v1_s, v2_s;
+};
+
+// A step, a frame or an error of the range puts points behind a surface by less than kBehindM.
+constexpr float kBehindM = 0.2F, kSigmas2 = 4.0F;
+
+void Store(const Eigen::Vector3d& from, float* to) {
+  for (int k = 0; k < 3; ++k) to[k] = static_cast<float>(from(k));
+}
+
+SeenPlane AsSeen(const Surface& plane, const PointCluster& members, const Eigen::Vector3d& sensor) {
+  constexpr double kLeastVariance = 1e-8;
+  const Eigen::Vector3d s = sensor - members.mean;
+  Eigen::Vector3d n = plane.normal.cast<double>();
+  if (n.dot(s) < 0.0) n = -n;
+  // Along the plane: the thinnest axis is the normal.
+  const Eigen3 eigen = EigenDecompose(members.Covariance());
+  Eigen::Index thinnest = 0;
+  eigen.l.minCoeff(&thinnest);
+  const auto axis = [&](Eigen::Index k) -> Eigen::Vector3d {
+    return eigen.u.col(k) / std::sqrt(std::max(eigen.l(k), kLeastVariance));
+  };
+  const Eigen::Vector3d v1 = axis((thinnest + 1) % 3), v2 = axis((thinnest + 2) % 3);
+  SeenPlane seen{};
+  Store(n, seen.n);
+  Store(v1, seen.v1);
+  Store(v2, seen.v2);
+  seen.h = static_cast<float>(n.dot(s));
+  seen.v1_s = static_cast<float>(v1.dot(s));
+  seen.v2_s = static_cast<float>(v2.dot(s));
+  return seen;
+}
+
+// Points of so many rays that have passed.
+LAMINA_FOR_EACH_PROCESSOR
+std::int32_t Passed(const SeenPlane& p, const float* x, const float* y, const float* z,
+                    const std::int32_t* points, std::size_t count) {
+  std::int32_t passed = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    const float along = p.n[0] * x[i] + p.n[1] * y[i] + p.n[2] * z[i];
+    const float r1 = p.v1[0] * x[i] + p.v1[1] * y[i] + p.v1[2] * z[i];
+    const float r2 = p.v2[0] * x[i] + p.v2[1] * y[i] + p.v2[2] * z[i];
+    const float c1 = p.v1_s * along - p.h * r1, c2 = p.v2_s * along - p.h * r2;
+    const bool behind = p.h + along < -kBehindM;
+    const bool inside = c1 * c1 + c2 * c2 < kSigmas2 * along * along;
+    passed += behind & inside ? points[i] : 0;
+  }
+  return passed;
+}
+
+}  // namespace
 
 BeamsOfScan::BeamsOfScan(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar)
-    : sensor_(T_world_lidar.t),
-      ends_(3, static_cast<Eigen::Index>(clusters.size())),
-      points_(static_cast<Eigen::Index>(clusters.size())) {
+    : sensor_(T_world_lidar.t) {
   const Eigen::Matrix3d R = T_world_lidar.R();
-  Eigen::Index i = 0;
   for (const PointCluster& cluster : clusters) {
-    ends_.col(i) = R * cluster.mean + sensor_;
-    points_(i++) = cluster.count;
+    const Eigen::Vector3f ray = (R * cluster.mean).cast<float>();
+    rays_x_.push_back(ray.x());
+    rays_y_.push_back(ray.y());
+    rays_z_.push_back(ray.z());
+    points_.push_back(static_cast<std::int32_t>(cluster.count));
   }
 }
 
 bool BeamsOfScan::SeeThrough(const Surface& plane, const PointCluster& members, double hit) const {
   constexpr double kMostPassing = 0.3;
-  return Passed(plane, members) > kMostPassing * hit;
-}
-
-double BeamsOfScan::Passed(const Surface& plane, const PointCluster& members) const {
-  // A step, a frame or an error of the range puts points behind a surface by less than kBehindM.
-  constexpr double kBehindM = 0.2, kSigmas2 = 4.0, kLeastVariance = 1e-8;
-  const Eigen::Vector3d normal = plane.normal.cast<double>();
-  const double sensor_off = normal.dot(sensor_ - members.mean);
-  const double side = sensor_off < 0.0 ? -1.0 : 1.0;
-  // Along the plane: the thinnest axis is the normal.
-  const Eigen3 eigen = EigenDecompose(members.Covariance());
-  Eigen::Index thinnest = 0;
-  eigen.l.minCoeff(&thinnest);
-  Eigen::Matrix3d along = Eigen::Matrix3d::Zero();
-  for (int k = 0; k < 3; ++k) {
-    if (k == thinnest) continue;
-    const Eigen::Vector3d axis = eigen.u.col(k);
-    along += axis * axis.transpose() / std::max(eigen.l(k), kLeastVariance);
+  // Most planes that are seen through are so by the first thousands of rays.
+  constexpr std::size_t kAtOnce = 256;
+  const SeenPlane seen = AsSeen(plane, members, sensor_);
+  std::int64_t passed = 0;
+  for (std::size_t i = 0; i < points_.size(); i += kAtOnce) {
+    passed += Passed(seen, &rays_x_[i], &rays_y_[i], &rays_z_[i], &points_[i],
+                     std::min(kAtOnce, points_.size() - i));
+    if (static_cast<double>(passed) > kMostPassing * hit) return true;
   }
-  double passed = 0.0;
-  for (Eigen::Index i = 0; i < ends_.cols(); ++i) {
-    const Eigen::Vector3d end = ends_.col(i);
-    const double off = normal.dot(end - members.mean);
-    if (side * off > -kBehindM) continue;
-    const double share = sensor_off / (sensor_off - off);
-    const Eigen::Vector3d crossing = sensor_ + share * (end - sensor_) - members.mean;
-    if (crossing.dot(along * crossing) < kSigmas2) passed += points_(i);
-  }
-  return passed;
+  return false;
 }
 
 }  // namespace lamina

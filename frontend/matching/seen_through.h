@@ -19,6 +19,7 @@
 // Private to frontend/matching.
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
 #include "core/geometry/point_cluster.h"
@@ -37,12 +38,9 @@ class BeamsOfScan {
   bool SeeThrough(const Surface& plane, const PointCluster& members, double hit) const;
 
  private:
-  // Points that have passed.
-  double Passed(const Surface& plane, const PointCluster& members) const;
-
-  Eigen::Vector3d sensor_;  // in the world, as the ends are
-  Eigen::Matrix3Xd ends_;   // one column for each cluster
-  Eigen::VectorXd points_;  // of each cluster
+  Eigen::Vector3d sensor_;                       // in the world
+  std::vector<float> rays_x_, rays_y_, rays_z_;  // from there to the mean of each cluster
+  std::vector<std::int32_t> points_;             // of each cluster
 };
 
 }  // namespace lamina
