@@ -40,10 +40,11 @@
 // (steady_motion.h), once by the sensor's noise and once by decimetres. The first is the more
 // exact; but scans from one place have their points on the same lines of everything, which makes
 // edges, foliage and cars look as sharp as walls, and to decimetres they hardly do. A way from
-// which neither differs is right, but for one that stands where setting off would be as sharp. One
-// that both refute is overruled, if they agree on what it is instead. All else is not told yet, and
-// the start is given up: the next one begins with a sensor that moves, of which two scans show what
-// stands and what goes along as two minima.
+// which neither differs is right, but for one that stands where setting off would be as sharp. So
+// is one that does not stand, if the exact motion is near it and no sharper, and the other does not
+// doubt it. One that both refute is overruled, if they agree on what it is instead. All else is not
+// told yet, and the start is given up: the next one begins with a sensor that moves, of which two
+// scans show what stands and what goes along as two minima.
 #pragma once
 
 #include <cstdint>
@@ -130,6 +131,8 @@ class StartTrack {
   static double Apart(const std::vector<SE3>& a, const std::vector<SE3>& b);
   // A steady motion is a way if it differs from it by less ...
   static constexpr double kAgreesM = 0.15;
+  // Two ways that are one may differ by twice that, each being found to so much.
+  static constexpr double kAlikeM = 2.0 * kAgreesM;
   // ... and tells it if its speed is known so well: nothing is open any more.
   static constexpr double kKnownMS = 1.0;
   // In standard deviations by how much one is better.

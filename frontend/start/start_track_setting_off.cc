@@ -47,14 +47,20 @@ bool StartTrack::Parted(const std::vector<SE3>& poses) const {
 }
 
 void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
-  // By how much two ways that are one may differ, each being found to half of that.
-  constexpr double kAlikeM = 2.0 * kAgreesM;
   const std::vector<SE3> own = OwnPoses();
   const SteadyAlong fine = FindFromRest(poses, steady_.noise_m);
   const SteadyAlong rough = FindFromRest(poses, kRoughM);
   // Of a way that is none to speak of all scans are of one place, whatever else moves.
   constexpr double kStandsM = 0.3;
   const bool stands = Apart(own, std::vector<SE3>(own.size(), own.front())) < kStandsM;
+  // A way that is one, and as sharp as the steady motion nearest to it, is not refuted by a speed
+  // that decimetres see as well, as along a row of like things. Who sets off on foot walks evenly
+  // half a second later, which differs from a constant acceleration.
+  constexpr double kLikelySigmas = 1.0, kDoubtedSigmas = 2.0;
+  const bool near =
+      fine.apart_m <= kAgreesM || (fine.apart_m <= kAlikeM && fine.sharper < kLikelySigmas);
+  const bool as_sharp = near && !stands && SameWay(poses, own) && rough.sharper < kDoubtedSigmas;
+  if (as_sharp) return Clear();
   if (Apart(own, fine.poses) <= kAgreesM && Apart(own, rough.poses) <= kAgreesM) {
     // It may as well have set off with all that holds it, which is then seen from a moving sensor.
     return stands && !again_ && fine.open_speed_m_s > kKnownMS ? GiveUp() : Clear();

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <functional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -196,6 +197,21 @@ TEST(AdverseStart, AWayThatIsNotToldFromStandingIsNotTaken) {
 // that nor a hypothesis that agrees with it is believed before more scans have told.
 TEST(AdverseStart, WhatAllScansDoubtIsNotBelieved) {
   EXPECT_LT(Tried("carpark-mid360", 22).worst_m, 0.2);
+}
+
+// From rest along a row of like bays, which decimetres see as well at half the speed; and on foot,
+// which is no constant acceleration. Poses are right, and stay those of one piece.
+TEST(AdverseStart, AWayThatIsAsSharpAsASteadyMotionIsKept) {
+  Promise bays = Within(0.05), glass = Within(0.05);
+  bays.synth = {"--scene bays --sensor os1 --seed 2"};
+  glass.synth = {"--scene glass --sensor mid360 --seed 1"};
+  glass.config = "handheld";
+  for (Promise& promise : {std::ref(bays), std::ref(glass)}) {
+    promise.synth.push_back("--profile start --sweep --noise 0.02 --frames 20");
+    const Verdict verdict = JudgeTrial(MapTrial(promise, 1, {}).frames, promise);
+    EXPECT_TRUE(verdict.kept) << promise.synth[0] << ": " << verdict.broken;
+    EXPECT_EQ(verdict.pieces, 1u) << promise.synth[0];
+  }
 }
 
 struct WeakScene {
