@@ -62,9 +62,9 @@ TEST(AdversePicked, TheProfileSeesTheMinimumThatTheDescentPassesBy) {
 // On foot scans some metres apart are seconds apart, in which a car could have gone beyond all that
 // is searched: scans that meet as much of the map as those before them are not lost for that.
 TEST(AdversePicked, IsTrackedOnFoot) {
-  const Verdict verdict = Tried("picked-forest", 1);
+  const Verdict verdict = Tried("picked-forest", 1, 20);
   EXPECT_LT(verdict.worst_m, 0.10) << verdict.broken;
-  EXPECT_LT(verdict.lost, 30u);  // of 40
+  EXPECT_LT(verdict.lost, 15u);  // of 20
 }
 
 // Of 40 thinned scans among trees the default voxels place none.
@@ -136,10 +136,10 @@ TEST(AdverseCarPark, IsTrackedWhereTheSensorShakes) {
 // each direction; where floor, walls and furniture end tells it, even to a sensor of few rings.
 TEST(AdverseRooms, AreDeterminedThoughTheyAreSmall) {
   // A few at the start are not: its speed is unknown.
-  const Verdict stairs = Tried("stairs-mid360", 2, 100);
+  const Verdict stairs = Tried("stairs-mid360", 2, 60);
   EXPECT_LT(stairs.degenerate, 10u) << stairs.broken;
   EXPECT_LT(stairs.worst_m, 0.05);
-  const Verdict room = Tried("room-vlp16", 2, 100);
+  const Verdict room = Tried("room-vlp16", 2, 60);
   EXPECT_TRUE(room.kept) << room.broken;
 }
 
@@ -196,7 +196,7 @@ TEST(AdverseStart, AWayThatIsNotToldFromStandingIsNotTaken) {
 // Vans that go along hold the sensor, by 2.4 standard deviations of all scans against it: neither
 // that nor a hypothesis that agrees with it is believed before more scans have told.
 TEST(AdverseStart, WhatAllScansDoubtIsNotBelieved) {
-  EXPECT_LT(Tried("carpark-mid360", 22).worst_m, 0.2);
+  EXPECT_LT(Tried("carpark-mid360", 22, 60).worst_m, 0.2);
 }
 
 // From rest along a row of like bays, which decimetres see as well at half the speed; and on foot,
