@@ -59,8 +59,9 @@ void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
   constexpr double kLikelySigmas = 1.0, kDoubtedSigmas = 2.0;
   const bool near =
       fine.apart_m <= kAgreesM || (fine.apart_m <= kAlikeM && fine.sharper < kLikelySigmas);
-  const bool as_sharp = near && !stands && SameWay(poses, own) && rough.sharper < kDoubtedSigmas;
-  if (as_sharp) return Clear();
+  const bool moves = Apart(poses, std::vector<SE3>(poses.size(), poses.front())) >= kStandsM;
+  if (near && moves && rough.sharper < kDoubtedSigmas)
+    return SameWay(poses, own) ? Clear() : TakeBest();
   if (Apart(own, fine.poses) <= kAgreesM && Apart(own, rough.poses) <= kAgreesM) {
     // It may as well have set off with all that holds it, which is then seen from a moving sensor.
     return stands && !again_ && fine.open_speed_m_s > kKnownMS ? GiveUp() : Clear();
