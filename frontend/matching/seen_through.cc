@@ -81,7 +81,7 @@ BeamsOfScan::BeamsOfScan(const std::vector<PointCluster>& clusters, const SE3& T
 
 bool BeamsOfScan::SeeThrough(const Surface& plane, const PointCluster& members, double hit) const {
   constexpr double kMostPassing = 0.3;
-  // Most planes that are seen through are so by the first thousands of rays.
+  // So many rays are counted before it is asked whether they are enough.
   constexpr std::size_t kAtOnce = 256;
   const SeenPlane seen = AsSeen(plane, members, sensor_);
   std::int64_t passed = 0;

@@ -131,8 +131,6 @@ class StartTrack {
   static double Apart(const std::vector<SE3>& a, const std::vector<SE3>& b);
   // A steady motion is a way if it differs from it by less ...
   static constexpr double kAgreesM = 0.15;
-  // Two ways that are one may differ by twice that, each being found to so much.
-  static constexpr double kAlikeM = 2.0 * kAgreesM;
   // ... and tells it if its speed is known so well: nothing is open any more.
   static constexpr double kKnownMS = 1.0;
   // In standard deviations by how much one is better.

@@ -47,6 +47,8 @@ bool StartTrack::Parted(const std::vector<SE3>& poses) const {
 }
 
 void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
+  // By how much two ways that are one may differ, each being found to half of that.
+  constexpr double kAlikeM = 2.0 * kAgreesM;
   const std::vector<SE3> own = OwnPoses();
   const SteadyAlong fine = FindFromRest(poses, steady_.noise_m);
   const SteadyAlong rough = FindFromRest(poses, kRoughM);
