@@ -11,7 +11,6 @@
 #include "core/map/voxel_key.h"
 #include "frontend/matching/line_of_sight.h"
 #include "frontend/matching/scan_matcher.h"
-#include "frontend/matching/seen_through.h"
 
 namespace lamina {
 
@@ -124,37 +123,34 @@ DirectionEvidence MapResiduals::EvidenceOfOlder(const SE3& T, double kernel_sigm
   return sum.all;
 }
 
-std::map<VoxelMap::NodeId, MapResiduals::MetPlane> MapResiduals::MeetPlanes(
-    const RowSettings& settings, const Vector6d& direction) const {
+MetPlanes MapResiduals::Meet(const SE3& T, double kernel_sigma, const Vector6d& direction) {
+  Associate(T, T.R());
   DirectionEvidence evidence;
   evidence.directions.setZero();
   evidence.directions.col(0) = direction;
-  std::map<VoxelMap::NodeId, MetPlane> planes;
-  ForEachRows(0, clusters_.size(), settings,
+  MetPlanes met{{}, BeamsOfScan(clusters_, T)};
+  ForEachRows(0, clusters_.size(), SettingsAt(T, kernel_sigma),
               [&](const MatchRow* rows, const std::size_t* of, std::size_t count) {
                 for (std::size_t k = 0; k < count; ++k) {
                   if (rows[k].rough || rows[k].w == 0.0) continue;
                   const PointCluster& cluster = clusters_[of[k]];
-                  MetPlane& met = planes[surfaces_[of[k]]];
-                  met.plane = planes_[of[k]];
-                  met.points += rows[k].robust * cluster.count;
-                  met.sums.Add(&rows[k], 1);
+                  MetPlanes::Plane& plane = met.planes[surfaces_[of[k]]];
+                  plane.plane = planes_[of[k]];
+                  plane.points += rows[k].robust * cluster.count;
+                  plane.sums.Add(&rows[k], 1);
                   const Vector6d information = Information(rows[k], cluster.mean, evidence);
-                  met.faces = met.faces || information(0) > 0.0;
+                  plane.faces = plane.faces || information(0) > 0.0;
                 }
               });
-  return planes;
+  return met;
 }
 
-SeenThrough MapResiduals::FindSeenThrough(const SE3& T, double kernel_sigma,
-                                          const Vector6d& direction) {
-  Associate(T, T.R());
-  const BeamsOfScan beams(clusters_, T);
+SeenThrough MapResiduals::FindSeenThrough(const MetPlanes& met) const {
   SeenThrough seen;
-  for (const auto& [id, met] : MeetPlanes(SettingsAt(T, kernel_sigma), direction)) {
-    if (!met.faces) continue;
-    const bool through = beams.SeeThrough(*met.plane, map_.Aggregate(id), met.points);
-    (through ? seen.H : seen.H_opaque) += met.sums.H();
+  for (const auto& [id, plane] : met.planes) {
+    if (!plane.faces) continue;
+    const bool through = met.beams.SeeThrough(*plane.plane, map_.Aggregate(id), plane.points);
+    (through ? seen.H : seen.H_opaque) += plane.sums.H();
     if (through) seen.planes.push_back(id);
   }
   // Rounding differs across the diagonal.
@@ -163,18 +159,16 @@ SeenThrough MapResiduals::FindSeenThrough(const SE3& T, double kernel_sigma,
   return seen;
 }
 
-bool MapResiduals::OfOneSensor(const SE3& T, double kernel_sigma, const Vector6d& direction) {
+bool MapResiduals::OfOneSensor(const MetPlanes& met) const {
   constexpr int kLeastOthers = 20;
   constexpr double kMostPassed = 0.02;
-  Associate(T, T.R());
-  const BeamsOfScan beams(clusters_, T);
-  const auto planes = MeetPlanes(SettingsAt(T, kernel_sigma), direction);
-  const auto others =
-      std::count_if(planes.begin(), planes.end(), [](const auto& p) { return !p.second.faces; });
+  const auto others = std::count_if(met.planes.begin(), met.planes.end(),
+                                    [](const auto& p) { return !p.second.faces; });
   if (others < kLeastOthers) return false;
   int through = 0;
-  for (const auto& [id, met] : planes) {
-    if (met.faces || !beams.SeeThrough(*met.plane, map_.Aggregate(id), met.points)) continue;
+  for (const auto& [id, plane] : met.planes) {
+    if (plane.faces || !met.beams.SeeThrough(*plane.plane, map_.Aggregate(id), plane.points))
+      continue;
     if (++through > kMostPassed * static_cast<double>(others)) return false;
   }
   return true;

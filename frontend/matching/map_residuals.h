@@ -12,6 +12,7 @@
 #include "core/map/voxel_map.h"
 #include "frontend/matching/degeneracy.h"
 #include "frontend/matching/match_rows.h"
+#include "frontend/matching/seen_through.h"
 
 namespace lamina {
 
@@ -40,7 +41,19 @@ struct NormalEquations {
   NormalEquations& operator+=(const NormalEquations& o);
 };
 
-// Of the planes that face some direction those that a scan sees through, and what they and the
+// Planes that a scan meets at a pose, and whether they face a direction.
+struct MetPlanes {
+  struct Plane {
+    const Surface* plane = nullptr;
+    bool faces = false;   // the direction
+    double points = 0.0;  // of the scan, by the kernel's weight
+    RowSums sums;
+  };
+  std::map<VoxelMap::NodeId, Plane> planes;
+  BeamsOfScan beams;
+};
+
+// Of the planes that face the direction those that the scan sees through, and what they and the
 // others have in the matrix of the normal equations.
 struct SeenThrough {
   std::vector<VoxelMap::NodeId> planes;
@@ -72,12 +85,14 @@ class MapResiduals {
   DirectionEvidence EvidenceOfOlder(const SE3& T, double kernel_sigma, const Matrix6d& directions,
                                     std::int64_t before_frame);
 
-  // Which planes that face this direction (scaled tangent) the scan sees through (seen_through.h).
-  SeenThrough FindSeenThrough(const SE3& T, double kernel_sigma, const Vector6d& direction);
+  // `direction`: scaled tangent.
+  MetPlanes Meet(const SE3& T, double kernel_sigma, const Vector6d& direction);
+  // Which planes that face the direction the scan sees through (seen_through.h).
+  SeenThrough FindSeenThrough(const MetPlanes& met) const;
   // Whether the beams come from where the scan says: those of several sensors in one scan, or
   // points drawn on surfaces whatever stands before them, pass planes that do not face the
-  // direction as well. Asks all planes that the scan meets.
-  bool OfOneSensor(const SE3& T, double kernel_sigma, const Vector6d& direction);
+  // direction as well.
+  bool OfOneSensor(const MetPlanes& met) const;
   // Nothing meets these planes from now on.
   void Drop(const std::vector<VoxelMap::NodeId>& planes);
 
@@ -104,15 +119,6 @@ class MapResiduals {
   // still in the leaf in which they were then, and have no need of another.
   void Associate(const SE3& T, const Eigen::Matrix3d& R);
   bool IsDropped(VoxelMap::NodeId id) const;
-  // A plane and what the scan has on it.
-  struct MetPlane {
-    const Surface* plane = nullptr;
-    bool faces = false;   // the direction
-    double points = 0.0;  // of the scan, by the kernel's weight
-    RowSums sums;
-  };
-  std::map<VoxelMap::NodeId, MetPlane> MeetPlanes(const RowSettings& settings,
-                                                  const Vector6d& direction) const;
   // How thick even the thin ones of the planes around the scan are. A plane that looks thinner does
   // so because few points made it, or one beam.
   void FindLeastThickness();

@@ -92,10 +92,10 @@ class Descent {
         watched ? eq_.all : residuals_->At(T_, options_.kernel_end_sigma, &basis_).all;
     if (evidence.Facing(0) >= kFewFacing) return false;
     const Vector6d v = evidence.directions.col(0);
-    const SeenThrough seen = residuals_->FindSeenThrough(T_, options_.kernel_end_sigma, v);
+    const MetPlanes met = residuals_->Meet(T_, options_.kernel_end_sigma, v);
+    const SeenThrough seen = residuals_->FindSeenThrough(met);
     const Matrix6d feigned = feigned_ + DividedByArm(seen.H), opaque = DividedByArm(seen.H_opaque);
-    if (seen.planes.empty() || !MostlyFeigned(v, feigned, opaque) ||
-        !residuals_->OfOneSensor(T_, options_.kernel_end_sigma, v))
+    if (seen.planes.empty() || !MostlyFeigned(v, feigned, opaque) || !residuals_->OfOneSensor(met))
       return false;
     feigned_ = feigned;
     opaque_ = opaque;

@@ -15,8 +15,6 @@
 //
 // An even surface is narrower than this ellipse by a seventh, so that some beams pass its edges.
 // A pane of glass is seen through as well, and so is the place of a thing that has gone.
-//
-// Private to frontend/matching.
 #pragma once
 
 #include <cstdint>

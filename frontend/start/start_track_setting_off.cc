@@ -54,15 +54,17 @@ void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
   const SteadyAlong rough = FindFromRest(poses, kRoughM);
   // Of a way that is none to speak of all scans are of one place, whatever else moves.
   constexpr double kStandsM = 0.3;
-  const bool stands = Apart(own, std::vector<SE3>(own.size(), own.front())) < kStandsM;
+  const auto is_way = [](const std::vector<SE3>& way) {
+    return Apart(way, std::vector<SE3>(way.size(), way.front())) >= kStandsM;
+  };
+  const bool stands = !is_way(own);
   // A way that is one, and as sharp as the steady motion nearest to it, is not refuted by a speed
   // that decimetres see as well, as along a row of like things. Who sets off on foot walks evenly
   // half a second later, which differs from a constant acceleration.
   constexpr double kLikelySigmas = 1.0, kDoubtedSigmas = 2.0;
   const bool near =
       fine.apart_m <= kAgreesM || (fine.apart_m <= kAlikeM && fine.sharper < kLikelySigmas);
-  const bool moves = Apart(poses, std::vector<SE3>(poses.size(), poses.front())) >= kStandsM;
-  if (near && moves && rough.sharper < kDoubtedSigmas)
+  if (near && is_way(poses) && rough.sharper < kDoubtedSigmas)
     return SameWay(poses, own) ? Clear() : TakeBest();
   if (Apart(own, fine.poses) <= kAgreesM && Apart(own, rough.poses) <= kAgreesM) {
     // It may as well have set off with all that holds it, which is then seen from a moving sensor.
