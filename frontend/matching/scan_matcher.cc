@@ -106,9 +106,8 @@ class Descent {
   // Whether planes that are none would determine a direction, and most of those that face it are
   // none. What else holds it is of the same kind: only no beam happens to pass.
   bool MostlyFeigned(const Vector6d& v, const Matrix6d& feigned, const Matrix6d& opaque) const {
-    constexpr double kMostly = 2.0;
     const double least = 1.0 / (options_.max_direction_sigma_m * options_.max_direction_sigma_m);
-    return v.dot(feigned * v) > std::max(least, kMostly * v.dot(opaque * v));
+    return v.dot(feigned * v) > std::max(least, v.dot(opaque * v));
   }
 
   // At the present pose. `decide`: which directions are degenerate is found anew.

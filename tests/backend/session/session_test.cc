@@ -91,9 +91,9 @@ TEST_F(SessionContinueTest, LeftWithPartsOfTheMapOnDisk) {
   mapping_.mapper.map.budget_mb = 1.0;
   mapping_.mapper.map.depth = 2;
   Scene scene;
-  scene.scans = 30;
-  scene.reach_m = 8.0;
-  CheckStops(scene, {6, 13, 20, 27});
+  scene.scans = 56;
+  scene.reach_m = 12.0;
+  CheckStops(scene, {13, 29, 42, 51});
   TileStore tiles(Path("whole/map_tiles.db"), TileStore::Lifetime::kKept);
   EXPECT_GT(tiles.records(), 50U);
 }

@@ -58,6 +58,7 @@ class Corridor {
       for (int i = 0; i < static_cast<int>(kPointsPerM2 * area); ++i) {
         const Eigen::Vector3d at =
             f.centre + draws.Uniform(-1.0, 1.0) * f.edge1 + draws.Uniform(-1.0, 1.0) * f.edge2;
+        if (Hidden(at, T_world_lidar.t, facets_)) continue;
         const Eigen::Vector3d p =
             T_lidar_world * at +
             Eigen::Vector3d(draws.Normal(kSigmaM), draws.Normal(kSigmaM), draws.Normal(kSigmaM));

@@ -1,6 +1,8 @@
 // Worlds of planes and poles, scans of them and voxel maps: for tests of matching and odometry.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <vector>
 
 #include "core/map/voxel_map.h"
@@ -12,7 +14,23 @@ namespace lamina {
 // A rectangle or a line: centre, and half-edges (zero for a line's missing one).
 struct Facet {
   Eigen::Vector3d centre, edge1, edge2;
+
+  // Whether a rectangle stands between a sensor and a point that lies on another.
+  bool Hides(const Eigen::Vector3d& point, const Eigen::Vector3d& sensor) const {
+    const Eigen::Vector3d normal = edge1.cross(edge2), ray = point - sensor;
+    const double share = normal.dot(centre - sensor) / normal.dot(ray);
+    if (!(share > 0.0 && share < 0.999)) return false;
+    const Eigen::Vector3d on = sensor + share * ray - centre;
+    return std::abs(on.dot(edge1)) < edge1.squaredNorm() &&
+           std::abs(on.dot(edge2)) < edge2.squaredNorm();
+  }
 };
+
+inline bool Hidden(const Eigen::Vector3d& point, const Eigen::Vector3d& sensor,
+                   const std::vector<Facet>& facets) {
+  return std::any_of(facets.begin(), facets.end(),
+                     [&](const Facet& facet) { return facet.Hides(point, sensor); });
+}
 
 class World {
  public:

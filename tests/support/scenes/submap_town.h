@@ -2,7 +2,9 @@
 // recognition and loops.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <utility>
 #include <vector>
 
@@ -14,6 +16,8 @@ namespace lamina {
 // Houses stand along streets that go round blocks of 60 m; no two are alike.
 class Town {
  public:
+  enum class Houses { kSeenThrough, kOpaque };
+
   explicit Town(std::vector<Facet> facets) : facets_(std::move(facets)) {}
   explicit Town(unsigned seed, double half_m = 130.0) {
     Draws draws(seed);
@@ -34,15 +38,21 @@ class Town {
     }
   }
 
-  // Random points on what lies within `range_m`, about so many to the square metre.
-  Points Seen(const Eigen::Vector3d& from, double range_m, double per_m2, Draws* draws) const {
+  // Random points on what lies within `range_m`, about so many to the square metre; what a
+  // house hides is left out where houses are opaque.
+  Points Seen(const Eigen::Vector3d& from, double range_m, double per_m2, Draws* draws,
+              Houses houses = Houses::kSeenThrough) const {
+    std::vector<Facet> near;
+    std::copy_if(facets_.begin(), facets_.end(), std::back_inserter(near),
+                 [&](const Facet& facet) { return (facet.centre - from).norm() <= range_m; });
     Points points;
-    for (const Facet& facet : facets_) {
-      if ((facet.centre - from).norm() > range_m) continue;
+    for (const Facet& facet : near) {
       const double area = 4.0 * facet.edge1.norm() * facet.edge2.norm();
       for (int i = 0; i < static_cast<int>(per_m2 * area); ++i) {
-        points.push_back(facet.centre + draws->Uniform(-1.0, 1.0) * facet.edge1 +
-                         draws->Uniform(-1.0, 1.0) * facet.edge2 + 0.01 * draws->InCube(1.7));
+        const Eigen::Vector3d at = facet.centre + draws->Uniform(-1.0, 1.0) * facet.edge1 +
+                                   draws->Uniform(-1.0, 1.0) * facet.edge2;
+        if (houses == Houses::kSeenThrough || !Hidden(at, from, near))
+          points.push_back(at + 0.01 * draws->InCube(1.7));
       }
     }
     return points;
