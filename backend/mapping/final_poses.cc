@@ -7,7 +7,7 @@ namespace lamina {
 
 void FinalPoses::AddScan(std::size_t scan, StampNs stamp_ns, bool skipped, Stream stream,
                          std::int64_t piece) {
-  open_.push_back({scan, stamp_ns, skipped, stream, piece, false, SE3()});
+  open_.push_back({scan, stamp_ns, skipped, stream, piece, false, SE3(), false});
   ++past_[stream].open;
 }
 
@@ -18,6 +18,10 @@ void FinalPoses::AddPoses(const Trajectory& poses, Stream stream) {
     scan->posed = true;
     scan->T = pose.T_world_lidar;
   }
+}
+
+void FinalPoses::GiveUp(Stream stream) {
+  for (Scan& scan : open_) scan.given_up = scan.given_up || scan.stream == stream;
 }
 
 void FinalPoses::Close(Stream stream) {
@@ -61,7 +65,7 @@ void FinalPoses::HandOn(std::int64_t before_scan, const Visit& visit) {
     const Scan scan = open_.front();
     open_.pop_front();
     const StampedPose pose{scan.stamp_ns, scan.T};
-    visit({scan.number, pose, scan.skipped, scan.piece});
+    visit({scan.number, pose, scan.skipped, scan.piece, scan.given_up});
     const auto past = past_.find(scan.stream);
     if (!scan.skipped) past->second.last = pose;
     past->second.any = past->second.any || !scan.skipped;
@@ -78,7 +82,8 @@ void FinalPoses::ShowOpen(const std::map<Stream, Trajectory>& open, const Visit&
 void FinalPoses::Archive(StateArchive& a) {
   open_.resize(a.Size(open_.size(), 1));
   for (Scan& scan : open_) {
-    a(&scan.number, &scan.stamp_ns, &scan.skipped, &scan.stream, &scan.piece, &scan.posed, &scan.T);
+    a(&scan.number, &scan.stamp_ns, &scan.skipped, &scan.stream, &scan.piece, &scan.posed, &scan.T,
+      &scan.given_up);
   }
   std::vector<Stream> streams;
   for (const auto& [stream, past] : past_) streams.push_back(stream);

@@ -24,6 +24,9 @@ struct FinalPose {
   StampedPose pose;
   bool skipped = false;    // the pose is not of its own points
   std::int64_t piece = 0;  // of the map, in the frame of whose odometry it is
+  // Of a start that was given up (frontend/start/start_track.h): no motion explains its scans, and
+  // the pose may be off by any part of the way.
+  bool given_up = false;
 };
 
 // Not thread-safe. Memory: the scans that are not final, and the streams that are not closed.
@@ -37,6 +40,8 @@ class FinalPoses {
                std::int64_t piece = 0);
   // The next poses of a stream, of its scans that were not skipped.
   void AddPoses(const Trajectory& poses, Stream stream = 0);
+  // The scans of a stream that are not handed on were a start that was given up.
+  void GiveUp(Stream stream);
   // No more scans and poses come in this stream.
   void Close(Stream stream);
   // Hands on what is final, in order. A skipped scan with a number below `before_scan` does not
@@ -56,6 +61,7 @@ class FinalPoses {
     std::int64_t piece = 0;
     bool posed = false;  // T is its own
     SE3 T;
+    bool given_up = false;
   };
   struct Past {
     bool any = false;

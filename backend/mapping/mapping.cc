@@ -173,6 +173,7 @@ Mapping::Recording* Mapping::FindOrBegin(const MappedScan& report) {
 
 void Mapping::BeginPiece(const SE3& T_world_start, Recording* recording) {
   recording->stream = next_stream_++;
+  recording->certain = 0;
   recording->mapper.reset();
   recording->localiser.reset();
   if (localise_from_) {
@@ -231,6 +232,11 @@ void Mapping::End(Recording* recording, std::size_t scan) {
   if (loops_ != nullptr && loops_->Find(piece) != nullptr) loops_->Track(piece)->Finish();
 }
 
+void Mapping::GiveUpStart(Recording* recording) {
+  poses_.GiveUp(recording->stream);
+  counts_.degenerate += std::exchange(recording->certain, 0);
+}
+
 void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedCluster>* clusters) {
   recording->last_stamp_ns = report->stamp_ns;
   recording->last_sensor = report->sensor;
@@ -245,7 +251,10 @@ void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedClu
   ++counts_.frames;
   counts_.keyframes += frame.keyframe ? 1 : 0;
   counts_.lost += frame.odometry.status == OdometryFrame::Status::kLost ? 1 : 0;
-  counts_.degenerate += frame.odometry.match.degenerate > 0 ? 1 : 0;
+  const bool degenerate = frame.odometry.match.degenerate > 0;
+  counts_.degenerate += degenerate ? 1 : 0;
+  recording->certain +=
+      frame.odometry.status == OdometryFrame::Status::kTracked && !degenerate ? 1 : 0;
   counts_.searched += frame.odometry.searched ? 1 : 0;
 }
 
@@ -269,6 +278,8 @@ RegisteredScan Mapping::Register(Recording* recording, MappedScan* report,
     std::vector<WindowFrame> settled;
     if (follows) settled = recording->mapper->mapper().SettledFrames();
     recording->before.push_back(recording->piece);
+    if (recording->mapper != nullptr && recording->mapper->mapper().start_given_up())
+      GiveUpStart(recording);
     End(recording, report->index);
     const std::unique_ptr<PieceMapper> before = std::move(recording->mapper);
     ++counts_.restarts;
@@ -353,7 +364,7 @@ void Mapping::Settle() {
 void Mapping::ArchiveRecording(StateArchive& a, Recording* recording) {
   bool maps = recording->mapper != nullptr;
   a(&recording->any, &recording->last_stamp_ns, &recording->last_sensor, &recording->last_scan,
-    &recording->piece, &recording->stream, &recording->before, &maps);
+    &recording->piece, &recording->stream, &recording->before, &recording->certain, &maps);
   if (a.reading() && maps) {
     recording->mapper =
         std::make_unique<PieceMapper>(options_.mapper, &map_, recording->piece, SE3());

@@ -135,6 +135,7 @@ class Mapping {
     std::int64_t piece = 0;      // that its scans are matched to now
     FinalPoses::Stream stream = 0;
     std::vector<std::int64_t> before;  // pieces that it made before this one
+    std::size_t certain = 0;           // scans of this one that are tracked, not degenerate
     // One of these: the piece is being made, or stays as it is.
     std::unique_ptr<PieceMapper> mapper;
     std::unique_ptr<Localiser> localiser;
@@ -157,6 +158,8 @@ class Mapping {
   void EndLongestSilent(std::size_t scan);
   // Nothing more comes of this recording in its piece.
   void End(Recording* recording, std::size_t scan);
+  // The scans of its piece were a start that is given up now: their poses are not certain.
+  void GiveUpStart(Recording* recording);
   static void CheckStamp(const Recording& recording, MappedScan* report);
   void Map(Recording* recording, MappedScan* report, std::vector<TimedCluster>* clusters);
   RegisteredScan Register(Recording* recording, MappedScan* report,

@@ -61,8 +61,10 @@ class Mapper {
   std::vector<WindowFrame> SettledFrames() const;
   // The first scans come after those of another mapper, which gave up a start or did not.
   void StartAfter(const Mapper& before) {
-    if (before.start_.given_up()) start_.FollowGivenUp();
+    if (before.start_given_up()) start_.FollowGivenUp();
   }
+  // Whether no motion explains the scans so far: the poses of all of them are chance.
+  bool start_given_up() const { return start_.given_up(); }
   // The next scan follows the last one of another mapper, in the same world, and the map of this
   // one begins with these keyframes of it. Before any scan.
   void GoOnFrom(const Mapper& before, std::vector<WindowFrame> frames);

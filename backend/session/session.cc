@@ -64,7 +64,8 @@ MappingCallbacks Session::Callbacks() {
     if (finished_) {
       tail_.push_back(pose);
     } else {
-      log_->Finalise({static_cast<std::int64_t>(pose.scan), pose.pose.T_world_lidar, pose.skipped});
+      log_->Finalise({static_cast<std::int64_t>(pose.scan), pose.pose.T_world_lidar, pose.skipped,
+                      pose.given_up});
     }
     if (hooks_.on_final) hooks_.on_final(pose);
   };

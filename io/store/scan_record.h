@@ -29,6 +29,14 @@ struct ScanRecord {
   double inlier_share = 0.0, residual_m = 0.0, worst_sigma_m = 0.0;
   Matrix6d covariance = Matrix6d::Zero();
   double read_ms = 0, prepare_ms = 0, cluster_ms = 0, odometry_ms = 0, map_ms = 0, solve_ms = 0;
+
+  // It was of a start that was given up later: no motion explains its scans, so that the direction
+  // of motion is not determined.
+  void GiveUp() {
+    if (status != "tracked") return;
+    status = "degenerate";
+    unobservable_directions = 1;
+  }
 };
 
 }  // namespace lamina

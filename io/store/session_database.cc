@@ -203,6 +203,7 @@ void SessionDatabase::Finalise(const SessionPose& pose) {
     if (pose.skipped && !scan.skipped) return;
     scan.T_world_lidar = pose.T_world_lidar;
     scan.final = true;
+    if (pose.given_up) scan.GiveUp();
     FinaliseRow(scan, &*impl_->finalise);
   });
 }

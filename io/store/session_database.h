@@ -35,7 +35,8 @@ struct SessionSolve {
 struct SessionPose {
   std::int64_t scan = 0;
   SE3 T_world_lidar;
-  bool skipped = false;  // not of its own points: a pose that is stays
+  bool skipped = false;   // not of its own points: a pose that is stays
+  bool given_up = false;  // ScanRecord::GiveUp
 };
 
 // Of a file that is whole, but another program's, or of another version: it must stay as it is.

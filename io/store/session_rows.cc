@@ -44,7 +44,9 @@ const char* const kPutScan =
     "INSERT OR REPLACE INTO scans "
     "VALUES(?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)";
 const char* const kPutSolve = "INSERT INTO solves VALUES(?,?,?,?,?,?,?,?,?)";
-const char* const kFinaliseScan = "UPDATE scans SET pose = ?, crc = ?, final = 1 WHERE scan = ?";
+const char* const kFinaliseScan =
+    "UPDATE scans SET pose = ?, status = ?, unobservable_directions = ?, crc = ?, final = 1 "
+    "WHERE scan = ?";
 
 namespace {
 
@@ -189,6 +191,8 @@ void PutRow(const SessionSolve& s, SQLite::Statement* statement) {
 void FinaliseRow(const ScanRecord& scan, SQLite::Statement* statement) {
   ColumnBinder row(statement);
   row.Blob(Blob(scan.T_world_lidar));
+  row.Text(scan.status);
+  row.Number(scan.unobservable_directions);
   row.Number(std::int64_t{Checksum(scan)});
   row.Number(scan.scan);
   row.Execute();

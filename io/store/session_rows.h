@@ -26,7 +26,7 @@ extern const char* const kPutSolve;
 void PutRow(const ScanRecord& scan, SQLite::Statement* statement);
 void PutRow(const SessionSolve& solve, SQLite::Statement* statement);
 
-// Sets the pose of a scan that is as in `scan`.
+// Sets pose and status of a scan that is as in `scan`.
 extern const char* const kFinaliseScan;
 void FinaliseRow(const ScanRecord& scan, SQLite::Statement* statement);
 

@@ -92,7 +92,9 @@ Trial MapTrial(const Promise& promise, int seed, const std::vector<std::string>&
     frame.worst_sigma_m = record.worst_sigma_m;
   };
   callbacks.on_final_pose = [&](const FinalPose& pose) {
-    trial.frames[pose.scan].T_world_lidar = pose.pose.T_world_lidar;
+    TrialFrame& frame = trial.frames[pose.scan];
+    frame.T_world_lidar = pose.pose.T_world_lidar;
+    if (pose.given_up && frame.status == "tracked") frame.status = "degenerate";
   };
   const LaminaConfig config = ConfigOf(promise, set);
   const double start = ThreadCpuSeconds();

@@ -137,7 +137,7 @@ struct Attempt {
   MappingCallbacks Callbacks(const RunArguments& arguments) {
     MappingCallbacks callbacks;
     callbacks.on_scan = [this](const MappedScan& report) {
-      output.table().Append(RecordOf(report));
+      output.Add(RecordOf(report));
       if (mapping.options().loops.enabled) output.AddLive(report);
       LogScan(report, &progress);
       WatchMap(mapping.map(), &figures, &progress);
@@ -264,7 +264,7 @@ int RunRecording(const RunArguments& arguments) {
   if (pieces.empty()) {
     throw InputError(arguments.scans + ": not one usable scan; summary.json says why");
   }
-  const RunVerdict verdict = output.table().Judge();
+  const RunVerdict verdict = output.Judge();
   LogBeamCorrection(mapped.opening);
   const std::string thick = ThickPlanesWarning(
       MeasureThickness(mapping.map(), config.backend.min_surfel_frames), config.Mapping());

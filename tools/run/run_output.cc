@@ -17,6 +17,14 @@ std::string RunOutput::Path(const std::string& name) const {
   return (std::filesystem::path(directory_) / name).string();
 }
 
+void RunOutput::Add(const FinalPose& pose) {
+  poses_.push_back(pose);
+  ScanRecord& scan = open_.front();
+  if (pose.given_up) scan.GiveUp();
+  table_.Append(scan);
+  open_.pop_front();
+}
+
 void RunOutput::AddLive(const MappedScan& report) {
   if (!report.skipped) live_ = report.odometry.T_world_lidar;
   live_poses_.push_back({report.index, {report.stamp_ns, live_}, report.skipped, report.piece});

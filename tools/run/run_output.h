@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -23,8 +24,10 @@ class RunOutput {
  public:
   RunOutput(const std::string& directory, int max_iterations);
 
-  FrameTable& table() { return table_; }
-  void Add(const FinalPose& pose) { poses_.push_back(pose); }
+  void Add(const ScanRecord& scan) { open_.push_back(scan); }
+  // Of the first scan that has none yet.
+  void Add(const FinalPose& pose);
+  RunVerdict Judge() const { return table_.Judge(); }
   // The pose of each scan as known when it came.
   void AddLive(const MappedScan& report);
   // Moves all poses with their submaps; what they were goes to files of its own.
@@ -46,6 +49,7 @@ class RunOutput {
 
   std::string directory_;
   FrameTable table_;
+  std::deque<ScanRecord> open_;  // scans without a final pose
   std::vector<FinalPose> poses_, odometry_, live_poses_;
   SE3 live_;  // of the last scan
 };

@@ -121,6 +121,23 @@ TEST(FinalPoses, SkippedScansFirstLastAndBetween) {
   }
 }
 
+TEST(FinalPoses, OfAStreamThatIsGivenUpAllThatIsOpenIsToldSo) {
+  FinalPoses poses;
+  const std::vector<bool> of_stream = {true, true, false, true, false};
+  for (std::size_t i = 0; i < of_stream.size(); ++i)
+    poses.AddScan(i, 10 * static_cast<StampNs>(i), false, of_stream[i] ? 1 : 2);
+  std::vector<bool> given_up;
+  const auto visit = [&](const FinalPose& pose) { given_up.push_back(pose.given_up); };
+  poses.AddPoses({{0, SE3()}}, 1);
+  poses.HandOn(0, visit);  // the first one is told before
+  poses.GiveUp(1);
+  poses = Restored(&poses);
+  poses.AddPoses({{10, SE3()}, {30, SE3()}}, 1);
+  poses.AddPoses({{20, SE3()}, {40, SE3()}}, 2);
+  poses.HandOn(0, visit);
+  EXPECT_EQ(given_up, std::vector<bool>({false, true, false, true, false}));
+}
+
 TEST(FinalPoses, IfAllScansAreSkippedTheyStandAtTheOrigin) {
   FinalPoses poses;
   poses.AddScan(7, 70, true);

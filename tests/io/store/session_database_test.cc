@@ -104,6 +104,22 @@ TEST_F(SessionDatabaseTest, AFinalPoseIsPutIntoItsRow) {
   EXPECT_THROW(Open()->Finalise({7, T, false}), std::logic_error);
 }
 
+TEST_F(SessionDatabaseTest, OfAStartThatWasGivenUpWhatWasTrackedIsDegenerate) {
+  const auto database = Open();
+  for (int i = 0; i < 3; ++i) {
+    ScanRecord row = ScanRow(i, std::to_string(i));
+    row.status = i == 1 ? "lost" : "tracked";
+    row.unobservable_directions = 0;
+    database->Put(row);
+    database->Finalise({i, row.T_world_lidar, false, i < 2});
+  }
+  const std::vector<ScanRecord> rows = All(*database);
+  EXPECT_EQ(rows[0].status, "degenerate");
+  EXPECT_EQ(rows[0].unobservable_directions, 1);
+  EXPECT_EQ(rows[1].status, "lost");
+  EXPECT_EQ(rows[2].status, "tracked");
+}
+
 TEST_F(SessionDatabaseTest, APoseBetweenNeighboursDoesNotReplaceOneOfAScansOwn) {
   const auto database = Open();
   ScanRecord skipped = ScanRow(0, "0"), own = ScanRow(1, "1");

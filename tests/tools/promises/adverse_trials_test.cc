@@ -100,9 +100,10 @@ TEST(AdverseCarPark, DoesNotGoAlongWithWhatSetsOffTogether) {
 }
 
 // A lorry sets off beside a sensor of 16 rings, whose planes would have both stand. One start is
-// overruled, one is given up as neither is told from the other.
+// overruled, two are given up as neither is told from the other: what they called tracked before
+// that, up to 0.7 m off, is called degenerate then.
 TEST(AdverseLorry, DoesNotHoldWhoSetsOffBesideIt) {
-  for (const int seed : {1, 9}) {
+  for (const int seed : {1, 9, 14}) {
     const Verdict verdict = Tried("lorry-start-vlp16", seed, 60);
     EXPECT_LT(verdict.worst_m, 0.10) << seed;
     EXPECT_EQ(verdict.lost, 0u) << seed;
