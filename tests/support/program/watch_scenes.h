@@ -79,11 +79,12 @@ class WatchTest : public RunTest {
     return Bytes(Path("stderr")).find(text) != std::string::npos;
   }
   // Until so many scans are durable.
-  testing::AssertionResult WaitForScans(pid_t child, std::int64_t count) const {
+  testing::AssertionResult WaitForScans(pid_t child, std::int64_t count,
+                                        const std::string& session = "session") const {
     return WaitUntil(child, [&] {
       // Written once the database is there.
-      if (!std::filesystem::exists(Path("session/config.yaml"))) return false;
-      return SessionDatabase(Path("session/session.db"), false).scans() >= count;
+      if (!std::filesystem::exists(Path(session + "/config.yaml"))) return false;
+      return SessionDatabase(Path(session + "/session.db"), false).scans() >= count;
     });
   }
 

@@ -127,10 +127,9 @@ TEST_F(WatchCommandTest, SequencesInSubfoldersFollowEachOther) {
   // The same when the second comes to a daemon that has the first.
   fs::rename(Path("in/drive 2"), Path("later"));
   const pid_t daemon = StartWatch({}, "again");
-  ASSERT_TRUE(WaitUntil(daemon, [&] { return fs::exists(Path("again/trajectory_tum.txt")); }));
+  ASSERT_TRUE(WaitForScans(daemon, 18, "again"));
   fs::rename(Path("later"), Path("in/drive 2"));
-  ASSERT_TRUE(WaitUntil(
-      daemon, [&] { return SessionDatabase(Path("again/session.db"), false).scans() == 36; }));
+  ASSERT_TRUE(WaitForScans(daemon, 36, "again"));
   Terminate(daemon);
   ExpectSameResults("again", "session");
   // Alone, the first is as `run` has it.
