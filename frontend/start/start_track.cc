@@ -304,7 +304,6 @@ void StartTrack::Decide() {
   if (!last && !(told && alone)) return;
   if (!told) return GiveUp();
   // Of several that are left at the end one that is likely better is followed.
-  constexpr double kLikelySigmas = 1.0;
   const std::vector<SE3> own = OwnPoses();
   for (const Hypothesis& h : hypotheses_) {
     if (SameWay(h.poses, own) && Better(best, h) < kLikelySigmas) return Trust();

@@ -61,7 +61,6 @@ void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
   // A way that is one, and as sharp as the steady motion nearest to it, is not refuted by a speed
   // that decimetres see as well, as along a row of like things. Who sets off on foot walks evenly
   // half a second later, which differs from a constant acceleration.
-  constexpr double kLikelySigmas = 1.0, kDoubtedSigmas = 2.0;
   const bool near =
       fine.apart_m <= kAgreesM || (fine.apart_m <= kAlikeM && fine.sharper < kLikelySigmas);
   if (near && is_way(poses) && rough.sharper < kDoubtedSigmas)

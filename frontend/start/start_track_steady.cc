@@ -13,8 +13,6 @@ namespace {
 
 // By how much a steady motion has to make the map sharper to be taken in the place of another one.
 constexpr double kRefutedSigmas = 3.0;
-// ... and not to be believed any more.
-constexpr double kDoubtedSigmas = 2.0;
 
 // The direction at right angles to `without` that the fewest planes face.
 Eigen::Vector3d LeastAcross(const Eigen::Matrix3d& faced, const Eigen::Vector3d& without) {
@@ -108,7 +106,7 @@ StartTrack::SteadyWay StartTrack::FindSteady(const std::vector<SE3>& from,
 bool StartTrack::FindStraight(const std::vector<SE3>& other, std::vector<SE3>* poses) const {
   // It has to be no more than the likelier one of the two, and to tell at least that the sensor did
   // not stand, or go the other way: matches have no say in it.
-  constexpr double kLikelySigmas = 1.0, kMostOpenShare = 0.5;
+  constexpr double kMostOpenShare = 0.5;
   const std::vector<SE3> resting(other.size(), other.front());
   const Eigen::Vector3d up = other.front().q * Eigen::Vector3d::UnitZ();
   const Eigen::Vector3d ahead = LeastAcross(Faced(resting, 1), up);

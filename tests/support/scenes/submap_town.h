@@ -42,17 +42,20 @@ class Town {
   // house hides is left out where houses are opaque.
   Points Seen(const Eigen::Vector3d& from, double range_m, double per_m2, Draws* draws,
               Houses houses = Houses::kSeenThrough) const {
-    std::vector<Facet> near;
-    std::copy_if(facets_.begin(), facets_.end(), std::back_inserter(near),
-                 [&](const Facet& facet) { return (facet.centre - from).norm() <= range_m; });
+    std::vector<Facet> walls;
+    if (houses == Houses::kOpaque) {
+      std::copy_if(facets_.begin(), facets_.end(), std::back_inserter(walls), [&](const Facet& f) {
+        return f.edge2.z() > 0.0 && (f.centre - from).norm() <= range_m;
+      });
+    }
     Points points;
-    for (const Facet& facet : near) {
+    for (const Facet& facet : facets_) {
+      if ((facet.centre - from).norm() > range_m) continue;
       const double area = 4.0 * facet.edge1.norm() * facet.edge2.norm();
       for (int i = 0; i < static_cast<int>(per_m2 * area); ++i) {
         const Eigen::Vector3d at = facet.centre + draws->Uniform(-1.0, 1.0) * facet.edge1 +
                                    draws->Uniform(-1.0, 1.0) * facet.edge2;
-        if (houses == Houses::kSeenThrough || !Hidden(at, from, near))
-          points.push_back(at + 0.01 * draws->InCube(1.7));
+        if (!Hidden(at, from, walls)) points.push_back(at + 0.01 * draws->InCube(1.7));
       }
     }
     return points;
