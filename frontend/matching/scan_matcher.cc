@@ -46,9 +46,14 @@ class Descent {
     constexpr int kMostRounds = 3;
     T_ = T_known_ = initial;
     double kernel = known_ == nullptr ? options_.kernel_start_sigma : options_.kernel_end_sigma;
-    for (int round = 0; round < kMostRounds; ++round, kernel = options_.kernel_end_sigma) {
+    for (int round = 1;; ++round) {
       if (!Descend(kernel, result)) return false;
       if (!DropFeigned()) break;
+      kernel = options_.kernel_end_sigma;
+      if (round < kMostRounds) continue;
+      // What is reported rests on no such plane, though the pose was found with some.
+      if (!Linearise(kernel, false, true)) return false;
+      break;
     }
     Report(result);
     if (with_covariance) result->covariance = Covariance();
