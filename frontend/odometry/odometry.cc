@@ -1,6 +1,5 @@
 #include "frontend/odometry/odometry.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
@@ -12,13 +11,6 @@
 
 namespace lamina {
 namespace {
-
-// Distance of a match from the prediction in standard deviations of both.
-double SigmasApart(const PosePrediction& prediction, const MatchResult& match) {
-  const Vector6d delta = LocalDelta(prediction.T_world_lidar, match.T_world_lidar);
-  const Matrix6d both = prediction.covariance + match.covariance;
-  return std::sqrt(std::max(0.0, delta.dot(both.ldlt().solve(delta))));
-}
 
 // 0 if there are none.
 double MedianOf(const std::deque<double>& values) {
@@ -90,6 +82,8 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
   }
   MatchDeskewed(clusters, prediction, map, passes, &deskewed, &frame);
   Judge(scan, hypotheses, &frame);
+  if (frame.status == OdometryFrame::Status::kLost && frame.searched)
+    ReturnToPrediction(clusters, prediction, map, passes, &deskewed, &frame);
   DoubtUnbridged(prediction, deskewed, map, &frame);
   return frame;
 }

@@ -140,12 +140,20 @@ class Odometry {
   // The best match of the track's scans together, and what was searched for.
   void SearchTogether(const SearchedScan& scan, PoseHypotheses* hypotheses,
                       OdometryFrame* frame) const;
+  // Distance of a match from the prediction in standard deviations of both.
+  static double SigmasApart(const PosePrediction& prediction, const MatchResult& match);
   // Whether a match is farther from the prediction than its uncertainty explains.
   bool Surprising(const MatchResult& match, const PosePrediction& prediction) const;
   // Puts a match near the prediction in the place of such a one if planes say as much for it, and
   // one from another start if they say more.
   void SettleSurprise(const std::vector<PointCluster>& deskewed, const PosePrediction& prediction,
                       const VoxelMap& map, int passes, MatchResult* match) const;
+  // Takes back a search that led to a place that is not believed, and that planes say no more for
+  // than for a match near the prediction that is as expected: such as the place where an earlier
+  // visit lies in the map, which has drifted since.
+  void ReturnToPrediction(const std::vector<TimedCluster>& clusters,
+                          const PosePrediction& prediction, const VoxelMap& map, int passes,
+                          std::vector<PointCluster>* deskewed, OdometryFrame* frame) const;
   // Whether a match is farther from the prediction than matching alone may carry it.
   bool Leaps(const MatchResult& match, const PosePrediction& prediction) const;
   // Whether the prediction is as near as matching alone can bridge.

@@ -3,9 +3,16 @@
 #include <cmath>
 #include <vector>
 
+#include "core/geometry/decompositions.h"
 #include "frontend/odometry/odometry.h"
 
 namespace lamina {
+
+double Odometry::SigmasApart(const PosePrediction& prediction, const MatchResult& match) {
+  const Vector6d delta = LocalDelta(prediction.T_world_lidar, match.T_world_lidar);
+  const Matrix6d both = prediction.covariance + match.covariance;
+  return std::sqrt(std::max(0.0, delta.dot(both.ldlt().solve(delta))));
+}
 
 bool Odometry::Surprising(const MatchResult& match, const PosePrediction& prediction) const {
   constexpr double kLeastM = 0.1;
@@ -36,6 +43,32 @@ void Odometry::SettleSurprise(const std::vector<PointCluster>& deskewed,
     pose_only = false;
   if (pose_only && passes == 0)
     *match = narrow_matcher_.Match(deskewed, prediction, match->T_world_lidar, map);
+}
+
+void Odometry::ReturnToPrediction(const std::vector<TimedCluster>& clusters,
+                                  const PosePrediction& prediction, const VoxelMap& map, int passes,
+                                  std::vector<PointCluster>* deskewed, OdometryFrame* frame) const {
+  const auto vouched = [&](const MatchResult& match) {
+    return AsExpected(match, prediction) && !Leaps(match, prediction) &&
+           SigmasApart(prediction, match) <= options_.max_prediction_sigmas &&
+           match.evidence() >= frame->match.evidence();
+  };
+  if (lost_ || !motion_.moving_known() || !WithinReach(prediction) ||
+      motion_.Gap(frame->stamp_ns) > options_.vouched_gap_s)
+    return;
+  OdometryFrame near;
+  near.stamp_ns = frame->stamp_ns;
+  near.T_world_predicted = frame->T_world_predicted;
+  near.sweep = motion_.Twist(frame->stamp_ns);
+  near.searched = true;
+  DeskewClusters(clusters, near.sweep, deskewed);
+  near.match = narrow_matcher_.Match(*deskewed, prediction, map);
+  if (!vouched(near.match)) return;
+  MatchDeskewed(clusters, prediction, map, passes, deskewed, &near);
+  if (!vouched(near.match)) return;
+  near.status = OdometryFrame::Status::kTracked;
+  near.T_world_lidar = near.match.T_world_lidar;
+  *frame = near;
 }
 
 }  // namespace lamina

@@ -47,8 +47,8 @@ inline std::vector<SE3> LapsBack(double step_m, double from_m, double to_m) {
 
 // What a sensor sees that measures too long to its left and too short to its right, by this share:
 // its odometry turns.
-inline std::vector<Scan> CrookedScans(const Town& town, const std::vector<SE3>& truth,
-                                      double share) {
+inline std::vector<Scan> CrookedScans(const Town& town, const std::vector<SE3>& truth, double share,
+                                      double per_m2 = 4.0) {
   Draws draws(5);
   std::vector<Scan> scans;
   for (std::size_t i = 0; i < truth.size(); ++i) {
@@ -56,7 +56,7 @@ inline std::vector<Scan> CrookedScans(const Town& town, const std::vector<SE3>& 
     scan.stamp_ns = 100'000'000LL * static_cast<StampNs>(i);
     const SE3 T_lidar_world = truth[i].Inverse();
     for (const Eigen::Vector3d& p :
-         town.Seen(truth[i].t, 26.0, 4.0, &draws, Town::Houses::kOpaque)) {
+         town.Seen(truth[i].t, 26.0, per_m2, &draws, Town::Houses::kOpaque)) {
       const Eigen::Vector3d seen = T_lidar_world * p;
       const double azimuth = std::atan2(seen.y(), seen.x());
       scan.points.push_back(ToScanPoint((1.0 + share * std::sin(azimuth)) * seen));
