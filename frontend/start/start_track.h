@@ -131,10 +131,10 @@ class StartTrack {
   static double Apart(const std::vector<SE3>& a, const std::vector<SE3>& b);
   // A steady motion is a way if it differs from it by less ...
   static constexpr double kAgreesM = 0.15;
-  // One way is likelier than another, or makes it doubtful, by so many standard deviations.
-  static constexpr double kLikelySigmas = 1.0, kDoubtedSigmas = 2.0;
   // ... and tells it if its speed is known so well: nothing is open any more.
   static constexpr double kKnownMS = 1.0;
+  // One way is likelier than another, or makes it doubtful, by so many standard deviations.
+  static constexpr double kLikelySigmas = 1.0, kDoubtedSigmas = 2.0;
   // In standard deviations by how much one is better.
   double Better(const Hypothesis& a, const Hypothesis& b) const;
   // U of a way.
