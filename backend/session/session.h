@@ -110,6 +110,8 @@ class Session {
   void Finish();
   // All poses so far, in order; after Finish() the last ones.
   void ForEachPose(const FinalPoses::Visit& visit) const;
+  // Those that are final by Finish() alone: not in the database, which may be continued.
+  const std::vector<FinalPose>& tail() const { return tail_; }
 
  private:
   MappingCallbacks Callbacks();

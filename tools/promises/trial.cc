@@ -81,11 +81,11 @@ Trial MapTrial(const Promise& promise, int seed, const std::vector<std::string>&
     trial.frames[i].stamp_ns = source.Stamp(i);
     trial.frames[i].T_world_lidar_true = sequence->TruePose(i);
   }
+  std::vector<ScanRecord> records(source.size());
   MappingCallbacks callbacks;
   callbacks.on_scan = [&](const MappedScan& report) {
-    const ScanRecord record = RecordOf(report);
+    const ScanRecord& record = records[report.index] = RecordOf(report);
     TrialFrame& frame = trial.frames[report.index];
-    frame.status = record.status;
     frame.piece = report.piece;
     frame.T_world_matched = record.T_world_lidar;
     frame.covariance = record.covariance;
@@ -94,7 +94,8 @@ Trial MapTrial(const Promise& promise, int seed, const std::vector<std::string>&
   callbacks.on_final_pose = [&](const FinalPose& pose) {
     TrialFrame& frame = trial.frames[pose.scan];
     frame.T_world_lidar = pose.pose.T_world_lidar;
-    if (pose.given_up && frame.status == "tracked") frame.status = "degenerate";
+    if (pose.given_up) records[pose.scan].GiveUp();
+    frame.status = records[pose.scan].status;
   };
   const LaminaConfig config = ConfigOf(promise, set);
   const double start = ThreadCpuSeconds();

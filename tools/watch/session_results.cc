@@ -18,11 +18,10 @@ void WriteSessionResults(const std::string& folder, const LaminaConfig& config, 
   };
   const Mapping& mapping = session->mapping();
   FrameTable table(path("frames.csv"), config.frontend.matcher.max_iterations);
-  // Final by the end of the session alone, and so not in the database, which may be continued.
   std::set<std::int64_t> given_up;
-  session->ForEachPose([&](const FinalPose& pose) {
+  for (const FinalPose& pose : session->tail()) {
     if (pose.given_up) given_up.insert(static_cast<std::int64_t>(pose.scan));
-  });
+  }
   session->database().ForEach(0, session->next_scan(), [&](ScanRecord row) {
     if (given_up.count(row.scan) > 0) row.GiveUp();
     table.Append(row);
