@@ -43,13 +43,15 @@ TEST_F(LoopsSessionTest, LeftAroundCorrections) {
   const Result result = FinishSession(whole, recording);
   // Corrections are due so many scans after a submap of 20 m is complete: some stops fall between,
   // with the work under way.
-  std::int64_t corrected = 0;
-  for (const std::int64_t stop : {150, 194, 197, 199, 200, 201, 203, 205, 212, 219}) {
+  for (const std::int64_t stop : {150, 194, 197, 199, 200, 201, 203, 205, 212, 219})
     MapUntil(stopped, recording, stop, stop % 2 == 0 ? Leave::kAtOnce : Leave::kWhenDone);
+  // Counted while mapping: how far back the last checkpoint lies is a matter of the disk's speed.
+  {
     Session session(stopped, {});
-    corrected = std::max(corrected, session.mapping().loops()->corrections());
+    Map(&session, recording, 228);
+    EXPECT_GT(session.mapping().loops()->corrections(), 0);
+    session.WaitForHousekeeping();
   }
-  EXPECT_GT(corrected, 0);
   ExpectSame(FinishSession(stopped, recording), result);
   // Without the end of what its submaps hold no checkpoint can be used: all is mapped again.
   std::filesystem::resize_file(Path("stopped/submap_leaves.bin"), 100);
