@@ -35,10 +35,10 @@ FittedPlane FitPlane(const Points& points) {
   }
   const Eigen::Vector3d mean = rows.colwise().mean().transpose();
   rows.rowwise() -= mean.transpose();
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(rows, Eigen::ComputeThinV);
+  const Eigen::Matrix3d scatter = rows.transpose() * rows;
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(scatter, Eigen::ComputeFullU | Eigen::ComputeFullV);
   const Eigen::Matrix3d v = svd.matrixV();
-  const double smallest = svd.singularValues()(2);
-  return {v.col(0), v.col(1), v.col(2), v.col(2).dot(mean), smallest * smallest};
+  return {v.col(0), v.col(1), v.col(2), v.col(2).dot(mean), (rows * v.col(2)).squaredNorm()};
 }
 
 double BruteForceCost(const BundleScene& scene, const std::vector<SE3>& poses) {
