@@ -3,15 +3,13 @@
 // differs is little, and it is what one has and the other has not.
 //
 //     met     share of what the query has standing where the place has anything within half a leaf
-//     gone    share of what stands in the place, and should show, through which keyframes saw:
-//             in its direction all that they saw is farther. What is hidden or beside their view
-//             says nothing
+//     gone    share of what stands in the place, and should show, through which keyframes saw
+//             (backend/submaps/sight_lines.h)
 #pragma once
 
 #include <Eigen/Core>
 #include <vector>
 
-#include "backend/submaps/final_keyframe.h"
 #include "backend/submaps/submap.h"
 #include "core/geometry/se3.h"
 #include "core/map/voxel_key.h"
@@ -29,33 +27,6 @@ class OccupiedLeaves {
  private:
   double leaf_size_m_;
   VoxelIndex index_;
-};
-
-// Ranges that keyframes saw, by direction. Immutable; thread-safe.
-class SightLines {
- public:
-  // Of some of the keyframes; the result lies in the frame of their poses.
-  SightLines(const std::vector<FinalKeyframe>& keyframes, double leaf_size_m);
-
-  struct Seen {
-    int there = 0, gone = 0;  // points that show, and that should
-    double GoneShare() const {
-      return gone > 0 ? static_cast<double>(gone) / static_cast<double>(there + gone) : 0.0;
-    }
-  };
-  Seen Look(const std::vector<Eigen::Vector3f>& points, const SE3& T_own_points) const;
-
-  static constexpr int kAzimuths = 144, kElevations = 72;
-
- private:
-  struct Image {
-    SE3 T_lidar_own;
-    std::vector<float> nearest_m;  // infinity: nothing was seen there
-  };
-  void Splat(const Eigen::Vector3d& p, Image* image) const;
-
-  double leaf_size_m_;
-  std::vector<Image> images_;
 };
 
 }  // namespace lamina

@@ -1,5 +1,6 @@
 // The state of loop closure, written and read (core/geometry/state_archive.h).
 #include "backend/loops/loop_closure.h"
+#include "backend/places/submap_pairs.h"
 
 namespace lamina {
 
@@ -10,9 +11,8 @@ void PlaceImage::Archive(StateArchive& a) {
 }
 
 void Loop::Archive(StateArchive& a) {
-  a(&status, &solved, &reason, &from, &to, &score, &way_m, &match.T_other_query, &match.covariance,
-    &match.converged, &match.planes, &match.overlap, &match.structure, &match.residual_sigmas,
-    &match.facing);
+  a(&status, &solved, &reason, &from, &to, &score, &way_m);
+  lamina::Archive(a, &match);
 }
 
 void LoopClosure::Archive(StateArchive& a) {

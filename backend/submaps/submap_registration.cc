@@ -13,8 +13,12 @@ namespace {
 
 // What a pose between submaps may be off where no plane holds it.
 constexpr double kOpenRotationDeg = 5.0, kOpenTranslationM = 1.0;
+// What rises above a sensor by less may be a car that was parked there on one of both days.
+constexpr double kAboveM = 0.3;
 // Clusters that a descent looks at: more say nothing new of six unknowns.
 constexpr std::size_t kCoarseClusters = 1500, kFineClusters = 6000;
+// Leaves that are looked for from the other submap's keyframes: more say nothing new of a share.
+constexpr std::size_t kSomeLeaves = 2000;
 
 ScanMatcherOptions Coarse(ScanMatcherOptions options) {
   options.max_iterations = 15;
@@ -35,6 +39,23 @@ std::unique_ptr<VoxelMap> MapOf(const Submap& submap, VoxelMapOptions options) {
   }
   map->Refresh();
   return map;
+}
+
+std::vector<Eigen::Vector3f> SomeMeans(const Submap& submap) {
+  const SubmapLeaves leaves = submap.Leaves();
+  const std::size_t stride = std::max<std::size_t>(1, leaves.size() / kSomeLeaves);
+  std::vector<Eigen::Vector3f> means;
+  for (std::size_t i = 0; i < leaves.size(); i += stride)
+    means.push_back(submap.Cluster(leaves[i]).mean.cast<float>());
+  return means;
+}
+
+double GoneShare(const SubmapQuery& query, const SubmapTarget& target, const SE3& T_target_query) {
+  const Eigen::Vector3d up = T_target_query.q * query.up;
+  const SightLines::Seen seen =
+      target.sight().LookAbove(query.some, T_target_query, up, kAboveM) +
+      query.sight.LookAbove(target.some(), T_target_query.Inverse(), query.up, kAboveM);
+  return seen.GoneShare();
 }
 
 double StructureInCommon(const SubmapQuery& query, const VoxelMap& map, const SE3& T) {
@@ -65,6 +86,7 @@ void VerificationOptions::Visit(OptionVisitor& v) {
   v.Number("min_structure", &min_structure, 0.0, 1.0);
   v.Number("min_facing", &min_facing, 0.0, 1e6);
   v.Number("max_residual_sigmas", &max_residual_sigmas, 0.0, 100.0);
+  v.Number("max_gone", &max_gone, 0.0, 1.0);
 }
 
 std::string Refusal(const SubmapMatch& match, const VerificationOptions& options) {
@@ -73,11 +95,13 @@ std::string Refusal(const SubmapMatch& match, const VerificationOptions& options
   if (match.overlap < options.min_overlap) return "planes do not agree";
   if (match.structure < options.min_structure) return "structure does not agree";
   if (match.residual_sigmas > options.max_residual_sigmas) return "planes do not fit";
+  if (match.gone > options.max_gone) return "what one has the other saw past";
   if (match.facing < options.min_facing) return "open along a horizontal direction";
   return "";
 }
 
-SubmapTarget::SubmapTarget(const Submap& submap, const VoxelMapOptions& map) {
+SubmapTarget::SubmapTarget(const Submap& submap, const VoxelMapOptions& map)
+    : some_(SomeMeans(submap)), sight_(submap) {
   VoxelMapOptions options = map;
   options.budget_mb = 1e6;
   fine_ = MapOf(submap, options);
@@ -92,8 +116,10 @@ SubmapQuery MakeQuery(const Submap& submap, std::vector<LeafPlane> planes,
   query.clusters.reserve(submap.LeafCount());
   for (const SubmapLeaf& leaf : submap.Leaves()) query.clusters.push_back(submap.Cluster(leaf));
   query.upright = UprightLeaves(submap, planes, up);
+  query.some = SomeMeans(submap);
   query.planes = std::move(planes);
   query.up = up;
+  query.sight = SightLines(submap);
   return query;
 }
 
@@ -123,6 +149,7 @@ SubmapMatch SubmapRegistration::Register(const SubmapQuery& query, const SubmapT
   match.covariance = descent.covariance;
   JudgePlanes(query, target.fine(), &match);
   match.structure = StructureInCommon(query, target.fine(), match.T_other_query);
+  match.gone = GoneShare(query, target, match.T_other_query);
   return match;
 }
 

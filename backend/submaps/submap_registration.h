@@ -6,20 +6,20 @@
 // where it is not. So evidence is told apart, at the pose reached:
 //
 //     planes     planar leaves of the query that lie on a plane of the other one and agree with it
-//     in
-//                direction and within 3 sigma: a number
+//                in direction and within 3 sigma: a number
 //     overlap    of those that do not lie flat, the share that agrees, of all that lie on planes of
 //                the other one: ground lies on ground anywhere
 //     structure  share of the query's leaves that do not lie flat where the other one has anything
-//     at
-//                all: also what is no plane must be there
+//                at all: also what is no plane must be there
 //     residual   root mean square of the distances of those that agree, in sigmas: the planes' own
 //                thickness and the noise floor
+//     gone       share of what rises above the sensor in one of them, and should show in the other,
+//                that keyframes of the other saw past (sight_lines.h). Where neither looked it says
+//                nothing; cars that were parked there on one day do not rise so far
 //     facing     smallest eigenvalue of the sum of h h' over those that agree, h being the
-//     horizontal
-//                part of the normal: how many planes hold the place in the direction that the
-//                fewest hold, e.g. along a street. A number of planes, so that more ground changes
-//                nothing
+//                horizontal part of the normal: how many planes hold the place in the direction
+//                that the fewest hold, e.g. along a street. A number of planes, so that more ground
+//                changes nothing
 #pragma once
 
 #include <memory>
@@ -27,6 +27,7 @@
 #include <vector>
 
 #include "backend/submaps/level_frame.h"
+#include "backend/submaps/sight_lines.h"
 #include "backend/submaps/submap.h"
 #include "core/map/voxel_map.h"
 #include "core/options/options.h"
@@ -42,6 +43,7 @@ struct VerificationOptions {
   double min_facing = 4.0;
   // At most.
   double max_residual_sigmas = 1.5;
+  double max_gone = 0.05;
 
   void Visit(OptionVisitor& v);
 };
@@ -52,7 +54,7 @@ struct SubmapMatch {
   Matrix6d covariance = Matrix6d::Identity();
   bool converged = false;
   int planes = 0;
-  double overlap = 0.0, structure = 0.0, residual_sigmas = 0.0, facing = 0.0;
+  double overlap = 0.0, structure = 0.0, residual_sigmas = 0.0, facing = 0.0, gone = 0.0;
 };
 
 // Why a match is not to be believed; empty if it is.
@@ -66,17 +68,23 @@ class SubmapTarget {
 
   const VoxelMap& coarse() const { return *coarse_; }
   const VoxelMap& fine() const { return *fine_; }
+  const std::vector<Eigen::Vector3f>& some() const { return some_; }
+  const SightLines& sight() const { return sight_; }
 
  private:
   std::unique_ptr<VoxelMap> coarse_, fine_;
+  std::vector<Eigen::Vector3f> some_;  // means of leaves, over all of it
+  SightLines sight_;
 };
 
 // A submap that is registered against others.
 struct SubmapQuery {
   std::vector<PointCluster> clusters;    // its frame
+  std::vector<Eigen::Vector3f> some;     // means of some of them, over all of it
   std::vector<Eigen::Vector3f> upright;  // means of those that do not lie flat
   std::vector<LeafPlane> planes;
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
+  SightLines sight;
 };
 SubmapQuery MakeQuery(const Submap& submap, std::vector<LeafPlane> planes,
                       const Eigen::Vector3d& up);

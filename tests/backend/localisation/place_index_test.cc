@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <optional>
 #include <set>
@@ -129,9 +130,26 @@ TEST_F(PlaceIndexTest, AmongEqualHousesNoneIsBelieved) {
   EXPECT_FALSE(Visit(terrace, Drive({{-42, 0}, {42, 0}}), 5).has_value());
 }
 
+// Walls of 3 m, no two alike.
+Town Storey(unsigned seed) {
+  Draws draws(seed);
+  std::vector<Facet> facets;
+  for (double x = -100.0; x < 100.0; x += 10.0) {
+    for (double y = -100.0; y < 0.0; y += 10.0) {
+      facets.push_back({{x + 5, y + 5, 0}, {5, 0, 0}, {0, 5, 0}});
+      if (std::abs(y + 60.0) < 6.0) continue;
+      const double angle = draws.Uniform(0.0, M_PI), half_m = draws.Uniform(1.5, 4.0);
+      facets.push_back({{x + draws.Uniform(2, 8), y + draws.Uniform(2, 8), 1.5},
+                        half_m * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0),
+                        {0, 0, 1.5}});
+    }
+  }
+  return Town(facets);
+}
+
 TEST_F(PlaceIndexTest, AmongEqualStoreysNoneIsBelieved) {
   // What the first storey has, the second has 4 m above; no sensor sees both.
-  const Town town(3);
+  const Town town = Storey(3);
   const std::vector<SE3> drive = Drive({{-60, -60}, {60, -60}});
   constexpr double kStoreyM = 4.0;
   map_ = std::make_unique<VoxelMap>(VoxelMapOptions());

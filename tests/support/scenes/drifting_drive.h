@@ -55,8 +55,7 @@ inline std::vector<Scan> CrookedScans(const Town& town, const std::vector<SE3>& 
     Scan scan;
     scan.stamp_ns = 100'000'000LL * static_cast<StampNs>(i);
     const SE3 T_lidar_world = truth[i].Inverse();
-    for (const Eigen::Vector3d& p :
-         town.Seen(truth[i].t, 26.0, per_m2, &draws, Town::Houses::kOpaque)) {
+    for (const Eigen::Vector3d& p : town.Seen(truth[i].t, 26.0, per_m2, &draws)) {
       const Eigen::Vector3d seen = T_lidar_world * p;
       const double azimuth = std::atan2(seen.y(), seen.x());
       scan.points.push_back(ToScanPoint((1.0 + share * std::sin(azimuth)) * seen));

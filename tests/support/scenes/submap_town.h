@@ -16,8 +16,6 @@ namespace lamina {
 // Houses stand along streets that go round blocks of 60 m; no two are alike.
 class Town {
  public:
-  enum class Houses { kSeenThrough, kOpaque };
-
   explicit Town(std::vector<Facet> facets) : facets_(std::move(facets)) {}
   explicit Town(unsigned seed, double half_m = 130.0) {
     Draws draws(seed);
@@ -38,16 +36,32 @@ class Town {
     }
   }
 
-  // Random points on what lies within `range_m`, about so many to the square metre; what a
-  // house hides is left out where houses are opaque.
-  Points Seen(const Eigen::Vector3d& from, double range_m, double per_m2, Draws* draws,
-              Houses houses = Houses::kSeenThrough) const {
-    std::vector<Facet> walls;
-    if (houses == Houses::kOpaque) {
-      std::copy_if(facets_.begin(), facets_.end(), std::back_inserter(walls), [&](const Facet& f) {
-        return f.edge2.z() > 0.0 && (f.centre - from).norm() <= range_m;
-      });
+  // The same with cars along the streets of the seeded town, others for each seed.
+  Town WithParkedCars(unsigned seed) const {
+    constexpr double kStreetM = 60.0, kKerbM = 5.0, kSpaceM = 7.0;
+    Town town = *this;
+    Draws draws(seed);
+    for (double street = -kStreetM; street <= kStreetM; street += kStreetM) {
+      for (double along = -80.0; along < 80.0; along += kSpaceM) {
+        for (const double side : {-kKerbM, kKerbM}) {
+          const double at = along + draws.Uniform(0.0, 2.0);
+          if (draws.Uniform(0, 1) < 0.9)
+            town.AddBox({at, street + side, 0}, {2.2, 0, 0}, {0, 0.9, 0}, 0.75);
+          if (draws.Uniform(0, 1) < 0.9)
+            town.AddBox({street + side, at, 0}, {0, 2.2, 0}, {0.9, 0, 0}, 0.75);
+        }
+      }
     }
+    return town;
+  }
+
+  // Random points on what lies within `range_m` and no wall hides, about so many to the square
+  // metre.
+  Points Seen(const Eigen::Vector3d& from, double range_m, double per_m2, Draws* draws) const {
+    std::vector<Facet> walls;
+    std::copy_if(facets_.begin(), facets_.end(), std::back_inserter(walls), [&](const Facet& f) {
+      return f.edge2.z() > 0.0 && (f.centre - from).norm() <= range_m;
+    });
     Points points;
     for (const Facet& facet : facets_) {
       if ((facet.centre - from).norm() > range_m) continue;
@@ -71,7 +85,12 @@ class Town {
     const Eigen::Vector3d along(std::cos(angle), std::sin(angle), 0);
     const Eigen::Vector3d across(-along.y(), along.x(), 0);
     const Eigen::Vector3d a = draws->Uniform(2, 5) * along, b = draws->Uniform(2, 5) * across;
-    const Eigen::Vector3d up(0, 0, height), middle = at + up;
+    AddBox(at, a, b, height);
+  }
+  // Four walls on the ground around there; half-edges, half the height.
+  void AddBox(const Eigen::Vector3d& at, const Eigen::Vector3d& a, const Eigen::Vector3d& b,
+              double half_height) {
+    const Eigen::Vector3d up(0, 0, half_height), middle = at + up;
     facets_.push_back({middle + a, b, up});
     facets_.push_back({middle - a, b, up});
     facets_.push_back({middle + b, a, up});

@@ -1,0 +1,136 @@
+#include "backend/submaps/sight_lines.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/base/angle.h"
+
+namespace lamina {
+namespace {
+
+constexpr int kAzimuths = SightLines::kAzimuths, kElevations = SightLines::kElevations;
+constexpr double kBin = 2.0 * M_PI / kAzimuths;
+// Half the angle that a cluster nearby covers, at most.
+constexpr double kMostHalf = Radians(12.0);
+// Keyframes that are looked from; how far away.
+constexpr std::size_t kMostKeyframes = 5;
+constexpr double kLeastRangeM = 1.0, kMostRangeM = 40.0;
+// What is farther by so much is behind: metres, and as a share of the range. Of submaps more: they
+// are bent by what odometry drifts in them.
+constexpr double kBehindM = 0.4, kBehindOfSubmapsM = 1.5, kBehindShare = 0.05;
+
+struct Direction {
+  int azimuth = 0, elevation = 0;
+};
+
+Direction BinOf(const Eigen::Vector3d& p) {
+  const double azimuth = std::atan2(p.y(), p.x()) + M_PI;
+  const double elevation = std::atan2(p.z(), std::hypot(p.x(), p.y())) + 0.5 * M_PI;
+  return {static_cast<int>(azimuth / kBin) % kAzimuths,
+          std::min(kElevations - 1, static_cast<int>(elevation / kBin))};
+}
+
+std::size_t PixelOf(int azimuth, int elevation) {
+  return static_cast<std::size_t>(elevation * kAzimuths + (azimuth + kAzimuths) % kAzimuths);
+}
+
+std::size_t Stride(std::size_t keyframes) {
+  return std::max<std::size_t>(1, (keyframes + kMostKeyframes - 1) / kMostKeyframes);
+}
+
+}  // namespace
+
+SightLines::SightLines(const std::vector<FinalKeyframe>& keyframes, double leaf_size_m)
+    : leaf_size_m_(leaf_size_m), behind_m_(std::max(kBehindM, leaf_size_m)) {
+  for (std::size_t i = 0; i < keyframes.size(); i += Stride(keyframes.size())) {
+    images_.push_back(EmptyImage(keyframes[i].T_world_lidar));
+    for (const PointCluster& cluster : keyframes[i].clusters) Splat(cluster.mean, &images_.back());
+  }
+}
+
+SightLines::SightLines(const Submap& submap)
+    : leaf_size_m_(submap.leaf_size_m), behind_m_(std::max(kBehindOfSubmapsM, submap.leaf_size_m)) {
+  for (std::size_t i = 0; i < submap.keyframes.size(); i += Stride(submap.keyframes.size()))
+    images_.push_back(EmptyImage(submap.keyframes[i].T_submap_lidar));
+  for (const SubmapLeaf& leaf : submap.Leaves()) {
+    const Eigen::Vector3d mean = submap.Cluster(leaf).mean;
+    for (Image& image : images_) Splat(mean, &image);
+  }
+}
+
+SightLines::Image SightLines::EmptyImage(const SE3& T_own_lidar) const {
+  return {T_own_lidar.Inverse(),
+          std::vector<float>(static_cast<std::size_t>(kAzimuths * kElevations),
+                             std::numeric_limits<float>::infinity())};
+}
+
+void SightLines::Splat(const Eigen::Vector3d& p_own, Image* image) const {
+  const Eigen::Vector3d p = image->T_lidar_own * p_own;
+  const double range = p.norm();
+  if (range < 1e-3) return;
+  const Direction at = BinOf(p);
+  const double half = std::min(kMostHalf, 0.5 * leaf_size_m_ / range);
+  const int up = static_cast<int>(half / kBin);
+  const double level = std::max(0.1, std::hypot(p.x(), p.y()) / range);
+  const int along = static_cast<int>(std::min(kMostHalf, half / level) / kBin);
+  for (int e = std::max(0, at.elevation - up); e <= std::min(kElevations - 1, at.elevation + up);
+       ++e) {
+    for (int a = at.azimuth - along; a <= at.azimuth + along; ++a) {
+      float& nearest = image->nearest_m[PixelOf(a, e)];
+      nearest = std::min(nearest, static_cast<float>(range));
+    }
+  }
+}
+
+// Of what was seen in that direction and beside it; infinity where nothing was seen in it.
+float SightLines::Nearest(const Image& image, const Eigen::Vector3d& p) const {
+  const Direction at = BinOf(p);
+  float nearest = image.nearest_m[PixelOf(at.azimuth, at.elevation)];
+  if (std::isinf(nearest)) return nearest;
+  for (int e = std::max(0, at.elevation - 1); e <= std::min(kElevations - 1, at.elevation + 1);
+       ++e) {
+    for (int a = at.azimuth - 1; a <= at.azimuth + 1; ++a)
+      nearest = std::min(nearest, image.nearest_m[PixelOf(a, e)]);
+  }
+  return nearest;
+}
+
+SightLines::Seen SightLines::LookFrom(const Image& image,
+                                      const std::vector<Eigen::Vector3f>& points,
+                                      const SE3& T_own_points, const Eigen::Vector3d& up_own,
+                                      double least_m) const {
+  const SE3 T = image.T_lidar_own * T_own_points;
+  const Eigen::Vector3d up = image.T_lidar_own.q * up_own;
+  Seen seen;
+  for (const Eigen::Vector3f& point : points) {
+    const Eigen::Vector3d p = T * point.cast<double>();
+    const double range = p.norm();
+    if (range < kLeastRangeM || range > kMostRangeM || up.dot(p) < least_m) continue;
+    const auto nearest = static_cast<double>(Nearest(image, p));
+    if (std::isinf(nearest)) continue;
+    const double behind = behind_m_ + kBehindShare * range;
+    if (nearest > range + behind) {
+      ++seen.gone;
+    } else if (nearest > range - behind) {
+      ++seen.there;
+    }
+  }
+  return seen;
+}
+
+SightLines::Seen SightLines::Look(const std::vector<Eigen::Vector3f>& points,
+                                  const SE3& T_own_points) const {
+  return LookAbove(points, T_own_points, Eigen::Vector3d::UnitZ(),
+                   -std::numeric_limits<double>::infinity());
+}
+
+SightLines::Seen SightLines::LookAbove(const std::vector<Eigen::Vector3f>& points,
+                                       const SE3& T_own_points, const Eigen::Vector3d& up_own,
+                                       double least_m) const {
+  Seen seen;
+  for (const Image& image : images_)
+    seen = seen + LookFrom(image, points, T_own_points, up_own, least_m);
+  return seen;
+}
+
+}  // namespace lamina
