@@ -23,11 +23,14 @@ struct Direction {
   int azimuth = 0, elevation = 0;
 };
 
-Direction BinOf(const Eigen::Vector3d& p) {
-  const double azimuth = std::atan2(p.y(), p.x()) + M_PI;
-  const double elevation = std::atan2(p.z(), std::hypot(p.x(), p.y())) + 0.5 * M_PI;
-  return {static_cast<int>(azimuth / kBin) % kAzimuths,
-          std::min(kElevations - 1, static_cast<int>(elevation / kBin))};
+// In single precision: a bin is 2.5 deg.
+Direction BinOf(const Eigen::Vector3d& at) {
+  constexpr auto kPi = static_cast<float>(M_PI), kBins = static_cast<float>(1.0 / kBin);
+  const Eigen::Vector3f p = at.cast<float>();
+  const float azimuth = std::atan2(p.y(), p.x()) + kPi;
+  const float elevation = std::atan2(p.z(), std::sqrt(p.x() * p.x() + p.y() * p.y())) + 0.5F * kPi;
+  return {static_cast<int>(azimuth * kBins) % kAzimuths,
+          std::min(kElevations - 1, static_cast<int>(elevation * kBins))};
 }
 
 std::size_t PixelOf(int azimuth, int elevation) {
@@ -43,29 +46,32 @@ std::size_t Stride(std::size_t keyframes) {
 SightLines::SightLines(const std::vector<FinalKeyframe>& keyframes, double leaf_size_m)
     : leaf_size_m_(leaf_size_m), behind_m_(std::max(kBehindM, leaf_size_m)) {
   for (std::size_t i = 0; i < keyframes.size(); i += Stride(keyframes.size())) {
-    images_.push_back(EmptyImage(keyframes[i].T_world_lidar));
-    for (const PointCluster& cluster : keyframes[i].clusters) Splat(cluster.mean, &images_.back());
+    std::vector<Eigen::Vector3d> means;
+    for (const PointCluster& cluster : keyframes[i].clusters) means.push_back(cluster.mean);
+    images_.push_back(ImageOf(keyframes[i].T_world_lidar, means));
   }
 }
 
 SightLines::SightLines(const Submap& submap)
     : leaf_size_m_(submap.leaf_size_m), behind_m_(std::max(kBehindOfSubmapsM, submap.leaf_size_m)) {
+  std::vector<Eigen::Vector3d> means;
+  means.reserve(submap.LeafCount());
+  for (const SubmapLeaf& leaf : submap.Leaves()) means.push_back(submap.Cluster(leaf).mean);
   for (std::size_t i = 0; i < submap.keyframes.size(); i += Stride(submap.keyframes.size()))
-    images_.push_back(EmptyImage(submap.keyframes[i].T_submap_lidar));
-  for (const SubmapLeaf& leaf : submap.Leaves()) {
-    const Eigen::Vector3d mean = submap.Cluster(leaf).mean;
-    for (Image& image : images_) Splat(mean, &image);
-  }
+    images_.push_back(ImageOf(submap.keyframes[i].T_submap_lidar, means));
 }
 
-SightLines::Image SightLines::EmptyImage(const SE3& T_own_lidar) const {
-  return {T_own_lidar.Inverse(),
-          std::vector<float>(static_cast<std::size_t>(kAzimuths * kElevations),
-                             std::numeric_limits<float>::infinity())};
+SightLines::Image SightLines::ImageOf(const SE3& T_own_lidar,
+                                      const std::vector<Eigen::Vector3d>& means) const {
+  Image image{T_own_lidar.Inverse(),
+              std::vector<float>(static_cast<std::size_t>(kAzimuths * kElevations),
+                                 std::numeric_limits<float>::infinity())};
+  const Eigen::Matrix3d R = image.T_lidar_own.R();
+  for (const Eigen::Vector3d& mean : means) Splat(R * mean + image.T_lidar_own.t, &image);
+  return image;
 }
 
-void SightLines::Splat(const Eigen::Vector3d& p_own, Image* image) const {
-  const Eigen::Vector3d p = image->T_lidar_own * p_own;
+void SightLines::Splat(const Eigen::Vector3d& p, Image* image) const {
   const double range = p.norm();
   if (range < 1e-3) return;
   const Direction at = BinOf(p);
@@ -100,10 +106,11 @@ SightLines::Seen SightLines::LookFrom(const Image& image,
                                       const SE3& T_own_points, const Eigen::Vector3d& up_own,
                                       double least_m) const {
   const SE3 T = image.T_lidar_own * T_own_points;
+  const Eigen::Matrix3d R = T.R();
   const Eigen::Vector3d up = image.T_lidar_own.q * up_own;
   Seen seen;
   for (const Eigen::Vector3f& point : points) {
-    const Eigen::Vector3d p = T * point.cast<double>();
+    const Eigen::Vector3d p = R * point.cast<double>() + T.t;
     const double range = p.norm();
     if (range < kLeastRangeM || range > kMostRangeM || up.dot(p) < least_m) continue;
     const auto nearest = static_cast<double>(Nearest(image, p));

@@ -47,9 +47,10 @@ class SightLines {
     SE3 T_lidar_own;
     std::vector<float> nearest_m;  // infinity: nothing was seen there
   };
-  Image EmptyImage(const SE3& T_own_lidar) const;
-  void Splat(const Eigen::Vector3d& p, Image* image) const;
-  float Nearest(const Image& image, const Eigen::Vector3d& p) const;
+  // Of what has these means, in the frame of the result.
+  Image ImageOf(const SE3& T_own_lidar, const std::vector<Eigen::Vector3d>& means) const;
+  void Splat(const Eigen::Vector3d& p_lidar, Image* image) const;
+  float Nearest(const Image& image, const Eigen::Vector3d& p_lidar) const;
   Seen LookFrom(const Image& image, const std::vector<Eigen::Vector3f>& points,
                 const SE3& T_own_points, const Eigen::Vector3d& up_own, double least_m) const;
 

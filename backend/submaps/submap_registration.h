@@ -15,7 +15,9 @@
 //                thickness and the noise floor
 //     gone       share of what rises above the sensor in one of them, and should show in the other,
 //                that keyframes of the other saw past (sight_lines.h). Where neither looked it says
-//                nothing; cars that were parked there on one day do not rise so far
+//                nothing; cars that were parked there on one day do not rise so far. Where next to
+//                nothing of much is gone, less overlap is enough: leaves of trees are seldom planes
+//                that agree
 //     facing     smallest eigenvalue of the sum of h h' over those that agree, h being the
 //                horizontal part of the normal: how many planes hold the place in the direction
 //                that the fewest hold, e.g. along a street. A number of planes, so that more ground
@@ -39,11 +41,12 @@ struct VerificationOptions {
   // Of a loop that is to be believed, at least.
   int min_planes = 60;
   double min_overlap = 0.7;
+  double min_overlap_none_gone = 0.4;  // where all that should show does
   double min_structure = 0.5;
   double min_facing = 4.0;
   // At most.
   double max_residual_sigmas = 1.5;
-  double max_gone = 0.05;
+  double max_gone = 0.02;
 
   void Visit(OptionVisitor& v);
 };
@@ -55,6 +58,7 @@ struct SubmapMatch {
   bool converged = false;
   int planes = 0;
   double overlap = 0.0, structure = 0.0, residual_sigmas = 0.0, facing = 0.0, gone = 0.0;
+  int looks = 0;  // that `gone` is a share of
 };
 
 // Why a match is not to be believed; empty if it is.

@@ -23,13 +23,12 @@ std::string LoopRow(const MergedMap& merged, const Loop& loop) {
   const MergedMap::Origin &from = merged.origin(loop.from), &to = merged.origin(loop.to);
   const SE3& T = loop.match.T_other_query;
   return fmt::format(
-      "{},{},{},{},{},{},{},{},{:.6f},{},{:.4f},{:.4f},{:.4f},{:.3f},{:.4f},{:.6f},{:.6f},{:.6f},{:"
-      ".9f},"
-      "{:.9f},{:.9f},{:.9f}\n",
+      "{},{},{},{},{},{},{},{},{:.6f},{},{:.4f},{:.4f},{:.4f},{:.3f},{:.4f},{},"
+      "{:.6f},{:.6f},{:.6f},{:.9f},{:.9f},{:.9f},{:.9f}\n",
       from.drive, from.piece, from.submap->id, to.drive, to.piece, to.submap->id,
       ToString(loop.status), loop.reason, loop.score, loop.match.planes, loop.match.overlap,
-      loop.match.structure, loop.match.residual_sigmas, loop.match.facing, loop.match.gone, T.t.x(),
-      T.t.y(), T.t.z(), T.q.x(), T.q.y(), T.q.z(), T.q.w());
+      loop.match.structure, loop.match.residual_sigmas, loop.match.facing, loop.match.gone,
+      loop.match.looks, T.t.x(), T.t.y(), T.t.z(), T.q.x(), T.q.y(), T.q.z(), T.q.w());
 }
 
 class MergeOutput {
@@ -89,7 +88,7 @@ class MergeOutput {
     FileWriter table(Path("loops.csv"));
     table.Write(
         "drive,piece,from,to_drive,to_piece,to,status,reason,score,planes,overlap,structure,"
-        "residual_sigmas,facing,gone,x,y,z,qx,qy,qz,qw\n");
+        "residual_sigmas,facing,gone,looks,x,y,z,qx,qy,qz,qw\n");
     for (const Loop& loop : merged_.loops()) table.Write(LoopRow(merged_, loop));
     table.Commit();
   }

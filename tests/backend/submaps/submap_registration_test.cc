@@ -1,0 +1,69 @@
+#include "backend/submaps/submap_registration.h"
+
+#include <gtest/gtest.h>
+
+#include <string>
+
+namespace lamina {
+namespace {
+
+SubmapMatch GoodMatch() {
+  SubmapMatch match;
+  match.converged = true;
+  match.planes = 500;
+  match.overlap = 0.9;
+  match.structure = 0.8;
+  match.residual_sigmas = 0.4;
+  match.facing = 30.0;
+  match.gone = 0.001;
+  match.looks = 2000;
+  return match;
+}
+
+std::string RefusalOf(const SubmapMatch& match) { return Refusal(match, VerificationOptions()); }
+
+TEST(SubmapRegistration, EachKindOfEvidenceIsNeeded) {
+  EXPECT_EQ(RefusalOf(GoodMatch()), "");
+  SubmapMatch match = GoodMatch();
+  match.converged = false;
+  EXPECT_EQ(RefusalOf(match), "registration did not converge");
+  match = GoodMatch();
+  match.planes = 59;
+  EXPECT_EQ(RefusalOf(match), "few planes agree");
+  match = GoodMatch();
+  match.structure = 0.49;
+  EXPECT_EQ(RefusalOf(match), "structure does not agree");
+  match = GoodMatch();
+  match.residual_sigmas = 1.6;
+  EXPECT_EQ(RefusalOf(match), "planes do not fit");
+  match = GoodMatch();
+  match.gone = 0.03;
+  EXPECT_EQ(RefusalOf(match), "what one has the other saw past");
+  match = GoodMatch();
+  match.facing = 3.9;
+  EXPECT_EQ(RefusalOf(match), "open along a horizontal direction");
+}
+
+TEST(SubmapRegistration, LessOverlapIsEnoughWhereNothingOfMuchIsGone) {
+  SubmapMatch match = GoodMatch();
+  match.overlap = 0.5;
+  EXPECT_EQ(RefusalOf(match), "");
+  match.looks = 500;  // too little to say that all is there
+  EXPECT_EQ(RefusalOf(match), "planes do not agree");
+  match.overlap = 0.7;
+  EXPECT_EQ(RefusalOf(match), "");
+  match = GoodMatch();
+  match.overlap = 0.5;
+  match.gone = 0.01;
+  EXPECT_EQ(RefusalOf(match), "planes do not agree");
+  match = GoodMatch();
+  match.overlap = 0.39;
+  EXPECT_EQ(RefusalOf(match), "planes do not agree");
+  // An option below that is the limit itself.
+  VerificationOptions options;
+  options.min_overlap = 0.3;
+  EXPECT_EQ(Refusal(match, options), "");
+}
+
+}  // namespace
+}  // namespace lamina
