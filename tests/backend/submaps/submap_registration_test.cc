@@ -48,7 +48,7 @@ TEST(SubmapRegistration, LessOverlapIsEnoughWhereNothingOfMuchIsGone) {
   SubmapMatch match = GoodMatch();
   match.overlap = 0.5;
   EXPECT_EQ(RefusalOf(match), "");
-  match.looks = 500;  // too little to say that all is there
+  match.looks = 200;  // too little to say that all is there
   EXPECT_EQ(RefusalOf(match), "planes do not agree");
   match.overlap = 0.7;
   EXPECT_EQ(RefusalOf(match), "");
