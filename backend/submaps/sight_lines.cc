@@ -8,7 +8,7 @@
 namespace lamina {
 namespace {
 
-constexpr int kAzimuths = SightLines::kAzimuths, kElevations = SightLines::kElevations;
+constexpr int kAzimuths = 144, kElevations = 72;
 constexpr double kBin = 2.0 * M_PI / kAzimuths;
 // Half the angle that a cluster nearby covers, at most.
 constexpr double kMostHalf = Radians(12.0);
@@ -52,11 +52,11 @@ SightLines::SightLines(const std::vector<FinalKeyframe>& keyframes, double leaf_
   }
 }
 
-SightLines::SightLines(const Submap& submap)
+SightLines::SightLines(const Submap& submap, const SubmapLeaves& leaves)
     : leaf_size_m_(submap.leaf_size_m), behind_m_(std::max(kBehindOfSubmapsM, submap.leaf_size_m)) {
   std::vector<Eigen::Vector3d> means;
-  means.reserve(submap.LeafCount());
-  for (const SubmapLeaf& leaf : submap.Leaves()) means.push_back(submap.Cluster(leaf).mean);
+  means.reserve(leaves.size());
+  for (const SubmapLeaf& leaf : leaves) means.push_back(submap.Cluster(leaf).mean);
   for (std::size_t i = 0; i < submap.keyframes.size(); i += Stride(submap.keyframes.size()))
     images_.push_back(ImageOf(submap.keyframes[i].T_submap_lidar, means));
 }
@@ -71,13 +71,13 @@ SightLines::Image SightLines::ImageOf(const SE3& T_own_lidar,
   return image;
 }
 
-void SightLines::Splat(const Eigen::Vector3d& p, Image* image) const {
-  const double range = p.norm();
+void SightLines::Splat(const Eigen::Vector3d& p_lidar, Image* image) const {
+  const double range = p_lidar.norm();
   if (range < 1e-3) return;
-  const Direction at = BinOf(p);
+  const Direction at = BinOf(p_lidar);
   const double half = std::min(kMostHalf, 0.5 * leaf_size_m_ / range);
   const int up = static_cast<int>(half / kBin);
-  const double level = std::max(0.1, std::hypot(p.x(), p.y()) / range);
+  const double level = std::max(0.1, std::hypot(p_lidar.x(), p_lidar.y()) / range);
   const int along = static_cast<int>(std::min(kMostHalf, half / level) / kBin);
   for (int e = std::max(0, at.elevation - up); e <= std::min(kElevations - 1, at.elevation + up);
        ++e) {
@@ -89,8 +89,8 @@ void SightLines::Splat(const Eigen::Vector3d& p, Image* image) const {
 }
 
 // Of what was seen in that direction and beside it; infinity where nothing was seen in it.
-float SightLines::Nearest(const Image& image, const Eigen::Vector3d& p) const {
-  const Direction at = BinOf(p);
+float SightLines::Nearest(const Image& image, const Eigen::Vector3d& p_lidar) const {
+  const Direction at = BinOf(p_lidar);
   float nearest = image.nearest_m[PixelOf(at.azimuth, at.elevation)];
   if (std::isinf(nearest)) return nearest;
   for (int e = std::max(0, at.elevation - 1); e <= std::min(kElevations - 1, at.elevation + 1);

@@ -24,9 +24,9 @@ class SightLines {
   SightLines() = default;
   // Of some of the keyframes, each of what it saw; the result lies in the frame of their poses.
   SightLines(const std::vector<FinalKeyframe>& keyframes, double leaf_size_m);
-  // Of a submap, from some of its keyframes: what is nearest hides what is behind it, whichever
-  // keyframe saw either. The result lies in the frame of the submap.
-  explicit SightLines(const Submap& submap);
+  // Of a submap and its leaves, from some of its keyframes: what is nearest hides what is behind
+  // it, whichever keyframe saw either. The result lies in the frame of the submap.
+  SightLines(const Submap& submap, const SubmapLeaves& leaves);
 
   struct Seen {
     int there = 0, gone = 0;  // points that show, and that should
@@ -39,8 +39,6 @@ class SightLines {
   // At what rises above the sensor by so much alone: walls, poles and trees, no cars, no people.
   Seen LookAbove(const std::vector<Eigen::Vector3f>& points, const SE3& T_own_points,
                  const Eigen::Vector3d& up_own, double least_m) const;
-
-  static constexpr int kAzimuths = 144, kElevations = 72;
 
  private:
   struct Image {

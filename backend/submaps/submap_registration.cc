@@ -34,9 +34,10 @@ ScanMatcherOptions Coarse(ScanMatcherOptions options) {
   return options;
 }
 
-std::unique_ptr<VoxelMap> MapOf(const Submap& submap, VoxelMapOptions options) {
+std::unique_ptr<VoxelMap> MapOf(const Submap& submap, const SubmapLeaves& leaves,
+                                VoxelMapOptions options) {
   auto map = std::make_unique<VoxelMap>(options);
-  for (const SubmapLeaf& leaf : submap.Leaves()) {
+  for (const SubmapLeaf& leaf : leaves) {
     const PointCluster cluster = submap.Cluster(leaf);
     if (!map->CanHold(cluster.mean)) continue;
     map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes, submap.keyframes.front().id,
@@ -46,8 +47,7 @@ std::unique_ptr<VoxelMap> MapOf(const Submap& submap, VoxelMapOptions options) {
   return map;
 }
 
-std::vector<Eigen::Vector3f> SomeMeans(const Submap& submap) {
-  const SubmapLeaves leaves = submap.Leaves();
+std::vector<Eigen::Vector3f> SomeMeans(const Submap& submap, const SubmapLeaves& leaves) {
   const std::size_t stride = std::max<std::size_t>(1, leaves.size() / kSomeLeaves);
   std::vector<Eigen::Vector3f> means;
   for (std::size_t i = 0; i < leaves.size(); i += stride)
@@ -62,8 +62,10 @@ SightLines::Seen SeenOfEachOther(const SubmapQuery& query, const SubmapTarget& t
          query.sight.LookAbove(target.some(), T_target_query.Inverse(), query.up, kAboveM);
 }
 
-bool NoneGone(const SubmapMatch& match) {
-  return match.looks >= kManyLooks && match.gone <= kNoneGone;
+double LeastOverlap(const SubmapMatch& match, const VerificationOptions& options) {
+  const bool none_gone = match.looks >= kManyLooks && match.gone <= kNoneGone;
+  return none_gone ? std::min(options.min_overlap, options.min_overlap_none_gone)
+                   : options.min_overlap;
 }
 
 double StructureInCommon(const SubmapQuery& query, const VoxelMap& map, const SE3& T) {
@@ -101,10 +103,7 @@ void VerificationOptions::Visit(OptionVisitor& v) {
 std::string Refusal(const SubmapMatch& match, const VerificationOptions& options) {
   if (!match.converged) return "registration did not converge";
   if (match.planes < options.min_planes) return "few planes agree";
-  if (match.overlap < (NoneGone(match)
-                           ? std::min(options.min_overlap, options.min_overlap_none_gone)
-                           : options.min_overlap))
-    return "planes do not agree";
+  if (match.overlap < LeastOverlap(match, options)) return "planes do not agree";
   if (match.structure < options.min_structure) return "structure does not agree";
   if (match.residual_sigmas > options.max_residual_sigmas) return "planes do not fit";
   if (match.gone > options.max_gone) return "what one has the other saw past";
@@ -112,26 +111,29 @@ std::string Refusal(const SubmapMatch& match, const VerificationOptions& options
   return "";
 }
 
-SubmapTarget::SubmapTarget(const Submap& submap, const VoxelMapOptions& map)
-    : some_(SomeMeans(submap)), sight_(submap) {
+SubmapTarget::SubmapTarget(const Submap& submap, const VoxelMapOptions& map) {
+  const SubmapLeaves leaves = submap.Leaves();
   VoxelMapOptions options = map;
   options.budget_mb = 1e6;
-  fine_ = MapOf(submap, options);
+  fine_ = MapOf(submap, leaves, options);
   options.root_size_m *= 2.0;
   options.max_thickness_m *= 2.0;
-  coarse_ = MapOf(submap, options);
+  coarse_ = MapOf(submap, leaves, options);
+  some_ = SomeMeans(submap, leaves);
+  sight_ = SightLines(submap, leaves);
 }
 
 SubmapQuery MakeQuery(const Submap& submap, std::vector<LeafPlane> planes,
                       const Eigen::Vector3d& up) {
   SubmapQuery query;
-  query.clusters.reserve(submap.LeafCount());
-  for (const SubmapLeaf& leaf : submap.Leaves()) query.clusters.push_back(submap.Cluster(leaf));
+  const SubmapLeaves leaves = submap.Leaves();
+  query.clusters.reserve(leaves.size());
+  for (const SubmapLeaf& leaf : leaves) query.clusters.push_back(submap.Cluster(leaf));
   query.upright = UprightLeaves(submap, planes, up);
-  query.some = SomeMeans(submap);
+  query.some = SomeMeans(submap, leaves);
   query.planes = std::move(planes);
   query.up = up;
-  query.sight = SightLines(submap);
+  query.sight = SightLines(submap, leaves);
   return query;
 }
 

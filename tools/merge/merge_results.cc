@@ -10,6 +10,7 @@
 #include "io/store/tile_store.h"
 #include "tools/cli/common.h"
 #include "tools/results/graph_file.h"
+#include "tools/results/loop_evidence.h"
 #include "tools/results/output_folder.h"
 #include "tools/results/piece_trajectories.h"
 #include "tools/results/verdict/process_report.h"
@@ -21,14 +22,9 @@ namespace fs = std::filesystem;
 
 std::string LoopRow(const MergedMap& merged, const Loop& loop) {
   const MergedMap::Origin &from = merged.origin(loop.from), &to = merged.origin(loop.to);
-  const SE3& T = loop.match.T_other_query;
-  return fmt::format(
-      "{},{},{},{},{},{},{},{},{:.6f},{},{:.4f},{:.4f},{:.4f},{:.3f},{:.4f},{},"
-      "{:.6f},{:.6f},{:.6f},{:.9f},{:.9f},{:.9f},{:.9f}\n",
-      from.drive, from.piece, from.submap->id, to.drive, to.piece, to.submap->id,
-      ToString(loop.status), loop.reason, loop.score, loop.match.planes, loop.match.overlap,
-      loop.match.structure, loop.match.residual_sigmas, loop.match.facing, loop.match.gone,
-      loop.match.looks, T.t.x(), T.t.y(), T.t.z(), T.q.x(), T.q.y(), T.q.z(), T.q.w());
+  return fmt::format("{},{},{},{},{},{},{},{},{:.6f},{}\n", from.drive, from.piece, from.submap->id,
+                     to.drive, to.piece, to.submap->id, ToString(loop.status), loop.reason,
+                     loop.score, LoopEvidence(loop.match));
 }
 
 class MergeOutput {
@@ -86,9 +82,8 @@ class MergeOutput {
 
   void WriteLoops() const {
     FileWriter table(Path("loops.csv"));
-    table.Write(
-        "drive,piece,from,to_drive,to_piece,to,status,reason,score,planes,overlap,structure,"
-        "residual_sigmas,facing,gone,looks,x,y,z,qx,qy,qz,qw\n");
+    table.Write(fmt::format("drive,piece,from,to_drive,to_piece,to,status,reason,score,{}\n",
+                            kLoopEvidenceColumns));
     for (const Loop& loop : merged_.loops()) table.Write(LoopRow(merged_, loop));
     table.Commit();
   }

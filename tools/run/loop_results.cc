@@ -8,6 +8,7 @@
 
 #include "io/file/file_writer.h"
 #include "tools/results/graph_file.h"
+#include "tools/results/loop_evidence.h"
 #include "tools/results/verdict/process_report.h"
 
 namespace lamina {
@@ -21,14 +22,9 @@ struct PieceSubmap {
 };
 
 std::string Row(const PieceSubmap& from, const PieceSubmap& to, const Loop& loop) {
-  const SE3& T = loop.match.T_other_query;
-  return fmt::format(
-      "{},{},{},{},{},{},{},{:.6f},{:.3f},{},{:.4f},{:.4f},{:.4f},{:.3f},{:.4f},{},"
-      "{:.6f},{:.6f},{:.6f},{:.9f},{:.9f},{:.9f},{:.9f},{}\n",
-      from.piece, from.number, to.number, from.stamp_ns, to.stamp_ns, ToString(loop.status),
-      loop.reason, loop.score, loop.way_m, loop.match.planes, loop.match.overlap,
-      loop.match.structure, loop.match.residual_sigmas, loop.match.facing, loop.match.gone,
-      loop.match.looks, T.t.x(), T.t.y(), T.t.z(), T.q.x(), T.q.y(), T.q.z(), T.q.w(), to.piece);
+  return fmt::format("{},{},{},{},{},{},{},{:.6f},{:.3f},{},{}\n", from.piece, from.number,
+                     to.number, from.stamp_ns, to.stamp_ns, ToString(loop.status), loop.reason,
+                     loop.score, loop.way_m, LoopEvidence(loop.match), to.piece);
 }
 
 // Counts of loops by what became of them.
@@ -50,8 +46,8 @@ void WriteLoopFiles(const std::string& folder, const JoinedRun& run) {
   RemovePieceFiles(folder, GraphFileName);
   FileWriter table((std::filesystem::path(folder) / "loops.csv").string());
   table.Write(
-      "piece,from,to,from_stamp_ns,to_stamp_ns,status,reason,score,way_m,planes,overlap,structure,"
-      "residual_sigmas,facing,gone,looks,x,y,z,qx,qy,qz,qw,to_piece\n");
+      fmt::format("piece,from,to,from_stamp_ns,to_stamp_ns,status,reason,score,way_m,{},to_piece\n",
+                  kLoopEvidenceColumns));
   const auto submap = [&](std::int64_t piece, std::size_t number) {
     return PieceSubmap{piece, number,
                        run.pieces().at(piece)->submaps()[number].keyframes.front().stamp_ns};
