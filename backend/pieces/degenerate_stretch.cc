@@ -47,14 +47,14 @@ void DegenerateStretch::Begin(std::int64_t next_keyframe) {
   covariance_.setZero();
 }
 
-void DegenerateStretch::Follow(const OdometryFrame& frame,
+void DegenerateStretch::Follow(const OdometryFrame& frame, const MotionModel& motion,
                                const std::vector<TimedCluster>& clusters, const VoxelMap& map,
                                std::int64_t next_keyframe) {
   const bool matched = frame.status == OdometryFrame::Status::kTracked;
   if (!open_ && any_ && matched && frame.match.degenerate > 0) Begin(next_keyframe);
   if (open_) {
     const Matrix6d measured = matched ? MeasuredInformation(frame.match) : Matrix6d::Zero();
-    Move(frame, SecondsBetween(stamp_ns_, frame.stamp_ns), measured);
+    Move(frame, motion, measured);
     if (matched) Compare(frame, clusters, map, measured);
     const bool determined = matched && frame.match.degenerate == 0;
     settled_ = determined ? settled_ + 1 : 0;
@@ -66,13 +66,11 @@ void DegenerateStretch::Follow(const OdometryFrame& frame,
   T_world_lidar_ = frame.T_world_lidar;
 }
 
-void DegenerateStretch::Move(const OdometryFrame& frame, double dt, const Matrix6d& measured) {
+void DegenerateStretch::Move(const OdometryFrame& frame, const MotionModel& motion,
+                             const Matrix6d& measured) {
   constexpr double kLeastS = 1e-3;
-  dt = std::max(dt, kLeastS);
-  const double turn = kRotationArmM * kDegree * motion_.turn_acceleration_sigma_deg_s2 * dt;
-  const double way = motion_.acceleration_sigma_m_s2 * dt;
-  covariance_.diagonal().segment<3>(6).array() += turn * turn;
-  covariance_.diagonal().tail<3>().array() += way * way;
+  const double dt = std::max(kLeastS, SecondsBetween(stamp_ns_, frame.stamp_ns));
+  covariance_.block<6, 6>(6, 6) += TimesArm(motion.VelocityChange(dt));
   if (frame.status == OdometryFrame::Status::kTracked) Learn(6, dt * dt * measured);
   const SE3 T_last_this = T_world_lidar_.Inverse() * frame.T_world_lidar;
   Matrix12d F = Matrix12d::Identity();
@@ -104,11 +102,11 @@ void DegenerateStretch::Compare(const OdometryFrame& frame,
       matcher_.EvidenceOfOlder(deskewed, frame.T_world_lidar, map, directions, first_keyframe_);
   Matrix6d information = Matrix6d::Zero();
   for (int k = 0; k < 6; ++k) {
-    // The fewer clusters, the likelier it is that all of them are wrong.
-    const double trust = std::min(1.0, evidence.Facing(k) / o.min_facing_clusters);
+    // Fewer clusters may all be wrong, as in a match.
+    if (evidence.Facing(k) < o.min_facing_clusters) continue;
     const Vector6d v = directions.col(k);
     const double along = std::min(evidence.information(k), v.dot(measured * v));
-    information += trust * trust * along * v * v.transpose();
+    information += along * v * v.transpose();
   }
   Learn(0, information);
 }

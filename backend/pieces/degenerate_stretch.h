@@ -11,12 +11,12 @@
 //
 //     v' = v + a dt,    x' = F x + v' dt,
 //
-// a being the sensor's acceleration (MotionOptions) and F what a turned pose makes of the way to
-// the next one. A match tells of v' dt what its covariance says without the prediction's share,
-// M = C^-1 - (prior information); along directions that planes older than the stretch determine it
-// tells of x' as well. Where x is open by more than a minimum is wide, the match may have found
-// a wrong one: then it tells of x' only if the profile (direction_profile.h) shows no other beside
-// it.
+// a dt being what the velocity may differ by (MotionModel::VelocityChange) and F what a turned pose
+// makes of the way to the next one. A match tells of v' dt what its covariance says without the
+// prediction's share, M = C^-1 - (prior information); along directions that planes older than the
+// stretch determine it tells of x' as well. Where x is open by more than a minimum is wide, the
+// match may have found a wrong one: then it tells of x' only if the profile (direction_profile.h)
+// shows no other beside it.
 #pragma once
 
 #include <cstdint>
@@ -33,12 +33,13 @@ namespace lamina {
 // Not thread-safe; deterministic.
 class DegenerateStretch {
  public:
-  explicit DegenerateStretch(const OdometryOptions& options)
-      : matcher_(options.matcher), motion_(options.motion) {}
+  explicit DegenerateStretch(const OdometryOptions& options) : matcher_(options.matcher) {}
 
-  // A frame, before its scan enters the map; `next_keyframe` is the number of the next keyframe.
-  void Follow(const OdometryFrame& frame, const std::vector<TimedCluster>& clusters,
-              const VoxelMap& map, std::int64_t next_keyframe);
+  // A frame, before its scan enters the map and its pose the motion model; `next_keyframe` is the
+  // number of the next keyframe.
+  void Follow(const OdometryFrame& frame, const MotionModel& motion,
+              const std::vector<TimedCluster>& clusters, const VoxelMap& map,
+              std::int64_t next_keyframe);
 
   // By how much the newest pose may be wrong against what was mapped before, along the direction
   // that is known least: a standard deviation. 0 if there is no stretch.
@@ -59,7 +60,7 @@ class DegenerateStretch {
   using Matrix12d = Eigen::Matrix<double, 12, 12>;
 
   void Begin(std::int64_t next_keyframe);
-  void Move(const OdometryFrame& frame, double dt, const Matrix6d& measured);
+  void Move(const OdometryFrame& frame, const MotionModel& motion, const Matrix6d& measured);
   // Takes in information about a block of the state: x (0) or v (6).
   void Learn(int block, const Matrix6d& information);
   void Compare(const OdometryFrame& frame, const std::vector<TimedCluster>& clusters,
@@ -69,7 +70,6 @@ class DegenerateStretch {
   static constexpr int kSettled = 5;
 
   ScanMatcher matcher_;
-  MotionOptions motion_;
   bool open_ = false;
   int settled_ = 0;
   std::int64_t settled_keyframe_ = 0;

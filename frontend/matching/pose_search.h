@@ -29,6 +29,8 @@ struct SearchedScan {
   bool starting = false;
   // Searches before it led to the same place: it need not be told from others so clearly.
   bool agreed = false;
+  // Its points have times: what it has of the motion between them may make it fit badly.
+  bool timed = false;
 };
 
 // Stateless; thread-safe while the map is only read. Same bits at any number of threads.

@@ -36,6 +36,8 @@ class LostTrack {
   void Add(StampNs stamp_ns, const std::vector<TimedCluster>& clusters, const Vector6d& twist,
            double usual_inliers = 0.0);
   void Clear();
+  // Whether stamps are measured. Before Add; as long as nothing is said they are.
+  void TrustClock(bool trusted) { motion_.TrustClock(trusted); }
 
   // Scans that agree, the newest among them; 0 before the first.
   std::int64_t scans() const { return scans_; }

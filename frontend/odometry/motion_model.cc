@@ -75,6 +75,24 @@ PosePrediction MotionModel::Predict(StampNs stamp_ns) const {
   return prediction;
 }
 
+bool MotionModel::uneven() const {
+  // By so much the steps of one sensor differ that speeds up and turns.
+  constexpr double kEven = 0.25;
+  return !clock_trusted_ && uneven_m_ > kEven * long_step_m_;
+}
+
+Matrix6d MotionModel::VelocityChange(double dt) const {
+  double turn = kDegree * options_.turn_acceleration_sigma_deg_s2 * dt;
+  double way = options_.acceleration_sigma_m_s2 * dt;
+  if (uneven()) {
+    turn = std::hypot(turn, uneven_rad_ / dt);
+    way = std::hypot(way, uneven_m_ / dt);
+  }
+  Vector6d variances;
+  variances << Eigen::Vector3d::Constant(turn * turn), Eigen::Vector3d::Constant(way * way);
+  return variances.asDiagonal();
+}
+
 Matrix6d MotionModel::Drift(StampNs stamp_ns) const {
   const double dt = Gap(stamp_ns);
   return pose_covariance_ + dt * dt * velocity_covariance_;
@@ -86,15 +104,26 @@ void MotionModel::UpdateCovariances(double dt, const Matrix6d& covariance) {
   const Matrix6d least = kLeast * Matrix6d::Identity();
   const Matrix6d measured = (covariance + pose_covariance_) / (dt * dt) + least;
   if (before) {
-    Matrix6d kept = velocity_covariance_ + least;
-    const double turn = kDegree * options_.turn_acceleration_sigma_deg_s2 * dt;
-    const double way = options_.acceleration_sigma_m_s2 * dt;
-    kept.diagonal().head<3>().array() += turn * turn;
-    kept.diagonal().tail<3>().array() += way * way;
+    const Matrix6d kept = velocity_covariance_ + least + VelocityChange(dt);
     velocity_covariance_ = Matrix6d(measured.inverse() + kept.inverse()).inverse();
   } else {
     velocity_covariance_ = measured;
   }
+}
+
+void MotionModel::FollowSteps(StampNs stamp_ns, const SE3& T_world_lidar, bool follows) {
+  constexpr double kForget = 0.9;  // of a long step, with each scan
+  for (double* step : {&long_step_m_, &long_step_rad_, &uneven_m_, &uneven_rad_}) *step *= kForget;
+  if (!follows) return;
+  const double step_m = (T_world_lidar.t - T_world_last_.t).norm();
+  const double step_rad = RotationAngle(T_world_last_, T_world_lidar);
+  long_step_m_ = std::max(long_step_m_, step_m);
+  long_step_rad_ = std::max(long_step_rad_, step_rad);
+  const SE3 T_led = Predict(stamp_ns).T_world_lidar;
+  const bool led = moving_known();
+  uneven_m_ = std::max(uneven_m_, led ? (T_world_lidar.t - T_led.t).norm() : kUneven * step_m);
+  uneven_rad_ =
+      std::max(uneven_rad_, led ? RotationAngle(T_led, T_world_lidar) : kUneven * step_rad);
 }
 
 void MotionModel::Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follows,
@@ -105,15 +134,11 @@ void MotionModel::Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follow
   } else {
     velocity_covariance_.setZero();
   }
+  FollowSteps(stamp_ns, T_world_lidar, follows && dt > 0.0);
   pose_covariance_ = covariance;
   velocity_known_ = follows && dt > 0.0;
   velocity_.setZero();
-  constexpr double kForget = 0.9;  // of a long step, with each scan
-  long_step_m_ *= kForget;
-  long_step_rad_ *= kForget;
   if (velocity_known_) {
-    long_step_m_ = std::max(long_step_m_, (T_world_lidar.t - T_world_last_.t).norm());
-    long_step_rad_ = std::max(long_step_rad_, RotationAngle(T_world_last_, T_world_lidar));
     velocity_ = TwistLog(T_world_last_.Inverse() * T_world_lidar) / dt;
     last_gap_s_ = dt;
   }
@@ -132,7 +157,8 @@ void MotionModel::StartAt(const SE3& T_world_lidar) {
 
 void MotionModel::Archive(StateArchive& a) {
   a(&started_, &interrupted_, &velocity_known_, &last_stamp_ns_, &last_gap_s_, &T_world_last_,
-    &velocity_, &long_step_m_, &long_step_rad_, &pose_covariance_, &velocity_covariance_);
+    &velocity_, &long_step_m_, &long_step_rad_, &uneven_m_, &uneven_rad_, &pose_covariance_,
+    &velocity_covariance_);
 }
 
 }  // namespace lamina

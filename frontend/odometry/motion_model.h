@@ -52,6 +52,10 @@ class MotionModel {
   // covariance: nothing to speak of, unless the pose was held along a direction for some scans.
   Matrix6d Drift(StampNs stamp_ns) const;
 
+  // By how much the velocity may differ from the last one a step of dt later: covariance, tangent,
+  // per second. Without recorded stamps that is what steps have differed by of late.
+  Matrix6d VelocityChange(double dt) const;
+
   // A pose that was found, with its covariance. `follows`: the motion from the last one to it is
   // one, and gives the velocity.
   void Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follows,
@@ -66,6 +70,9 @@ class MotionModel {
   void StartAt(const SE3& T_world_lidar);
 
   bool started() const { return started_; }
+  bool clock_trusted() const { return clock_trusted_; }
+  // Whether stamps are made up, and steps differ by more than those of a steady sensor.
+  bool uneven() const;
   bool moving_known() const { return velocity_known_ && !interrupted_; }
   const Vector6d& velocity() const { return velocity_; }
   const SE3& T_world_last() const { return T_world_last_; }
@@ -74,6 +81,7 @@ class MotionModel {
 
  private:
   void UpdateCovariances(double dt, const Matrix6d& covariance);
+  void FollowSteps(StampNs stamp_ns, const SE3& T_world_lidar, bool follows);
 
   MotionOptions options_;
   bool started_ = false, interrupted_ = false, velocity_known_ = false;
@@ -81,6 +89,8 @@ class MotionModel {
   double last_gap_s_ = 0.0;  // over which the velocity was measured
   bool clock_trusted_ = true;
   double long_step_m_ = 0.0, long_step_rad_ = 0.0;  // the longest of late
+  // By how much one was off from where the one before led, at most of late; at first a share of it.
+  double uneven_m_ = 0.0, uneven_rad_ = 0.0;
   SE3 T_world_last_;
   Vector6d velocity_ = Vector6d::Zero();
   // Of the last pose and of the velocity.

@@ -74,7 +74,7 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
     hypotheses = Hypotheses(prediction, map_is_older);
     frame.searched = !hypotheses.empty();
   }
-  const SearchedScan scan{deskewed, prediction, map, starting};
+  const SearchedScan scan{deskewed, prediction, map, starting, false, passes > 0};
   if (frame.searched) {
     frame.match = search_.Best(scan, &hypotheses, frame.match);
     if (passes == 0)
@@ -182,8 +182,7 @@ void Odometry::Judge(const SearchedScan& scan, const PoseHypotheses& hypotheses,
                      OdometryFrame* frame) const {
   frame->T_world_lidar = frame->match.T_world_lidar;
   frame->status = OdometryFrame::Status::kTracked;
-  if (!Believed(*frame, scan.prediction,
-                [&] { return search_.Unique(scan, hypotheses, frame->match); })) {
+  if (!Believed(*frame, scan, [&] { return search_.Unique(scan, hypotheses, frame->match); })) {
     frame->status = OdometryFrame::Status::kLost;
     frame->T_world_lidar = frame->T_world_predicted;
   }
@@ -264,9 +263,10 @@ PoseHypotheses Odometry::Hypotheses(const PosePrediction& prediction, bool map_i
   return hypotheses;
 }
 
-bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& prediction,
+bool Odometry::Believed(const OdometryFrame& frame, const SearchedScan& scan,
                         const std::function<bool()>& unique) const {
   const MatchResult& match = frame.match;
+  const PosePrediction& prediction = scan.prediction;
   if (match.status == MatchResult::Status::kTooFewMatches) return false;
   const bool gap = lost_ || motion_.Gap(frame.stamp_ns) > options_.vouched_gap_s;
   const bool vouched = !gap && Vouches(match, prediction) &&
@@ -280,7 +280,13 @@ bool Odometry::Believed(const OdometryFrame& frame, const PosePrediction& predic
   const double usual_fit = options_.doubtful_fit_ratio * MedianOf(recent_fits_);
   if (match.inlier_share < kMeetsFew * recent && match.fit() < std::min(kLeastFit, usual_fit))
     return false;
-  if (vouched) return true;
+  // There is nothing before a start: what its second scan meets of the first one fits, unless that
+  // is of another place.
+  if (scan.starting && recent_fits_.empty() && !scan.timed && match.fit() < kLeastFit) return false;
+  // Without a clock near says little, where the scan meets half of what scans did.
+  constexpr double kMeetsHalf = 0.5;
+  const bool doubtful = match.fit() < usual_fit && match.inlier_share < kMeetsHalf * recent;
+  if (vouched && (motion_.clock_trusted() || !doubtful)) return true;
   if (match.status != MatchResult::Status::kConverged) return false;
   if (match.fit() < std::max(kLeastFit, usual_fit)) return false;
   if (gap && !StoodStill(match)) {

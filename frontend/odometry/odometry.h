@@ -128,6 +128,7 @@ class Odometry {
 
   // Whether there is a last pose.
   bool started() const { return motion_.started(); }
+  const MotionModel& motion() const { return motion_; }
   const Vector6d& velocity() const { return motion_.velocity(); }
   Vector6d Twist(StampNs stamp_ns) const { return motion_.Twist(stamp_ns); }
   // The share of a scan that lay on the map's planes of late, the median; 0 before a scan was
@@ -171,7 +172,7 @@ class Odometry {
   // Whether a search covers what the prediction leaves open.
   bool Searchable(const PosePrediction& prediction) const;
   // Whether a match is to be believed. `unique` tells whether a search finds no rival to it.
-  bool Believed(const OdometryFrame& frame, const PosePrediction& prediction,
+  bool Believed(const OdometryFrame& frame, const SearchedScan& scan,
                 const std::function<bool()>& unique) const;
   // Deskews and matches `passes` times with the motion that each match finds, and with how the
   // sensor accelerated meanwhile (sweep_acceleration.h).

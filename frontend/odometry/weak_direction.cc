@@ -100,11 +100,24 @@ bool Odometry::Unbridged(const PosePrediction& prediction, const MatchResult& ma
 void Odometry::DoubtUnbridged(const PosePrediction& prediction,
                               const std::vector<PointCluster>& deskewed, const VoxelMap& map,
                               OdometryFrame* frame) const {
-  const MatchResult& match = frame->match;
-  if (frame->status != OdometryFrame::Status::kTracked || lost_ ||
-      motion_.Gap(frame->stamp_ns) <= options_.vouched_gap_s || match.worst_sigma_m < kWellKnownM ||
-      !Unbridged(prediction, match))
+  MatchResult& match = frame->match;
+  if (frame->status != OdometryFrame::Status::kTracked || lost_ || !Unbridged(prediction, match))
     return;
+  constexpr double kLeastS = 1e-3;
+  const double dt = std::max(kLeastS, motion_.Gap(frame->stamp_ns));
+  bool vouched = dt <= options_.vouched_gap_s;
+  if (motion_.uneven()) {
+    const Vector6d v = match.weakest_direction;
+    const double open_m = dt * std::sqrt(v.dot(TimesArm(motion_.VelocityChange(dt)) * v));
+    vouched = open_m <= kSteadyM;
+    if (!vouched && match.degenerate > 0) {
+      // How far the sensor has come no stamp tells, and the few that do may be wrong together.
+      const Vector6d along = DividedByArm(Vector6d(open_m * v));
+      match.covariance += along * along.transpose();
+      return;
+    }
+  }
+  if (vouched || match.worst_sigma_m < kWellKnownM) return;
   const DirectionProfile profile(deskewed, map, match.T_world_lidar, match.weakest_direction,
                                  options_.matcher.noise_floor_m);
   if (profile.Blocks() <= kManyBlocks) DoubtWeakest(profile, frame);

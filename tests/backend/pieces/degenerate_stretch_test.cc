@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <functional>
+#include <utility>
 
 #include "backend/mapping/mapping.h"
 #include "tests/support/memory_scans.h"
@@ -48,7 +49,7 @@ struct Crossed {
 
 // `way_m` by time; scans from `after_s` on see a room again.
 Crossed Cross(const std::function<double(double)>& way_m, double seconds, double after_s,
-              double restart_after_sigma_m) {
+              double restart_after_sigma_m, bool stamps_made_up = false) {
   Draws draws(3);
   MappingOptions options;
   options.preparation.min_range_m = 0.5;
@@ -58,7 +59,9 @@ Crossed Cross(const std::function<double(double)>& way_m, double seconds, double
   double estimated_first = 0.0, true_first = 0.0;
   for (int i = 0; i * kScanPeriodS < seconds; ++i) {
     const double x = way_m(i * kScanPeriodS);
-    const MappedScan scan = mapping.Add(ScanAt(x, i * StampNs{100'000'000}, &draws));
+    Scan seen = ScanAt(x, i * StampNs{100'000'000}, &draws);
+    seen.stamp_made_up = stamps_made_up;
+    const MappedScan scan = mapping.Add(std::move(seen));
     const Eigen::Vector3d& t = scan.odometry.T_world_lidar.t;
     if (scan.began_piece) {
       estimated_first = t.x();
@@ -91,6 +94,23 @@ TEST(DegenerateStretch, InOnePieceWhereThatIsWantedAtTheCostOfWhatItLeavesOpen) 
   const Crossed crossed = Cross(Through, 24.0, 20.5, 0.0);
   EXPECT_EQ(crossed.pieces, 1);
   EXPECT_GT(crossed.worst_m, 0.5);
+}
+
+// Of the blind part few scans were kept, farther apart than those before: a clock would tell.
+double InLeaps(double t) {
+  constexpr double kLeapAfterS = 1.5, kShortStepM = 0.2, kLongStepM = 11.0, kBeyondM = 34.0;
+  const double before = kShortStepM / kScanPeriodS * std::min(t, kLeapAfterS);
+  const double leapt = before + kLongStepM / kScanPeriodS * std::max(0.0, t - kLeapAfterS);
+  if (leapt < kBeyondM) return leapt;
+  const double there_s = kLeapAfterS + (kBeyondM - before) * kScanPeriodS / kLongStepM;
+  return kBeyondM + kShortStepM / kScanPeriodS * std::min(t - there_s, 1.0);
+}
+
+TEST(DegenerateStretch, WithoutStampsAFewScansLeaveAsMuchOpen) {
+  const Crossed crossed = Cross(InLeaps, 6.0, 4.0, 0.1, /*stamps_made_up=*/true);
+  EXPECT_EQ(crossed.pieces, 2);
+  EXPECT_GT(crossed.tracked_after, 5);
+  EXPECT_LT(crossed.worst_m, 0.1);
 }
 
 // In for a second, and back out to the room that it came from.

@@ -53,6 +53,32 @@ TEST_F(LostTrackTest, FollowsScansOfOnePlace) {
   EXPECT_GT(track.Together().size(), Scan(11.0).size() * 3 / 2);
 }
 
+// Without a clock a step may be any number of those before.
+TEST_F(LostTrackTest, FollowsUnevenStepsWithoutAClock) {
+  int followed = 0, trials = 0, as_if_clocked = 0;
+  for (double from_m = 0.0; from_m <= 60.0; from_m += 10.0) {
+    LostTrack track(options_, map_), clocked(options_, map_);
+    track.TrustClock(false);
+    double along_m = from_m;
+    int i = 0;
+    for (const double step_m : {0.0, 1.5, 1.5, 4.5, 3.0}) {
+      along_m += step_m;
+      const std::vector<TimedCluster> scan = Scan(along_m);
+      track.Add(Stamp(i), scan, still_);
+      clocked.Add(Stamp(i++), scan, still_);
+    }
+    const SE3 truth = BayStreet::PoseAt(from_m).Inverse() * BayStreet::PoseAt(along_m);
+    const auto right = [&](const LostTrack& t) {
+      return t.scans() == 5 && (t.T_first_newest().t - truth.t).norm() < 0.15;
+    };
+    ++trials;
+    followed += right(track) ? 1 : 0;
+    as_if_clocked += right(clocked) ? 1 : 0;
+  }
+  EXPECT_GE(followed, trials - 1);
+  EXPECT_LE(as_if_clocked, trials / 2);
+}
+
 // They lie beyond the reach of matching, whatever the sensor was seen to do before.
 TEST_F(LostTrackTest, FollowsScansFarApart) {
   OdometryOptions blind = options_;

@@ -90,6 +90,25 @@ TEST(MotionModel, SetDownSomewhereItIsExpectedThere) {
   EXPECT_GT(WaySigma(model, 5), 5.0);
 }
 
+TEST(MotionModel, WithoutRecordedStampsTheVelocityChangesByWhatStepsHave) {
+  MotionModel model = Driving();
+  const auto speed_sigma = [&] { return std::sqrt(model.VelocityChange(0.1)(3, 3)); };
+  const double clocked = 0.1 * MotionOptions().acceleration_sigma_m_s2;
+  // Even steps are a clock themselves; one of 3 m after many of 1.5 m is not.
+  model.TrustClock(false);
+  EXPECT_NEAR(speed_sigma(), clocked, 1e-9);
+  model.Accept(11 * kPeriodNs, Along(18.0), true);
+  EXPECT_TRUE(model.uneven());
+  EXPECT_GT(speed_sigma(), 10.0);
+  EXPECT_LT(speed_sigma(), 20.0);
+  // Forgotten with so many even ones.
+  for (int k = 1; k < 20; ++k) model.Accept((11 + k) * kPeriodNs, Along(18.0 + 3.0 * k), true);
+  EXPECT_NEAR(speed_sigma(), clocked, 1e-9);
+  model.Accept(31 * kPeriodNs, Along(76.5), true);
+  model.TrustClock(true);
+  EXPECT_NEAR(speed_sigma(), clocked, 1e-9);
+}
+
 TEST(MotionModel, PosesThatWereHeldLeaveTheNextOneOpen) {
   const auto drift_m = [](const MotionModel& model, StampNs stamp_ns) {
     return std::sqrt(model.Drift(stamp_ns)(3, 3));

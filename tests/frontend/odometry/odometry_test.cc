@@ -111,6 +111,13 @@ TEST_F(OdometryTest, AScanOfAnotherPlaceIsLost) {
             Status::kTracked);
 }
 
+TEST_F(OdometryTest, AtAStartWhatFitsByChanceIsLost) {
+  odometry_.Accept(odometry_.Register(0, Scan(SE3()), map_));
+  const auto elsewhere = BuildScanClusters(StillPoints(draws_.Cloud(8000, {0, 0, 0}, 8.0)), 0.8);
+  EXPECT_EQ(odometry_.Register(kScanPeriodNs, elsewhere, map_).status, Status::kLost);
+  EXPECT_EQ(odometry_.Register(2 * kScanPeriodNs, Scan(SE3()), map_).status, Status::kTracked);
+}
+
 TEST_F(OdometryTest, CorrectionMovesTheStartOfThePrediction) {
   const OdometryFrame last = Drive(3, SE3());
   const SE3 correction = draws_.Offset(0.1, 0.2);
