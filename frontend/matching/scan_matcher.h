@@ -139,10 +139,10 @@ struct MatchResult {
   double worst_sigma_m = 0.0;
   // A unit vector of the scaled tangent: where the residuals say least.
   Vector6d weakest_direction = Vector6d::Zero();
-  // Number of degenerate directions, and the directions that are held (unit vectors of the scaled
-  // tangent, the others zero): the first `degenerate` columns, then, if it is not one of them, that
-  // of MatchKnown. For each the information (1/m^2) that holds the result there against what planes
-  // only seem to say.
+  // Number of degenerate directions, and those that are held (unit vectors of the scaled tangent,
+  // the others zero), but for that of MatchKnown: bundle adjustment, which sees the scans that come
+  // after, is not held to what one scan's planes and prediction said of it. For each the
+  // information (1/m^2) that holds the result there against what planes only seem to say.
   int degenerate = 0;
   Matrix6d degenerate_directions = Matrix6d::Zero();
   Vector6d degenerate_information = Vector6d::Zero();
