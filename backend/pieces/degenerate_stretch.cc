@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/base/angle.h"
 #include "core/geometry/decompositions.h"
 #include "frontend/matching/degeneracy.h"
 #include "frontend/matching/direction_profile.h"

@@ -129,14 +129,15 @@ void MotionModel::FollowSteps(StampNs stamp_ns, const SE3& T_world_lidar, bool f
 void MotionModel::Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follows,
                          const Matrix6d& covariance) {
   const double dt = Gap(stamp_ns);
-  if (follows && dt > 0.0) {
+  const bool moved = follows && dt > 0.0;
+  if (moved) {
     UpdateCovariances(dt, covariance);
   } else {
     velocity_covariance_.setZero();
   }
-  FollowSteps(stamp_ns, T_world_lidar, follows && dt > 0.0);
+  FollowSteps(stamp_ns, T_world_lidar, moved);
   pose_covariance_ = covariance;
-  velocity_known_ = follows && dt > 0.0;
+  velocity_known_ = moved;
   velocity_.setZero();
   if (velocity_known_) {
     velocity_ = TwistLog(T_world_last_.Inverse() * T_world_lidar) / dt;

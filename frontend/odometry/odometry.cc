@@ -74,7 +74,8 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
     hypotheses = Hypotheses(prediction, map_is_older);
     frame.searched = !hypotheses.empty();
   }
-  const SearchedScan scan{deskewed, prediction, map, starting, false, passes > 0};
+  SearchedScan scan{deskewed, prediction, map, starting};
+  scan.timed = passes > 0;
   if (frame.searched) {
     frame.match = search_.Best(scan, &hypotheses, frame.match);
     if (passes == 0)

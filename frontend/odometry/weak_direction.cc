@@ -40,6 +40,17 @@ double OpenM(const PosePrediction& prediction, const MatchResult& match) {
   return 1.0 / std::sqrt(prediction.Information(match.weakest_direction));
 }
 
+// Along a unit vector of the scaled tangent, of a covariance that is not scaled.
+double SigmaAlong(const Matrix6d& covariance, const Vector6d& v) {
+  return std::sqrt(std::max(0.0, v.dot(TimesArm(covariance) * v)));
+}
+
+// So much more is unknown along the direction that a match knows least.
+void Widen(double sigma_m, MatchResult* match) {
+  const Vector6d along = DividedByArm(Vector6d(sigma_m * match->weakest_direction));
+  match->covariance += along * along.transpose();
+}
+
 }  // namespace
 
 void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
@@ -60,9 +71,8 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
   const double doubtful_m = options_.matcher.max_direction_sigma_m;
   const bool open = Unbridged(prediction, match);
   if (open && std::abs(v.dot(off)) < doubtful_m) return;  // as expected, however unsure that is
-  const Vector6d scaled = TimesArm(motion_.Drift(frame->stamp_ns)) * v;
   const double sigma_m =
-      std::hypot(OpenM(prediction, match), std::sqrt(std::max(0.0, v.dot(scaled))));
+      std::hypot(OpenM(prediction, match), SigmaAlong(motion_.Drift(frame->stamp_ns), v));
   const bool expected = motion_.moving_known() && sigma_m < kBesideM;
   if (expected && match.degenerate == 0 && TurnsNearby(v)) return;
   const std::vector<PointCluster> some =
@@ -100,20 +110,18 @@ bool Odometry::Unbridged(const PosePrediction& prediction, const MatchResult& ma
 void Odometry::DoubtUnbridged(const PosePrediction& prediction,
                               const std::vector<PointCluster>& deskewed, const VoxelMap& map,
                               OdometryFrame* frame) const {
-  MatchResult& match = frame->match;
+  const MatchResult& match = frame->match;
   if (frame->status != OdometryFrame::Status::kTracked || lost_ || !Unbridged(prediction, match))
     return;
   constexpr double kLeastS = 1e-3;
   const double dt = std::max(kLeastS, motion_.Gap(frame->stamp_ns));
   bool vouched = dt <= options_.vouched_gap_s;
   if (motion_.uneven()) {
-    const Vector6d v = match.weakest_direction;
-    const double open_m = dt * std::sqrt(v.dot(TimesArm(motion_.VelocityChange(dt)) * v));
+    const double open_m = dt * SigmaAlong(motion_.VelocityChange(dt), match.weakest_direction);
     vouched = open_m <= kSteadyM;
     if (!vouched && match.degenerate > 0) {
       // How far the sensor has come no stamp tells, and the few that do may be wrong together.
-      const Vector6d along = DividedByArm(Vector6d(open_m * v));
-      match.covariance += along * along.transpose();
+      Widen(open_m, &frame->match);
       return;
     }
   }
@@ -130,8 +138,7 @@ void Odometry::DoubtWeakest(const DirectionProfile& profile, OdometryFrame* fram
   const DirectionProfile::Posterior posterior = profile.With(0.0, kBesideM);
   const double sigma_m = std::hypot(posterior.sigma_m, posterior.mean_m);
   frame->open_m = sigma_m;
-  const Vector6d along = DividedByArm(Vector6d(sigma_m * match->weakest_direction));
-  match->covariance += along * along.transpose();
+  Widen(sigma_m, match);
   if (sigma_m > options_.matcher.max_direction_sigma_m && match->worst_sigma_m > kDoubtfulM &&
       match->degenerate == 0) {
     match->degenerate = 1;

@@ -49,22 +49,17 @@ TEST(SightLines, ASubmapSeesPastWhatAnotherHasInFrontOfItsWalls) {
   furnished.facets.push_back(Board());
   const Submap with = SeenRoom(furnished, 1), again = SeenRoom(furnished, 2),
                without = SeenRoom(EmptyRoom(), 3);
+  const SightLines past(without, without.Leaves());
   const SE3 T_without_with = without.T_world_submap.Inverse() * with.T_world_submap;
   EXPECT_EQ(SightLines(again, again.Leaves()).Look(Means(with), SE3()).gone, 0);
-  EXPECT_GT(SightLines(without, without.Leaves()).Look(Means(with), T_without_with).gone, 5);
+  EXPECT_GT(past.Look(Means(with), T_without_with).gone, 5);
   // What one has not, it does not miss: it never saw behind.
   EXPECT_EQ(SightLines(with, with.Leaves()).Look(Means(without), T_without_with.Inverse()).gone, 0);
   // The board ends 0.8 m above the sensor.
   const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
-  EXPECT_GT(
-      SightLines(without, without.Leaves()).LookAbove(Means(with), T_without_with, up, 0.2).gone,
-      0);
-  EXPECT_EQ(
-      SightLines(without, without.Leaves()).LookAbove(Means(with), T_without_with, up, 0.9).gone,
-      0);
-  EXPECT_GT(
-      SightLines(without, without.Leaves()).LookAbove(Means(with), T_without_with, up, 0.9).there,
-      50);
+  EXPECT_GT(past.LookAbove(Means(with), T_without_with, up, 0.2).gone, 0);
+  EXPECT_EQ(past.LookAbove(Means(with), T_without_with, up, 0.9).gone, 0);
+  EXPECT_GT(past.LookAbove(Means(with), T_without_with, up, 0.9).there, 50);
   EXPECT_EQ(SightLines().Look(Means(with), SE3()).GoneShare(), 0.0);
 }
 
