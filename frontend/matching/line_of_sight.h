@@ -7,6 +7,7 @@
 // them, and they fit best where the sensor does not move at all.
 #pragma once
 
+#include "core/geometry/symmetric3.h"
 #include "core/map/surface.h"
 
 namespace lamina {
@@ -34,5 +35,25 @@ inline bool AlongSight(const Eigen::Vector3d& normal, const Eigen::Vector3d& sig
   const double along = normal.dot(sight);
   return along * along < kAlongSine * kAlongSine * sight.squaredNorm();
 }
+
+// The line that one ring draws across a surface is narrow in two directions. The surface faces one
+// of them, and the line does not tell which: in the other one it moves along with the sensor, as do
+// the circles on the floor. True where points lie within the cone of one ring of a sensor that
+// spins about its z axis, with `sight` from there to their mean in the LiDAR frame,
+//
+//     a' S a / |a|^2 < 0.01 b' S b / |b|^2,    b = z x sight,  a = sight x b.
+//
+// `scatter` S is any multiple of their covariance, in a frame that R turns the LiDAR's to.
+inline bool OnOneRing(const Symmetric3& scatter, const Eigen::Matrix3d& R,
+                      const Eigen::Vector3d& sight) {
+  constexpr double kNarrow2 = 0.01;
+  const Eigen::Vector3d ring(-sight.y(), sight.x(), 0.0);
+  const Eigen::Vector3d along = R * ring, across = R * sight.cross(ring);
+  return across.dot(scatter * across) * along.squaredNorm() <
+         kNarrow2 * along.dot(scatter * along) * across.squaredNorm();
+}
+
+// Of a line's normal this much may be wrong, rad^2: all of it.
+inline constexpr double kAnyNormal = 1.0;
 
 }  // namespace lamina

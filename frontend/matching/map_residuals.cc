@@ -16,6 +16,7 @@ namespace lamina {
 
 NormalEquations& NormalEquations::operator+=(const NormalEquations& o) {
   H += o.H;
+  H_rings += o.H_rings;
   g += o.g;
   weight += o.weight;
   robust += o.robust;
@@ -71,10 +72,11 @@ NormalEquations MapResiduals::At(const SE3& T, double kernel_sigma, const Matrix
   NormalEquations total =
       ParallelSum(clusters_.size(), 1024, zero, [&](std::size_t begin, std::size_t end) {
         NormalEquations sum = zero;
-        RowSums sums;
+        RowSums sums, rings;
         ForEachRows(begin, end, settings,
                     [&](const MatchRow* rows, const std::size_t* of, std::size_t count) {
                       sums.Add(rows, count);
+                      if (rows[0].on_ring) rings.Add(rows, count);
                       for (std::size_t k = 0; k < count; ++k) {
                         sum.matched += rows[k].matched ? 1 : 0;
                         sum.matched_old += rows[k].matched && !rows[k].young ? 1 : 0;
@@ -82,6 +84,7 @@ NormalEquations MapResiduals::At(const SE3& T, double kernel_sigma, const Matrix
                       }
                     });
         sum.H = sums.H();
+        sum.H_rings = rings.H();
         sum.g = sums.g();
         sum.weight = sums.weight();
         sum.robust = sums.robust();
@@ -90,6 +93,7 @@ NormalEquations MapResiduals::At(const SE3& T, double kernel_sigma, const Matrix
       });
   // Rounding differs across the diagonal.
   total.H = total.H.selfadjointView<Eigen::Upper>();
+  total.H_rings = total.H_rings.selfadjointView<Eigen::Upper>();
   return total;
 }
 
@@ -363,6 +367,7 @@ std::size_t MapResiduals::MakeRoughRows(const PointCluster& cluster, VoxelMap::N
   const double widest2 = std::pow(kNarrow * map_.options().LeafSize(), 2);
   const Eigen::Vector3d from_leaf = R * cluster.mean + settings.t - map_cluster.mean;
   const bool young = map_.frames(leaf) < options_.young_frames;
+  const bool on_ring = OnOneRing(joint, R, cluster.mean);
   std::size_t count = 0;
   for (int i = 0; i < 3; ++i) {
     if (eigen.l(i) > widest2) continue;
@@ -379,7 +384,8 @@ std::size_t MapResiduals::MakeRoughRows(const PointCluster& cluster, VoxelMap::N
         GemanMcClureWeight(e2) * std::min(cluster.count, options_.max_cluster_weight) / variance;
     row.rough = true;
     row.young = young && AlongSight(normal_lidar, cluster.mean);
-    row.normal_error2 = NormalError2(eigen.l(i), eigen.l(0), beam2_);
+    row.on_ring = on_ring;
+    row.normal_error2 = on_ring ? kAnyNormal : NormalError2(eigen.l(i), eigen.l(0), beam2_);
   }
   return count;
 }

@@ -29,6 +29,7 @@ inline double DistanceVariance(const PointCluster& cluster, const Eigen::Vector3
 // One linearisation of the cost, H step = -g, in the tangent of core/geometry/se3.h.
 struct NormalEquations {
   Matrix6d H = Matrix6d::Zero();
+  Matrix6d H_rings = Matrix6d::Zero();  // the share of lines that single rings have drawn
   Vector6d g = Vector6d::Zero();
   double weight = 0.0;     // sum of the weights (1/m^2)
   double robust = 0.0;     // sum of the kernel's weights in [0, 1]

@@ -78,7 +78,7 @@ struct alignas(32) RowLanes {
       rows[k]->robust = robust[k];
       rows[k]->residual2 = residual2[k];
       rows[k]->matched = matched[k] != 0;
-      rows[k]->rough = false;
+      rows[k]->rough = rows[k]->on_ring = false;
       rows[k]->young = young[k] != 0;
     }
   }

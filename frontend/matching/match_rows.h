@@ -29,6 +29,7 @@ struct alignas(32) MatchRow {
   double robust = 0.0, residual2 = 0.0;
   bool matched = false;  // a plane within reach; where it is farther off, all weights are 0
   bool rough = false;    // one of the axes of a leaf without a plane
+  bool on_ring = false;  // such a leaf whose points are on one ring (line_of_sight.h)
   bool young = false;    // few frames have seen it, and it holds the line of sight
 };
 static_assert(sizeof(MatchRow) == 96);

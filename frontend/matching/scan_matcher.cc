@@ -137,15 +137,19 @@ class Descent {
 
   // Eigenvectors of what is to be found: a direction that is known is one of its own, and the last.
   void FindDirections() {
-    Matrix6d H = DividedByArm(eq_.H);
-    if (known_ != nullptr) {
-      Vector6d most = Vector6d::Zero();
-      most(0) = H.trace();
-      Matrix6d direction = Matrix6d::Zero();
-      direction.col(0) = known_->direction;
-      H = WithHeld(H, direction, most);
-    }
-    basis_ = EigenvectorsOf(H, &smallest_);
+    basis_ = EigenvectorsOf(WithKnown(DividedByArm(eq_.H)), &smallest_);
+    // What lines of single rings seem to hold is not known.
+    if (residuals_->use_rough)
+      EigenvectorsOf(WithKnown(DividedByArm(Matrix6d(eq_.H - eq_.H_rings))), &smallest_);
+  }
+
+  Matrix6d WithKnown(const Matrix6d& H) const {
+    if (known_ == nullptr) return H;
+    Vector6d most = Vector6d::Zero();
+    most(0) = H.trace();
+    Matrix6d direction = Matrix6d::Zero();
+    direction.col(0) = known_->direction;
+    return WithHeld(H, direction, most);
   }
 
   // Where the smallest eigenvalue is far above what wrong normals can feign, all directions are

@@ -13,7 +13,8 @@
 //
 // minimised by Gauss-Newton over the tangent [rotation; translation] of core/geometry/se3.h. Where
 // planes leave a direction open, rough leaves join with all three directions of their distribution
-// (Magnusson's NDT, in the distribution-to-distribution form).
+// (Magnusson's NDT, in the distribution-to-distribution form); those that one ring has drawn are
+// no evidence (line_of_sight.h).
 //
 // Degeneracy (degeneracy.h). Along a direction that the residuals do not determine, the estimate is
 // the mean of what they say and of the prediction, each by its information,

@@ -39,7 +39,8 @@ TEST_P(AdverseShortForm, KeepsThePromise) {
 
 INSTANTIATE_TEST_SUITE_P(
     Few, AdverseShortForm,
-    ::testing::Values(ShortTrial{"field", 20}, ShortTrial{"tunnel", 20}, ShortTrial{"glass", 60},
+    ::testing::Values(ShortTrial{"field", 20}, ShortTrial{"tunnel", 20},
+                      ShortTrial{"tunnel-16", 10}, ShortTrial{"glass", 60},
                       ShortTrial{"room-turn-sweep", 60}, ShortTrial{"hall-spin", 60},
                       ShortTrial{"hall-spin-sweep", 60}, ShortTrial{"start-20000", 60},
                       ShortTrial{"gap-2", 75}, ShortTrial{"spray-11", 75},

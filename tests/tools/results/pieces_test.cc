@@ -53,7 +53,7 @@ class PiecesFilesTest : public WatchTest {
 
 TEST_F(PiecesFilesTest, TwoFoldersAreTwoPiecesAndEachIsWhatRunMakesOfIt) {
   const Recording street = Street(24);
-  const Recording room = SyntheticRecording(synth::SceneKind::kRoom, 20, 1);
+  const Recording room = SyntheticRecording(synth::SceneKind::kRoom, 10, 1);
   WriteRecording("in/a", street);
   WriteRecording("in/b", room);
   Write("session/map_surfels_piece7.ply", "of an earlier life");
@@ -69,7 +69,7 @@ TEST_F(PiecesFilesTest, TwoFoldersAreTwoPiecesAndEachIsWhatRunMakesOfIt) {
   const nlohmann::json pieces = Summary("session")["pieces"];
   ASSERT_EQ(pieces.size(), 2U);
   EXPECT_EQ(pieces[0]["frames"], 24);
-  EXPECT_EQ(pieces[1]["frames"], 20);
+  EXPECT_EQ(pieces[1]["frames"], 10);
   EXPECT_EQ(pieces[0]["recording"], "a/velodyne");
   EXPECT_EQ(pieces[1]["recording"], "b/velodyne");
   EXPECT_EQ(pieces[0]["connected_to"], nlohmann::json::array());
