@@ -246,6 +246,8 @@ void Mapper::AddKeyframe(const OdometryFrame& odometry, std::vector<TimedCluster
   frame.held_information = odometry.match.degenerate_information;
   if (open_.any_keyframe())
     frame.T_previous_this = open_.newest_keyframe().Inverse() * frame.T_world_lidar;
+  if (odometry.status == OdometryFrame::Status::kTracked && odometry.match.degenerate == 0)
+    frame.SetWeakest(odometry.match.covariance);
   frame.measured = std::move(clusters);
   open_.AddKeyframe(frame.T_world_lidar);
   window_.Push(std::move(frame));
@@ -281,7 +283,7 @@ bool Mapper::ApplySolve(const BundleResult& result) {
   // Frames that have left the window since are part of the map as they stood, and stay there: what
   // the map shows and the trajectory says must not part.
   const std::int64_t first = window_.frames().front().id;
-  if (ids.back() < first) return false;
+  if (ids.back() < first || window_.HoldAstray(ids, result.poses)) return false;
   // Frames that have joined since move with the last one that was solved.
   const SE3 correction = result.poses.back() * open_.Keyframe(ids.back()).Inverse();
   for (std::size_t k = 0; k < ids.size(); ++k) {

@@ -47,7 +47,8 @@ class Mapper {
   // Whether there is anything to solve at all, due or not.
   bool SolvePossible() const;
   BundleProblem PrepareSolve();
-  // False if nothing of it could be used: it failed, or all of its frames have left the window.
+  // False if nothing of it could be used: it failed, all of its frames have left the window, or it
+  // leads one of them astray (SlidingWindow::HoldAstray).
   bool ApplySolve(const BundleResult& result);
 
   // To be told of each keyframe that leaves the window.

@@ -1,6 +1,7 @@
 #include "backend/window/sliding_window.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -11,6 +12,7 @@
 #include "core/base/parallel.h"
 #include "core/geometry/cluster_lanes.h"
 #include "core/geometry/sweep_motion.h"
+#include "frontend/matching/degeneracy.h"
 
 namespace lamina {
 namespace {
@@ -86,6 +88,12 @@ void SlidingWindowOptions::Visit(OptionVisitor& v) {
   v.Integer("max_planes", &max_planes, 10, 10000000);
   v.Number("prior_rotation_deg", &prior_rotation_deg, 1e-4, 180.0);
   v.Number("prior_translation_m", &prior_translation_m, 1e-4, 1e3);
+}
+
+void WindowFrame::SetWeakest(const Matrix6d& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(TimesArm(covariance));
+  weakest = solver.eigenvectors().col(5);
+  weakest_sigma_m = std::sqrt(std::max(0.0, solver.eigenvalues()(5)));
 }
 
 SlidingWindow::SlidingWindow(const SlidingWindowOptions& options, VoxelMap* map)
@@ -189,6 +197,29 @@ SweepMotion SlidingWindow::MotionAt(std::size_t i, const StampedPose* next) cons
   return motion;
 }
 
+bool SlidingWindow::HoldAstray(const std::vector<std::int64_t>& ids,
+                               const std::vector<SE3>& poses) {
+  constexpr double kSigmas = 3.0, kHeldM = 0.001;
+  const std::int64_t first = frames_.front().id;
+  bool any = false;
+  SE3 before = poses.front();  // the frame before, or where it should be
+  for (std::size_t k = 1; k < ids.size(); ++k) {
+    const SE3 last = std::exchange(before, poses[k]);
+    if (ids[k] < first) continue;
+    WindowFrame& frame = frames_[static_cast<std::size_t>(ids[k] - first)];
+    if (frame.weakest_sigma_m <= 0.0) continue;
+    const SE3 expected = last * frame.T_previous_this;
+    const double off_m = frame.weakest.dot(TimesArm(LocalDelta(expected, poses[k])));
+    if (std::abs(off_m) <= std::max(kAstrayM, kSigmas * frame.weakest_sigma_m)) continue;
+    before = expected;
+    frame.held.col(0) = frame.weakest;
+    frame.held_information(0) = 1.0 / (kHeldM * kHeldM);
+    frame.weakest_sigma_m = 0.0;
+    any = true;
+  }
+  return any;
+}
+
 BundleProblem SlidingWindow::BuildProblem() {
   BundleProblem problem;
   const ObservationWeights on_planes(*map_, frames_,
@@ -267,7 +298,8 @@ void SlidingWindow::Archive(StateArchive& a) {
   for (WindowFrame& frame : frames_) {
     a(&frame.id, &frame.stamp_ns, &frame.T_world_lidar, &frame.sweep.twist,
       &frame.sweep.acceleration, &frame.sweep.of_scan, &frame.held, &frame.held_information,
-      &frame.T_previous_this, &frame.alone, &frame.weights, &frame.measured);
+      &frame.T_previous_this, &frame.weakest, &frame.weakest_sigma_m, &frame.alone, &frame.weights,
+      &frame.measured);
     // What follows from other members is made again.
     if (frame.measured.empty()) {
       a(&frame.deskewed);

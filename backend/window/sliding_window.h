@@ -66,12 +66,20 @@ struct WindowFrame {
   Matrix6d held = Matrix6d::Zero();
   Vector6d held_information = Vector6d::Zero();
   SE3 T_previous_this;  // motion since the frame before, as the frontend found it
+  // The unit vector of the scaled tangent along which the frontend's match is least sure of the
+  // pose, and its standard deviation there; 0 where the match does not say.
+  Vector6d weakest = Vector6d::Zero();
+  double weakest_sigma_m = 0.0;
+  // From the covariance of the match (MatchResult).
+  void SetWeakest(const Matrix6d& covariance);
 };
 
 class SlidingWindow {
  public:
   // Frames farther apart in time say nothing of the velocity at either.
   static constexpr double kMaxTwistGapS = 0.5;
+  // What makes planes sharper moves a frame by less.
+  static constexpr double kAstrayM = 0.05;
 
   SlidingWindow(const SlidingWindowOptions& options, VoxelMap* map);
 
@@ -96,6 +104,13 @@ class SlidingWindow {
   // The motion during frame i, from the poses of its neighbours in the window (sweep_motion.h):
   // those within kMaxTwistGapS. `next`: the pose after the newest one, or null.
   SweepMotion MotionAt(std::size_t i, const StampedPose* next = nullptr) const;
+
+  // Holds frames that a solution leads astray to the frontend's motion from now on; true if there
+  // is one. Few planes that face a direction leave minima beside the right one, as sharp as that:
+  // the frontend has looked at them (direction_profile.h), the descent of bundle adjustment has
+  // not. Astray is what is farther from the frontend's motion along the frame's weakest direction
+  // than 3 standard deviations and kAstrayM. `poses` are of the frames of these ids.
+  bool HoldAstray(const std::vector<std::int64_t>& ids, const std::vector<SE3>& poses);
 
   // Planes of the map seen by the window's frames, with weights applied: caps and kernel on the
   // observations (the frames keep them until they are marginalised), 1 / variance on the planes,

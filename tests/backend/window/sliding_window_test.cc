@@ -306,5 +306,57 @@ TEST(SlidingWindow, MotionIsThatThroughTheFramesBeforeAndAfter) {
   EXPECT_NEAR(window.MotionAt(3, &next).twist(3), 4.0, 1e-9);
 }
 
+SE3 Along(double x) { return SE3(Eigen::Quaterniond::Identity(), {x, 0.0, 0.0}); }
+
+// A window of four frames a metre apart, the match of the third least sure along x, by 1 cm.
+class WindowAstrayTest : public ::testing::Test {
+ protected:
+  WindowAstrayTest() : window_({}, &map_) {
+    Draws draws(5);
+    Matrix6d covariance = 1e-8 * Matrix6d::Identity();
+    covariance(3, 3) = 1e-4;
+    for (std::int64_t id = 0; id < 4; ++id) {
+      WindowFrame frame = RandomFrame(id, false, &draws);
+      frame.T_world_lidar = Along(static_cast<double>(id));
+      frame.T_previous_this = Along(1.0);
+      if (id == 2) frame.SetWeakest(covariance);
+      window_.Push(std::move(frame));
+    }
+  }
+  // Whether it is astray where a solution moves the third frame by so much.
+  bool Astray(const Eigen::Vector3d& by) {
+    std::vector<SE3> poses;
+    for (const WindowFrame& frame : window_.frames()) poses.push_back(frame.T_world_lidar);
+    poses[2].t += by;
+    return window_.HoldAstray({0, 1, 2, 3}, poses);
+  }
+
+  VoxelMap map_{UncappedMap()};
+  SlidingWindow window_;
+};
+
+TEST_F(WindowAstrayTest, WhatTheMatchLeavesOpenIsForBundleAdjustmentToFind) {
+  EXPECT_FALSE(Astray({0.045, 0.0, 0.0}));  // beyond three standard deviations
+  EXPECT_FALSE(Astray({0.0, 0.2, 0.0}));    // not where the match is least sure
+  EXPECT_FALSE(Astray({0.01, 0.0, 0.03}));
+  EXPECT_EQ(window_.frames()[2].held_information(0), 0.0);
+}
+
+TEST_F(WindowAstrayTest, AFrameThatIsLedAstrayIsHeldToTheFrontendsMotion) {
+  EXPECT_TRUE(Astray({-0.08, 0.0, 0.0}));
+  const WindowFrame& held = window_.frames()[2];
+  EXPECT_NEAR(std::abs(held.held(3, 0)), 1.0, 1e-6);
+  EXPECT_GT(held.held_information(0), 1e5);
+  // Its neighbours, which are where they were, are not.
+  EXPECT_EQ(window_.frames()[1].held_information(0), 0.0);
+  EXPECT_EQ(window_.frames()[3].held_information(0), 0.0);
+  // A solution that still does so is the best that there is.
+  EXPECT_FALSE(Astray({-0.08, 0.0, 0.0}));
+}
+
+TEST_F(WindowAstrayTest, WhereAMatchDoesNotSayHowSureItIsNothingIsAstray) {
+  EXPECT_FALSE(window_.HoldAstray({0, 1}, {SE3(), Along(5.0)}));
+}
+
 }  // namespace
 }  // namespace lamina

@@ -60,6 +60,13 @@ TEST(AdversePicked, TheProfileSeesTheMinimumThatTheDescentPassesBy) {
   EXPECT_LT(verdict.worst_m, 0.1) << verdict.broken;
 }
 
+// With a third of a scan missing few planes face the way: to bundle adjustment another minimum, 14
+// cm away, is as good as the one that the frontend has chosen.
+TEST(AdversePackets, BundleAdjustmentLeadsNoScanAstray) {
+  const Verdict verdict = Tried("packets", 101, 60);
+  EXPECT_LT(verdict.worst_m, 0.1) << verdict.broken;
+}
+
 // On foot scans some metres apart are seconds apart, in which a car could have gone beyond all that
 // is searched: scans that meet as much of the map as those before them are not lost for that.
 TEST(AdversePicked, IsTrackedOnFoot) {
@@ -192,7 +199,7 @@ TEST(AdverseStart, ASteadyMotionIsFoundWhereMatchesMislead) {
 TEST(AdverseStart, AWayThatIsNotToldFromStandingIsNotTaken) {
   const Verdict verdict = Tried("start-5000", 21);
   EXPECT_LT(verdict.worst_m, 2.0);
-  EXPECT_LT(verdict.degenerate, 66u);
+  EXPECT_LT(verdict.degenerate, 90u);
 }
 
 // Vans that go along hold the sensor, by 2.4 standard deviations of all scans against it: neither
