@@ -45,8 +45,8 @@ struct MappedScan {
   double read_ms = 0, prepare_ms = 0, cluster_ms = 0, odometry_ms = 0, map_ms = 0, solve_ms = 0;
 };
 
-// In a word, as in results: tracked, degenerate (tracked, and some direction is not determined by
-// planes), first, lost, or the reason of a skip.
+// In a word, as in results: tracked, degenerate (tracked, and planes do not determine some
+// direction, or not to OdometryOptions::max_tracked_sigma_m), first, lost, or the reason of a skip.
 const char* StatusName(const MappedScan& scan);
 
 }  // namespace lamina

@@ -38,6 +38,7 @@ void OdometryOptions::Visit(OptionVisitor& v) {
   v.Number("max_prediction_sigmas", &max_prediction_sigmas, 0.5, 1e3);
   v.Number("vouched_gap_s", &vouched_gap_s, 0.0, 1e6);
   v.Number("max_sigma_m", &max_sigma_m, 0.001, 1e3);
+  v.Number("max_tracked_sigma_m", &max_tracked_sigma_m, 0.001, 1e3);
   v.Group("motion", &motion);
   v.Group("matcher", &matcher);
   v.Group("search", &search);

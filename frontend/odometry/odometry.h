@@ -46,6 +46,10 @@ struct OdometryOptions {
   double vouched_gap_s = 0.5;
   // ... and no direction may be known worse than this.
   double max_sigma_m = 0.3;
+  // A scan is called tracked if planes know no direction of its pose worse than this; else it is
+  // called degenerate, whether the prediction takes part or not. Of a pose that is to be within
+  // 0.1 m it is a third: three standard deviations.
+  double max_tracked_sigma_m = 0.033;
   MotionOptions motion;
   ScanMatcherOptions matcher;
   PoseSearchOptions search;

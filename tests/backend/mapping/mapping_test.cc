@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <limits>
 #include <map>
 #include <stdexcept>
@@ -57,7 +58,7 @@ struct MappedTotals {
 };
 
 template <typename AddScans>
-MappedTotals TotalsOf(const AddScans& add_scans) {
+MappedTotals TotalsOf(const AddScans& add_scans, const MappingOptions& options = WalkOptions()) {
   MappedTotals outcome;
   StateArchive bits;
   MappingCallbacks callbacks;
@@ -65,7 +66,7 @@ MappedTotals TotalsOf(const AddScans& add_scans) {
     outcome.poses[pose.scan] = pose.pose.T_world_lidar;
     bits(&pose.scan, &pose.pose, &pose.skipped, &pose.piece);
   };
-  Mapping mapping(WalkOptions(), callbacks);
+  Mapping mapping(options, callbacks);
   add_scans(&mapping);
   mapping.Finish();
   mapping.map().ForEachSurface(
@@ -94,6 +95,30 @@ TEST(Mapping, GivesPosesAndAMapWithoutFilesOrThreadsOfTheCaller) {
     EXPECT_LT((mapped[at].odometry.T_world_lidar.t - TruePose(i).t).norm(), 0.02) << i;
   }
   EXPECT_GT(outcome.counts.solves, 5U);
+}
+
+TEST(Mapping, CallsScansTrackedThatAreKnownWellEnough) {
+  const std::vector<Scan> scans = WalkScans(4);
+  std::vector<MappedScan> mapped;
+  const auto add_scans = [&](Mapping* mapping) {
+    mapped.clear();
+    for (const Scan& scan : scans) mapped.push_back(mapping->Add(scan));
+  };
+  const MappedTotals usual = TotalsOf(add_scans);
+  std::vector<double> sigmas_m;
+  for (const MappedScan& scan : mapped) sigmas_m.push_back(scan.odometry.match.worst_sigma_m);
+  std::sort(sigmas_m.begin(), sigmas_m.end());
+  MappingOptions options = WalkOptions();
+  options.mapper.odometry.max_tracked_sigma_m = sigmas_m[kWalkScans / 2];
+  const MappedTotals strict = TotalsOf(add_scans, options);
+  for (std::size_t i = 1; i < mapped.size(); ++i) {
+    const bool known = mapped[i].odometry.match.worst_sigma_m <= sigmas_m[kWalkScans / 2];
+    EXPECT_STREQ(StatusName(mapped[i]), known ? "tracked" : "degenerate") << i;
+  }
+  EXPECT_EQ(usual.counts.degenerate, 0U);
+  EXPECT_EQ(strict.counts.degenerate, kWalkScans / 2 - 1U);
+  // What they are called is all that differs.
+  EXPECT_TRUE(strict.bits == usual.bits);
 }
 
 TEST(Mapping, HasTheSameBitsAsThePipelineAtAnyNumberOfThreads) {
