@@ -245,7 +245,8 @@ void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedClu
   report->odometry = frame.odometry;
   MatchResult& match = report->odometry.match;
   // Of what only lacks certainty no direction is held: the mapper takes it as it is.
-  if (match.worst_sigma_m > options_.mapper.odometry.max_tracked_sigma_m)
+  if (frame.odometry.status == OdometryFrame::Status::kTracked &&
+      match.worst_sigma_m > options_.mapper.odometry.max_tracked_sigma_m)
     match.degenerate = std::max(1, match.degenerate);
   const LoopTrack* const track = loops_ == nullptr ? nullptr : loops_->Find(recording->piece);
   if (track != nullptr) report->T_map_world = track->T_map_world();

@@ -247,7 +247,7 @@ void Mapper::AddKeyframe(const OdometryFrame& odometry, std::vector<TimedCluster
   if (open_.any_keyframe())
     frame.T_previous_this = open_.newest_keyframe().Inverse() * frame.T_world_lidar;
   if (odometry.status == OdometryFrame::Status::kTracked && odometry.match.degenerate == 0)
-    frame.SetWeakest(odometry.match.covariance);
+    frame.SetWeakest(odometry.match.covariance, odometry.T_world_predicted);
   frame.measured = std::move(clusters);
   open_.AddKeyframe(frame.T_world_lidar);
   window_.Push(std::move(frame));

@@ -90,10 +90,13 @@ void SlidingWindowOptions::Visit(OptionVisitor& v) {
   v.Number("prior_translation_m", &prior_translation_m, 1e-4, 1e3);
 }
 
-void WindowFrame::SetWeakest(const Matrix6d& covariance) {
+void WindowFrame::SetWeakest(const Matrix6d& covariance, const SE3& T_world_predicted) {
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(TimesArm(covariance));
   weakest = solver.eigenvectors().col(5);
-  weakest_sigma_m = std::sqrt(std::max(0.0, solver.eigenvalues()(5)));
+  const double off_m = weakest.dot(TimesArm(LocalDelta(T_world_predicted, T_world_lidar)));
+  weakest_sigma_m = std::abs(off_m) <= SlidingWindow::kAstrayM
+                        ? std::sqrt(std::max(0.0, solver.eigenvalues()(5)))
+                        : 0.0;
 }
 
 SlidingWindow::SlidingWindow(const SlidingWindowOptions& options, VoxelMap* map)

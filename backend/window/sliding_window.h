@@ -67,11 +67,11 @@ struct WindowFrame {
   Vector6d held_information = Vector6d::Zero();
   SE3 T_previous_this;  // motion since the frame before, as the frontend found it
   // The unit vector of the scaled tangent along which the frontend's match is least sure of the
-  // pose, and its standard deviation there; 0 where the match does not say.
+  // pose, and its standard deviation there; 0 where no prediction confirms the match.
   Vector6d weakest = Vector6d::Zero();
   double weakest_sigma_m = 0.0;
-  // From the covariance of the match (MatchResult).
-  void SetWeakest(const Matrix6d& covariance);
+  // From the covariance of the match (MatchResult). A prediction confirms it within kAstrayM.
+  void SetWeakest(const Matrix6d& covariance, const SE3& T_world_predicted);
 };
 
 class SlidingWindow {
@@ -107,9 +107,10 @@ class SlidingWindow {
 
   // Holds frames that a solution leads astray to the frontend's motion from now on; true if there
   // is one. Few planes that face a direction leave minima beside the right one, as sharp as that:
-  // the frontend has looked at them (direction_profile.h), the descent of bundle adjustment has
-  // not. Astray is what is farther from the frontend's motion along the frame's weakest direction
-  // than 3 standard deviations and kAstrayM. `poses` are of the frames of these ids.
+  // the frontend, which knows the motion, has chosen among them (direction_profile.h), the descent
+  // of bundle adjustment has not. Astray is what is farther from the frontend's motion along the
+  // frame's weakest direction than 3 standard deviations and kAstrayM. `poses` are of the frames of
+  // these ids.
   bool HoldAstray(const std::vector<std::int64_t>& ids, const std::vector<SE3>& poses);
 
   // Planes of the map seen by the window's frames, with weights applied: caps and kernel on the

@@ -53,7 +53,8 @@ inline bool OnOneRing(const Symmetric3& scatter, const Eigen::Matrix3d& R,
          kNarrow2 * along.dot(scatter * along) * across.squaredNorm();
 }
 
-// Of a line's normal this much may be wrong, rad^2: all of it.
-inline constexpr double kAnyNormal = 1.0;
+// The error of a normal of which nothing is known, rad^2: all that a row carries is then feigned
+// (degeneracy.h), as (x + y)^2 <= 2 (x^2 + y^2).
+inline constexpr double kAnyNormal = 2.0;
 
 }  // namespace lamina

@@ -319,7 +319,7 @@ class WindowAstrayTest : public ::testing::Test {
       WindowFrame frame = RandomFrame(id, false, &draws);
       frame.T_world_lidar = Along(static_cast<double>(id));
       frame.T_previous_this = Along(1.0);
-      if (id == 2) frame.SetWeakest(covariance);
+      if (id == 2) frame.SetWeakest(covariance, Along(2.03));
       window_.Push(std::move(frame));
     }
   }
