@@ -245,8 +245,8 @@ void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedClu
   report->odometry = frame.odometry;
   MatchResult& match = report->odometry.match;
   // Of what only lacks certainty no direction is held: the mapper takes it as it is.
-  if (frame.odometry.status == OdometryFrame::Status::kTracked &&
-      match.worst_sigma_m > options_.mapper.odometry.max_tracked_sigma_m)
+  const bool tracked = frame.odometry.status == OdometryFrame::Status::kTracked;
+  if (tracked && match.worst_sigma_m > options_.mapper.odometry.max_tracked_sigma_m)
     match.degenerate = std::max(1, match.degenerate);
   const LoopTrack* const track = loops_ == nullptr ? nullptr : loops_->Find(recording->piece);
   if (track != nullptr) report->T_map_world = track->T_map_world();
@@ -258,8 +258,7 @@ void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedClu
   counts_.lost += frame.odometry.status == OdometryFrame::Status::kLost ? 1 : 0;
   const bool degenerate = match.degenerate > 0;
   counts_.degenerate += degenerate ? 1 : 0;
-  recording->certain +=
-      frame.odometry.status == OdometryFrame::Status::kTracked && !degenerate ? 1 : 0;
+  recording->certain += tracked && !degenerate ? 1 : 0;
   counts_.searched += frame.odometry.searched ? 1 : 0;
 }
 

@@ -20,6 +20,11 @@ namespace {
 // In the place of a path: the cluster is in no leaf.
 constexpr std::uint64_t kNoLeaf = ~std::uint64_t{0};
 
+// How far `to` is from `from` along a unit vector of the scaled tangent, either way.
+double DistanceAlong(const Vector6d& direction, const SE3& from, const SE3& to) {
+  return std::abs(direction.dot(TimesArm(LocalDelta(from, to))));
+}
+
 }  // namespace
 
 // Finds the places of a problem's observations: those of a plane stand together, frames ascending;
@@ -93,10 +98,9 @@ void SlidingWindowOptions::Visit(OptionVisitor& v) {
 void WindowFrame::SetWeakest(const Matrix6d& covariance, const SE3& T_world_predicted) {
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(TimesArm(covariance));
   weakest = solver.eigenvectors().col(5);
-  const double off_m = weakest.dot(TimesArm(LocalDelta(T_world_predicted, T_world_lidar)));
-  weakest_sigma_m = std::abs(off_m) <= SlidingWindow::kAstrayM
-                        ? std::sqrt(std::max(0.0, solver.eigenvalues()(5)))
-                        : 0.0;
+  const bool confirmed =
+      DistanceAlong(weakest, T_world_predicted, T_world_lidar) <= SlidingWindow::kAstrayM;
+  weakest_sigma_m = confirmed ? std::sqrt(std::max(0.0, solver.eigenvalues()(5))) : 0.0;
 }
 
 SlidingWindow::SlidingWindow(const SlidingWindowOptions& options, VoxelMap* map)
@@ -212,8 +216,9 @@ bool SlidingWindow::HoldAstray(const std::vector<std::int64_t>& ids,
     WindowFrame& frame = frames_[static_cast<std::size_t>(ids[k] - first)];
     if (frame.weakest_sigma_m <= 0.0) continue;
     const SE3 expected = last * frame.T_previous_this;
-    const double off_m = frame.weakest.dot(TimesArm(LocalDelta(expected, poses[k])));
-    if (std::abs(off_m) <= std::max(kAstrayM, kSigmas * frame.weakest_sigma_m)) continue;
+    if (DistanceAlong(frame.weakest, expected, poses[k]) <=
+        std::max(kAstrayM, kSigmas * frame.weakest_sigma_m))
+      continue;
     before = expected;
     frame.held.col(0) = frame.weakest;
     frame.held_information(0) = 1.0 / (kHeldM * kHeldM);
