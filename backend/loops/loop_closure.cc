@@ -293,11 +293,10 @@ bool LoopClosure::Agree(const Loop& a, const Loop& b) const {
 bool LoopClosure::AcceptAgreeing() {
   std::vector<bool> agrees(loops_.size(), false);
   for (std::size_t i = 0; i < loops_.size(); ++i) {
-    for (std::size_t j = 0; j < i; ++j) {
-      const Loop &a = loops_[i], &b = loops_[j];
-      if (a.status == Loop::Status::kRefused || b.status == Loop::Status::kRefused) continue;
-      if (a.status == b.status && a.status == Loop::Status::kAccepted) continue;
-      if (Agree(a, b)) agrees[i] = agrees[j] = true;
+    if (loops_[i].status != Loop::Status::kWaiting) continue;
+    for (std::size_t j = 0; j < loops_.size() && !agrees[i]; ++j) {
+      if (loops_[j].status == Loop::Status::kRefused) continue;
+      agrees[i] = Agree(loops_[std::max(i, j)], loops_[std::min(i, j)]);
     }
   }
   bool any = false;

@@ -1,8 +1,8 @@
 // Options of loop closure, all together.
 #pragma once
 
+#include "backend/anchors/anchor_graph.h"
 #include "backend/places/place_image.h"
-#include "backend/submaps/anchor_graph.h"
 #include "backend/submaps/submap.h"
 #include "backend/submaps/submap_bundle.h"
 #include "backend/submaps/submap_registration.h"

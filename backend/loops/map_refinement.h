@@ -11,9 +11,9 @@
 #include <functional>
 #include <vector>
 
+#include "backend/anchors/anchor_graph.h"
 #include "backend/loops/loop_closure.h"
 #include "backend/loops/loop_options.h"
-#include "backend/submaps/anchor_graph.h"
 #include "backend/submaps/result_journal.h"
 #include "backend/submaps/submap.h"
 #include "core/map/voxel_map.h"

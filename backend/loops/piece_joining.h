@@ -23,9 +23,9 @@
 #include <string>
 #include <vector>
 
+#include "backend/anchors/anchor_graph.h"
 #include "backend/loops/loop_closure.h"
 #include "backend/loops/loop_options.h"
-#include "backend/submaps/anchor_graph.h"
 #include "backend/submaps/submap.h"
 #include "backend/submaps/work_sharing.h"
 #include "core/map/voxel_map.h"

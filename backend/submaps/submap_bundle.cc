@@ -7,8 +7,8 @@
 #include <numeric>
 #include <unordered_map>
 
+#include "backend/anchors/anchor_prior.h"
 #include "backend/bundle/uncertainty/observability.h"
-#include "backend/submaps/anchor_prior.h"
 #include "backend/submaps/association_rounds.h"
 #include "core/base/parallel.h"
 #include "core/geometry/robust_kernel.h"

@@ -19,7 +19,7 @@
 #include <string>
 #include <vector>
 
-#include "backend/submaps/anchor_graph.h"
+#include "backend/anchors/anchor_graph.h"
 #include "backend/submaps/result_journal.h"
 #include "backend/submaps/submap.h"
 #include "core/map/voxel_map.h"

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "backend/submaps/anchor_prior.h"
+#include "backend/anchors/anchor_prior.h"
 #include "core/base/angle.h"
 
 namespace lamina {

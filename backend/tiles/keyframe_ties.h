@@ -9,9 +9,9 @@
 #include <cstddef>
 #include <vector>
 
+#include "backend/anchors/anchor_graph.h"
 #include "backend/bundle/problem.h"
 #include "backend/loops/loop_options.h"
-#include "backend/submaps/anchor_graph.h"
 #include "backend/submaps/submap.h"
 
 namespace lamina {

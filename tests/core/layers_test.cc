@@ -45,6 +45,7 @@ const std::map<std::string, std::vector<std::vector<std::string>>> kRooms = {
      {{"backend/bundle"},
       {"backend/bundle/solver"},
       {"backend/bundle/uncertainty"},
+      {"backend/anchors"},
       {"backend/submaps"},
       {"backend/places"},
       {"backend/loops"},

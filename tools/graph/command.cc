@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "backend/submaps/anchor_graph.h"
+#include "backend/anchors/anchor_graph.h"
 #include "core/base/error.h"
 #include "core/base/stopwatch.h"
 #include "io/map/g2o_file.h"

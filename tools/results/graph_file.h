@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "backend/submaps/anchor_graph.h"
+#include "backend/anchors/anchor_graph.h"
 
 namespace lamina {
 

@@ -16,8 +16,8 @@
 #include <string>
 #include <vector>
 
+#include "backend/anchors/anchor_graph.h"
 #include "backend/loops/loop_closure.h"
-#include "backend/submaps/anchor_graph.h"
 #include "backend/submaps/submap.h"
 
 namespace lamina {

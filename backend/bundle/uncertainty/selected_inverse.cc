@@ -102,6 +102,16 @@ class SparseFactor {
     return largest;
   }
 
+  // Of Z, where A has blocks.
+  SymmetricBlocks On(const SymmetricBlocks& A) const {
+    SymmetricBlocks Z{A.columns, {}};
+    for (std::size_t row = 0; row < A.columns.size(); ++row) {
+      Z.blocks.emplace_back();
+      for (const std::int32_t column : A.columns[row])
+        Z.blocks.back().push_back(Block(place_[row], place_[static_cast<std::size_t>(column)]));
+    }
+    return Z;
+  }
   std::vector<Matrix6d> Diagonal() const {
     std::vector<Matrix6d> blocks;
     blocks.reserve(place_.size());
@@ -194,21 +204,34 @@ class SparseFactor {
   std::vector<std::int32_t> at_;
 };
 
+// Z of a factor of A, judged.
+SelectedInverse Invert(const SymmetricBlocks& A, SparseFactor* factor) {
+  constexpr double kMostResidual = 1e-3;
+  if (!factor->Factorise()) return SelectedInverse::kNotPositiveDefinite;
+  factor->Invert();
+  if (!(factor->ResidualOf(A) < kMostResidual)) return SelectedInverse::kInaccurate;
+  for (const Matrix6d& block : factor->Diagonal()) {
+    if (Eigen::LLT<Matrix6d>(block).info() != Eigen::Success) return SelectedInverse::kInaccurate;
+  }
+  return SelectedInverse::kDone;
+}
+
 }  // namespace
 
 SelectedInverse InvertOnDiagonal(const SymmetricBlocks& A, std::vector<Matrix6d>* inverse) {
-  constexpr double kMostResidual = 1e-3;
   inverse->clear();
   SparseFactor factor(A);
-  if (!factor.Factorise()) return SelectedInverse::kNotPositiveDefinite;
-  factor.Invert();
-  if (!(factor.ResidualOf(A) < kMostResidual)) return SelectedInverse::kInaccurate;
-  std::vector<Matrix6d> blocks = factor.Diagonal();
-  for (const Matrix6d& block : blocks) {
-    if (Eigen::LLT<Matrix6d>(block).info() != Eigen::Success) return SelectedInverse::kInaccurate;
-  }
-  *inverse = std::move(blocks);
-  return SelectedInverse::kDone;
+  const SelectedInverse result = Invert(A, &factor);
+  if (result == SelectedInverse::kDone) *inverse = factor.Diagonal();
+  return result;
+}
+
+SelectedInverse InvertOnPattern(const SymmetricBlocks& A, SymmetricBlocks* inverse) {
+  *inverse = {};
+  SparseFactor factor(A);
+  const SelectedInverse result = Invert(A, &factor);
+  if (result == SelectedInverse::kDone) *inverse = factor.On(A);
+  return result;
 }
 
 }  // namespace lamina

@@ -1,4 +1,5 @@
-// The blocks on the diagonal of the inverse of a sparse symmetric matrix, without the rest of it.
+// Blocks of the inverse of a sparse symmetric matrix, those on the diagonal or wherever the matrix
+// has one, without the rest of it.
 //
 // With A = L L' in blocks, Z = A^-1 obeys Z L = L^-T, whose right side is upper triangular. Read
 // column by column from the last one, that gives (Takahashi, Fagan and Chen 1973)
@@ -16,8 +17,6 @@
 // several times over with each column. Therefore each Z_jj is made symmetric when it is found; a
 // symmetric error grows no faster than Z does. What is left is seen in A Z - I, of which the blocks
 // on the diagonal take no other blocks of Z than those at hand.
-//
-// Private to backend/bundle/uncertainty.
 #pragma once
 
 #include <cstdint>
@@ -44,5 +43,7 @@ enum class SelectedInverse {
 // The diagonal blocks of A^-1 go to *inverse, symmetric and positive definite; it is empty if
 // anything but kDone is returned. Thread-safe. May throw std::bad_alloc.
 SelectedInverse InvertOnDiagonal(const SymmetricBlocks& A, std::vector<Matrix6d>* inverse);
+// The same, of all blocks of A^-1 where A has one, in that order.
+SelectedInverse InvertOnPattern(const SymmetricBlocks& A, SymmetricBlocks* inverse);
 
 }  // namespace lamina

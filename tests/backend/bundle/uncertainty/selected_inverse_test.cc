@@ -60,10 +60,30 @@ class BlockMatrix {
       const Matrix6d expected = inverse.block<6, 6>(i, i);
       largest = std::max(largest, (diagonal[k] - expected).norm() / expected.norm());
     }
-    return largest;
+    return std::max(largest, LargestErrorOnPattern(inverse));
   }
 
  private:
+  // Of the blocks where the matrix has some, in units of the diagonal blocks that bound them.
+  double LargestErrorOnPattern(const Eigen::MatrixXd& inverse) const {
+    SymmetricBlocks blocks;
+    if (InvertOnPattern(sparse, &blocks) != SelectedInverse::kDone) return 1e300;
+    EXPECT_EQ(blocks.columns, sparse.columns);
+    const auto expected = [&](std::size_t row, std::size_t column) {
+      return Matrix6d(inverse.block<6, 6>(static_cast<Eigen::Index>(6 * row),
+                                          static_cast<Eigen::Index>(6 * column)));
+    };
+    double largest = 0.0;
+    for (std::size_t row = 0; row < blocks.columns.size(); ++row) {
+      for (std::size_t i = 0; i < blocks.columns[row].size(); ++i) {
+        const auto column = static_cast<std::size_t>(blocks.columns[row][i]);
+        const double bound = std::sqrt(expected(row, row).norm() * expected(column, column).norm());
+        largest = std::max(largest, (blocks.blocks[row][i] - expected(row, column)).norm() / bound);
+      }
+    }
+    return largest;
+  }
+
   Eigen::MatrixXd dense_;
 };
 

@@ -1,4 +1,4 @@
-#include "backend/submaps/anchor_prior.h"
+#include "backend/anchors/anchor_prior.h"
 
 #include <Eigen/Eigenvalues>
 

@@ -1,4 +1,4 @@
-#include "backend/submaps/anchor_graph.h"
+#include "backend/anchors/anchor_graph.h"
 
 #include <gtest/gtest.h>
 

@@ -1,8 +1,8 @@
 // An edge between anchors as a prior of bundle adjustment.
 #pragma once
 
+#include "backend/anchors/anchor_graph.h"
 #include "backend/bundle/problem.h"
-#include "backend/submaps/anchor_graph.h"
 
 namespace lamina {
 

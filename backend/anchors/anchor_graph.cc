@@ -1,10 +1,9 @@
-#include "backend/submaps/anchor_graph.h"
+#include "backend/anchors/anchor_graph.h"
 
 #include <Eigen/Eigenvalues>
-#include <Eigen/SparseCholesky>
 #include <algorithm>
-#include <cmath>
 
+#include "backend/anchors/loop_innovation.h"
 #include "backend/bundle/relative_pose_residual.h"
 
 namespace lamina {
@@ -28,12 +27,6 @@ Matrix6d SquareRoot(const Matrix6d& information) {
 class NoSay final : public ceres::LossFunction {
  public:
   void Evaluate(double, double out[3]) const override { out[0] = out[1] = out[2] = 0.0; }
-};
-
-// What a loop says that is not in it: of one that counts, what it would say had it been left out.
-struct Innovation {
-  double square = 0.0;       // in its own sigmas and those of the prediction together
-  double uncertainty = 0.0;  // log determinant of that covariance, in sigmas of the loop alone
 };
 
 // The graph as Ceres has it.
@@ -70,48 +63,12 @@ class CeresGraph {
     return summary.IsSolutionUsable();
   }
 
-  // Of all loops at the present poses, those in `kept` counting. Linearised: with A the normal
-  // matrix and J, r a loop's, H = J A^-1 J', it is r' (I + H)^-1 r, and r' (I - H)^-1 r of one that
-  // is in A.
+  // Of all loops at the present poses, those in `kept` counting.
   std::vector<Innovation> Innovations(const std::vector<bool>& kept) {
-    std::vector<double> residuals;
-    const SparseRows J = Jacobian(&residuals);
-    SparseRows weighted = J;
-    const auto first_loop = static_cast<Eigen::Index>(6 * graph_.odometry.size());
-    for (Eigen::Index row = first_loop; row < J.rows(); ++row) {
-      if (kept[static_cast<std::size_t>((row - first_loop) / 6)]) continue;
-      for (SparseRows::InnerIterator it(weighted, row); it; ++it) it.valueRef() = 0.0;
-    }
-    // What no edge holds yet is known to some kilometres.
-    constexpr double kDamping = 1e-8;
-    Eigen::SparseMatrix<double> A = SparseRows(weighted.transpose()) * weighted;
-    Eigen::SparseMatrix<double> identity(A.rows(), A.cols());
-    identity.setIdentity();
-    A += kDamping * identity;
-    const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(A);
-    std::vector<Innovation> innovations(graph_.loops.size());
-    for (std::size_t i = 0; i < innovations.size(); ++i) {
-      const auto row = first_loop + static_cast<Eigen::Index>(6 * i);
-      const Eigen::MatrixXd Ji = J.middleRows(row, 6).toDense();
-      const Matrix6d H = Ji * factor.solve(Ji.transpose());
-      const Matrix6d S = Matrix6d::Identity() + (kept[i] ? Matrix6d(-H) : H);
-      const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(Matrix6d(0.5 * (S + S.transpose())));
-      const Vector6d r =
-          eigen.eigenvectors().transpose() * Eigen::Map<const Vector6d>(residuals.data() + row);
-      // Along what nothing else determines, a loop that counts cannot be contradicted.
-      constexpr double kLeast = 1e-9;
-      for (int k = 0; k < 6; ++k) {
-        if (eigen.eigenvalues()(k) < kLeast) continue;
-        innovations[i].square += r(k) * r(k) / eigen.eigenvalues()(k);
-        innovations[i].uncertainty += std::log(eigen.eigenvalues()(k));
-      }
-    }
-    return innovations;
+    return LoopInnovations(Linearise(), graph_.odometry.size(), kept);
   }
 
  private:
-  using SparseRows = Eigen::SparseMatrix<double, Eigen::RowMajor>;
-
   void Add(const AnchorEdge& edge, ceres::LossFunction* loss) {
     SE3 &from = poses_.at(edge.from), &to = poses_.at(edge.to);
     edges_.push_back(problem_.AddResidualBlock(
@@ -119,8 +76,8 @@ class CeresGraph {
         from.q.coeffs().data(), from.t.data(), to.q.coeffs().data(), to.t.data()));
   }
 
-  // Of all edges, odometry first, whatever their losses.
-  SparseRows Jacobian(std::vector<double>* residuals) {
+  // All edges, odometry first, whatever their losses.
+  std::vector<LinearEdge> Linearise() {
     ceres::Problem::EvaluateOptions options;
     options.apply_loss_function = false;
     options.residual_blocks = edges_;
@@ -129,11 +86,24 @@ class CeresGraph {
       options.parameter_blocks.push_back(pose.q.coeffs().data());
       options.parameter_blocks.push_back(pose.t.data());
     }
-    ceres::CRSMatrix crs;
-    problem_.Evaluate(options, nullptr, residuals, nullptr, &crs);
-    return Eigen::Map<const SparseRows>(crs.num_rows, crs.num_cols,
-                                        static_cast<Eigen::Index>(crs.values.size()),
-                                        crs.rows.data(), crs.cols.data(), crs.values.data());
+    std::vector<double> residuals;
+    ceres::CRSMatrix J;
+    problem_.Evaluate(options, nullptr, &residuals, nullptr, &J);
+    std::vector<LinearEdge> edges(edges_.size());
+    for (std::size_t row = 0; row < residuals.size(); ++row) {
+      LinearEdge& edge = edges[row / 6];
+      const auto k = static_cast<Eigen::Index>(row % 6);
+      edge.residual(k) = residuals[row];
+      for (int i = J.rows[row]; i < J.rows[row + 1]; ++i) {
+        const auto at = static_cast<std::size_t>(i);
+        const int pose = J.cols[at] / 6, column = J.cols[at] % 6;
+        LinearEdge::End& end =
+            edge.ends[edge.ends[0].pose < 0 || edge.ends[0].pose == pose ? 0 : 1];
+        end.pose = pose;
+        end.J(k, column) = J.values[at];
+      }
+    }
+    return edges;
   }
 
   // The first pose of each part that edges join.
