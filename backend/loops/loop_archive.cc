@@ -18,7 +18,7 @@ void Loop::Archive(StateArchive& a) {
 void LoopClosure::Archive(StateArchive& a) {
   submaps_.resize(a.Size(submaps_.size(), 1));
   for (Submap& submap : submaps_) submap.ArchiveBeside(store_, a);
-  a(&anchors_, &corrected_, &loops_, &cost_before_, &cost_);
+  a(&anchors_, &corrected_, &loops_, &trimmed_, &cost_before_, &cost_);
   places_.resize(submaps_.size());
   for (Place& place : places_) a(&place.image, &place.way_m);
 }

@@ -51,39 +51,40 @@ class LoopClosure::Targets {
   explicit Targets(const VoxelMapOptions& map) : map_(map) {}
 
   // For all of these, made in parallel where they are not there.
-  std::vector<const SubmapTarget*> Of(const std::vector<std::size_t>& ids,
+  std::vector<const SubmapTarget*> Of(const std::vector<std::size_t>& positions,
                                       const std::vector<Submap>& submaps) {
     std::vector<std::size_t> missing;
-    for (const std::size_t id : ids) {
-      const auto found =
-          std::find_if(kept_.begin(), kept_.end(), [&](const Kept& kept) { return kept.id == id; });
+    for (const std::size_t position : positions) {
+      const auto found = Find(submaps[position].id);
       if (found != kept_.end()) {
         kept_.splice(kept_.begin(), kept_, found);
       } else {
-        kept_.push_front({id, nullptr});
-        missing.push_back(id);
+        kept_.push_front({submaps[position].id, nullptr});
+        missing.push_back(position);
       }
     }
     std::vector<std::unique_ptr<SubmapTarget>> made(missing.size());
     ParallelChunks(missing.size(), 1, [&](std::size_t i, std::size_t) {
       made[i] = std::make_unique<SubmapTarget>(submaps[missing[i]], map_);
     });
-    for (std::size_t i = 0; i < missing.size(); ++i) Find(missing[i]).target = std::move(made[i]);
-    while (kept_.size() > std::max(kMost, ids.size())) kept_.pop_back();
+    for (std::size_t i = 0; i < missing.size(); ++i)
+      Find(submaps[missing[i]].id)->target = std::move(made[i]);
+    while (kept_.size() > std::max(kMost, positions.size())) kept_.pop_back();
     std::vector<const SubmapTarget*> targets;
-    for (const std::size_t id : ids) targets.push_back(Find(id).target.get());
+    for (const std::size_t position : positions)
+      targets.push_back(Find(submaps[position].id)->target.get());
     return targets;
   }
 
  private:
   static constexpr std::size_t kMost = 16;
   struct Kept {
-    std::size_t id;
+    std::int64_t id;
     std::unique_ptr<SubmapTarget> target;
   };
-  Kept& Find(std::size_t id) {
-    return *std::find_if(kept_.begin(), kept_.end(),
-                         [&](const Kept& kept) { return kept.id == id; });
+  std::list<Kept>::iterator Find(std::int64_t id) {
+    return std::find_if(kept_.begin(), kept_.end(),
+                        [&](const Kept& kept) { return kept.id == id; });
   }
 
   VoxelMapOptions map_;
@@ -109,14 +110,19 @@ double LoopClosure::DriftRad(double way_m) const {
 
 double LoopClosure::WayM(std::size_t submap) const {
   const Submap& from = submaps_[submap];
-  if (submap + 1 == submaps_.size()) return from.way_m;
+  if (submap + 1 == submaps_.size() || submaps_[submap + 1].id != from.id + 1) return from.way_m;
   const Eigen::Vector3d last = from.T_world_submap * from.keyframes.back().T_submap_lidar.t;
   return std::max(from.way_m, (submaps_[submap + 1].T_world_submap.t - last).norm());
 }
 
+double LoopClosure::WayToNextM(std::size_t submap) const {
+  const bool follows = submaps_[submap + 1].id == submaps_[submap].id + 1;
+  return follows ? WayM(submap) : places_[submap + 1].way_m - places_[submap].way_m;
+}
+
 AnchorEdge LoopClosure::OdometryEdge(std::size_t to) const {
   const Submap &a = submaps_[to - 1], &b = submaps_[to];
-  const double way_m = WayM(to - 1);
+  const double way_m = WayToNextM(to - 1);
   AnchorEdge edge{to - 1, to, a.T_world_submap.Inverse() * b.T_world_submap, {}};
   const double rotation =
       Radians(std::hypot(kInnerSigmaDeg, 0.01 * options_.drift_sigma_deg_per_100m * way_m));
@@ -168,6 +174,47 @@ void LoopClosure::Add(Submap submap) {
   FindLoops(query);
   if (AcceptAgreeing()) Correct();
   submaps_.back().Release();
+  Trim();
+}
+
+void LoopClosure::Trim() {
+  std::vector<double> ways;
+  for (const Place& place : places_) ways.push_back(place.way_m);
+  while (const auto dispensable = FindDispensable({submaps_, anchors_, ways, loops_}, options_)) {
+    ways.erase(ways.begin() + static_cast<std::ptrdiff_t>(dispensable->submap));
+    TakeOut(*dispensable);
+  }
+}
+
+void LoopClosure::TakeOut(const DispensableSubmap& dispensable) {
+  const std::size_t out = dispensable.submap;
+  const Submap& submap = submaps_[out];
+  const SE3 T_holder_submap = anchors_[dispensable.holder].Inverse() * anchors_[out];
+  for (TrimmedSubmap& trimmed : trimmed_) {
+    if (trimmed.holder != out) continue;
+    trimmed.holder = dispensable.holder;
+    trimmed.T_holder_submap = T_holder_submap * trimmed.T_holder_submap;
+  }
+  const TrimmedSubmap left{dispensable.holder,
+                           submap.keyframes[submap.keyframes.size() / 2].stamp_ns,
+                           submap.T_world_submap, T_holder_submap};
+  const auto later = [](const TrimmedSubmap& a, const TrimmedSubmap& b) {
+    return a.middle_ns < b.middle_ns;
+  };
+  trimmed_.insert(std::upper_bound(trimmed_.begin(), trimmed_.end(), left, later), left);
+  loops_.erase(std::remove_if(loops_.begin(), loops_.end(),
+                              [&](const Loop& loop) { return loop.from == out || loop.to == out; }),
+               loops_.end());
+  const auto move_up = [&](std::size_t* position) { *position -= *position > out ? 1 : 0; };
+  for (Loop& loop : loops_) {
+    move_up(&loop.from);
+    move_up(&loop.to);
+  }
+  for (TrimmedSubmap& trimmed : trimmed_) move_up(&trimmed.holder);
+  const auto at = static_cast<std::ptrdiff_t>(out);
+  submaps_.erase(submaps_.begin() + at);
+  places_.erase(places_.begin() + at);
+  anchors_.erase(anchors_.begin() + at);
 }
 
 std::vector<double> LoopClosure::Ways() const {
@@ -189,8 +236,8 @@ std::vector<double> LoopClosure::Ways() const {
     const auto [negative, id] = open.top();
     open.pop();
     if (-negative > ways[id]) continue;
-    if (id > 0) reach(ways[id] + WayM(id - 1), id - 1);
-    if (id + 1 < submaps_.size()) reach(ways[id] + WayM(id), id + 1);
+    if (id > 0) reach(ways[id] + WayToNextM(id - 1), id - 1);
+    if (id + 1 < submaps_.size()) reach(ways[id] + WayToNextM(id), id + 1);
     for (const std::size_t other : joined[id]) reach(ways[id], other);
   }
   return ways;
@@ -290,10 +337,22 @@ bool LoopClosure::Agree(const Loop& a, const Loop& b) const {
       .Within(most_m, Radians(most_deg));
 }
 
+// With what edges and loops accepted before say. The way along them leads through other submaps'
+// loops: at the time it was found this one's had none.
+bool LoopClosure::AgreesWithGraph(const Loop& loop) const {
+  const double most_m = kAgreeM + 0.01 * options_.max_drift_percent * loop.way_m;
+  if (!corrected_ || most_m > kMostAgreeM) return false;
+  const double most_deg = kAgreeDeg + 0.01 * options_.max_drift_deg_per_100m * loop.way_m;
+  const SE3 predicted = anchors_[loop.from].Inverse() * anchors_[loop.to];
+  return DifferenceAt(places_[loop.to].image.middle(), predicted, loop.match.T_other_query)
+      .Within(most_m, Radians(most_deg));
+}
+
 bool LoopClosure::AcceptAgreeing() {
   std::vector<bool> agrees(loops_.size(), false);
   for (std::size_t i = 0; i < loops_.size(); ++i) {
     if (loops_[i].status != Loop::Status::kWaiting) continue;
+    agrees[i] = loops_[i].to + 1 == submaps_.size() && AgreesWithGraph(loops_[i]);
     for (std::size_t j = 0; j < loops_.size() && !agrees[i]; ++j) {
       if (loops_[j].status == Loop::Status::kRefused) continue;
       agrees[i] = Agree(loops_[std::max(i, j)], loops_[std::min(i, j)]);
@@ -332,40 +391,6 @@ void LoopClosure::Correct() {
       loop.reason = "contradicts the other loops";
     }
   }
-}
-
-AnchorCorrection::AnchorCorrection(const std::vector<Submap>& submaps,
-                                   const std::vector<SE3>& anchors) {
-  for (std::size_t i = 0; i < submaps.size(); ++i) {
-    middles_.push_back(submaps[i].keyframes[submaps[i].keyframes.size() / 2].stamp_ns);
-    corrections_.push_back(anchors[i] * submaps[i].T_world_submap.Inverse());
-  }
-}
-
-AnchorCorrection::AnchorCorrection(const std::vector<const Submap*>& submaps,
-                                   const std::vector<SE3>& from, const std::vector<SE3>& to) {
-  for (std::size_t i = 0; i < submaps.size(); ++i) {
-    middles_.push_back(submaps[i]->keyframes[submaps[i]->keyframes.size() / 2].stamp_ns);
-    corrections_.push_back(to[i] * from[i].Inverse());
-  }
-}
-
-AnchorCorrection::AnchorCorrection(std::vector<StampNs> stamps, const std::vector<SE3>& from,
-                                   const std::vector<SE3>& to)
-    : middles_(std::move(stamps)) {
-  for (std::size_t i = 0; i < from.size(); ++i) corrections_.push_back(to[i] * from[i].Inverse());
-}
-
-SE3 AnchorCorrection::Corrected(StampNs stamp_ns, const SE3& T_world_lidar) const {
-  if (middles_.empty()) return T_world_lidar;
-  const auto after = static_cast<std::size_t>(
-      std::lower_bound(middles_.begin(), middles_.end(), stamp_ns) - middles_.begin());
-  if (after == 0) return corrections_.front() * T_world_lidar;
-  if (after == middles_.size()) return corrections_.back() * T_world_lidar;
-  const double share = static_cast<double>(stamp_ns - middles_[after - 1]) /
-                       static_cast<double>(middles_[after] - middles_[after - 1]);
-  return Interpolate(corrections_[after - 1] * T_world_lidar, corrections_[after] * T_world_lidar,
-                     share);
 }
 
 void AddToMap(const Submap& submap, const SE3& T_world_submap, VoxelMap* map) {

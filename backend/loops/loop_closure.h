@@ -3,14 +3,16 @@
 //     submap complete -> described (place_image.h) -> looked up among the earlier ones
 //     (place_lookup.h)
 //       -> registered (submap_registration.h) -> within the drift of odometry -> agrees with a loop
-//       of another submap -> anchors solved (anchor_graph.h)
+//       of another submap, or with the graph that those have made -> anchors solved
+//       (anchor_graph.h)
+//       -> submaps that the map can do without are trimmed (submap_trimming.h)
 //
 // A loop is accepted when all of that holds; until another one agrees with it, it waits. Odometry's
 // edges join successive submaps; their sigmas are the drift that options expect of the way.
 //
 // Submaps come one by one, and each correction is complete when Add() returns. Memory: some 50 kB a
-// submap for its image, and 48 bytes a leaf of submaps that are not stored. Not thread-safe; same
-// bits at any number of threads.
+// submap for its image, 48 bytes a leaf of submaps that are not stored, 128 bytes a trimmed submap.
+// Not thread-safe; same bits at any number of threads.
 #pragma once
 
 #include <cstddef>
@@ -18,32 +20,15 @@
 #include <string>
 #include <vector>
 
+#include "backend/loops/anchor_correction.h"
+#include "backend/loops/loop.h"
 #include "backend/loops/loop_options.h"
+#include "backend/loops/submap_trimming.h"
 #include "backend/places/place_lookup.h"
 #include "core/map/voxel_map.h"
 #include "frontend/matching/scan_matcher.h"
 
 namespace lamina {
-
-struct Loop {
-  enum class Status {
-    kAccepted,
-    kWaiting,  // nothing speaks against it, and no other loop agrees yet
-    kRefused,
-  };
-  Status status = Status::kRefused;
-  bool solved = false;           // accepted, and part of a solve that kept it
-  std::string reason;            // unless accepted
-  std::size_t from = 0, to = 0;  // positions of the submaps, the earlier one first
-  double score = 0.0;            // of the images; 0 where the predicted pose was the hypothesis
-  double way_m = 0.0;            // between them, along edges and the loops accepted before
-  SubmapMatch match;             // T_other_query: T_from_to
-
-  void Archive(StateArchive& a);
-};
-const char* ToString(Loop::Status status);
-// What a loop says of the two anchors; submaps are taken as not quite rigid.
-AnchorEdge EdgeOf(const Loop& loop);
 
 class LoopClosure {
  public:
@@ -56,12 +41,16 @@ class LoopClosure {
   // The next submap; its anchor as odometry has it. Leaves that are stored leave memory.
   void Add(Submap submap);
 
+  // Without those that were trimmed: ids ascend, with gaps. The newest is among them.
   const std::vector<Submap>& submaps() const { return submaps_; }
   // Present anchors, corrected.
   const std::vector<SE3>& anchors() const { return anchors_; }
   // Whether a loop has moved any.
   bool corrected() const { return corrected_; }
+  // Between these submaps.
   const std::vector<Loop>& loops() const { return loops_; }
+  // In the order of their stamps.
+  const std::vector<TrimmedSubmap>& trimmed() const { return trimmed_; }
   // Of a submap, from above.
   const PlaceImage& image(std::size_t submap) const { return places_[submap].image; }
   // Odometry's edges and the accepted loops, at the present anchors.
@@ -94,12 +83,17 @@ class LoopClosure {
   void FindLoops(const SubmapQuery& query);
   std::string DriftRefusal(const Loop& loop) const;
   bool Agree(const Loop& a, const Loop& b) const;
+  bool AgreesWithGraph(const Loop& loop) const;
   // Accepts waiting loops that now agree with others; true if there are any.
   bool AcceptAgreeing();
   void Correct();
   AnchorEdge OdometryEdge(std::size_t to) const;
-  // Of the sensor from a submap to the next one, which it may have been carried to.
+  // Of the sensor from a submap to the one that followed, which it may have been carried to.
   double WayM(std::size_t submap) const;
+  // The same to the next one that is there.
+  double WayToNextM(std::size_t submap) const;
+  void Trim();
+  void TakeOut(const DispensableSubmap& submap);
 
   LoopOptions options_;
   const ByteStore* store_;
@@ -110,28 +104,8 @@ class LoopClosure {
   std::vector<SE3> anchors_;
   bool corrected_ = false;  // before that, anchors are odometry's to the last bit
   std::vector<Loop> loops_;
+  std::vector<TrimmedSubmap> trimmed_;
   double cost_before_ = 0.0, cost_ = 0.0;
-};
-
-// Moves poses with the submaps that they belong to: between the middles of two submaps, by the
-// geodesic between both corrections, so that the trajectory has no steps.
-class AnchorCorrection {
- public:
-  AnchorCorrection() = default;  // moves nothing
-  AnchorCorrection(const std::vector<Submap>& submaps, const std::vector<SE3>& anchors);
-  // From these anchors to those.
-  AnchorCorrection(const std::vector<const Submap*>& submaps, const std::vector<SE3>& from,
-                   const std::vector<SE3>& to);
-  // From these poses at these stamps, ascending, to those.
-  AnchorCorrection(std::vector<StampNs> stamps, const std::vector<SE3>& from,
-                   const std::vector<SE3>& to);
-  SE3 Corrected(StampNs stamp_ns, const SE3& T_world_lidar) const;
-
-  void Archive(StateArchive& a) { a(&middles_, &corrections_); }
-
- private:
-  std::vector<StampNs> middles_;
-  std::vector<SE3> corrections_;  // T_corrected_world
 };
 
 // Adds a submap at this anchor to the selected piece of a map.

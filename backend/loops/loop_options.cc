@@ -11,6 +11,7 @@ void LoopOptions::Visit(OptionVisitor& v) {
   v.Number("drift_sigma_deg_per_100m", &drift_sigma_deg_per_100m, 1e-3, 180.0);
   v.Integer("registrations", &registrations, 1, 100);
   v.Integer("hand_over_lag_keyframes", &hand_over_lag_keyframes, 0, 1000);
+  v.Integer("kept_visits", &kept_visits, 1, 1000000);
   v.Number("reach_m", &reach_m, 1.0, 10000.0);
   v.Group("submap", &submap);
   v.Group("place", &place);

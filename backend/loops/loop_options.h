@@ -24,6 +24,9 @@ struct LoopOptions {
   int registrations = 4;
   // A correction takes effect so many keyframes after the submap that led to it was complete.
   int hand_over_lag_keyframes = 10;
+  // Visits of a place that stay in the map beside the newest one, the first ones
+  // (submap_trimming.h).
+  int kept_visits = 3;
   // Once there is a correction, scans are matched to the submaps that lie this near.
   double reach_m = 100.0;
   SubmapOptions submap;

@@ -61,7 +61,7 @@ void LoopTrack::Settle() {
   if (!closure_.corrected()) return;
   const Submap& newest = closure_.submaps().back();
   outcome_.T_map_world = closure_.anchors().back() * newest.T_world_submap.Inverse();
-  outcome_.correction.emplace(closure_.submaps(), closure_.anchors());
+  outcome_.correction.emplace(closure_.submaps(), closure_.anchors(), closure_.trimmed());
   const std::vector<PlacedSubmap> wanted = Within(outcome_.T_map_world.Inverse(), sensor_at_begin_);
   if (Stands(wanted)) return;
   outcome_.exchange = true;
@@ -146,6 +146,16 @@ SE3 LoopTrack::Corrected(StampNs stamp_ns, const SE3& T_world_lidar) const {
 const LoopClosure& LoopTrack::closure() const {
   background_.Wait();
   return closure_;
+}
+
+void LoopTrack::AddStoredPlaces(std::vector<StoredBytes>* places) const {
+  const auto add = [&](const std::vector<Submap>& submaps) {
+    for (const Submap& submap : submaps) {
+      if (submap.store != nullptr) places->push_back(submap.stored);
+    }
+  };
+  add(closure().submaps());
+  add(complete_);
 }
 
 void LoopTrack::Archive(StateArchive& a) {

@@ -63,6 +63,9 @@ class LoopTrack {
   // Waits for what is under way.
   const LoopClosure& closure() const;
 
+  // Where its store has the leaves of submaps. Waits for what is under way.
+  void AddStoredPlaces(std::vector<StoredBytes>* places) const;
+
   // Between two scans, after Advance(). Waits for what is under way; reading starts anew what it
   // has led to.
   void Archive(StateArchive& a);

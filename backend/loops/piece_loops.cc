@@ -83,6 +83,12 @@ void PieceLoops::AddCorrectedTo(VoxelMap* map) const {
   }
 }
 
+std::vector<StoredBytes> PieceLoops::StoredPlaces() const {
+  std::vector<StoredBytes> places;
+  for (const auto& [piece, track] : tracks_) track->AddStoredPlaces(&places);
+  return places;
+}
+
 void PieceLoops::Archive(StateArchive& a) {
   std::uint64_t stored = store_ == nullptr ? 0 : store_->size();
   a(&stored);

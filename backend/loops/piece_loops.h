@@ -49,6 +49,9 @@ class PieceLoops {
   // After Finish(): all submaps at their anchors, into an empty map.
   void AddCorrectedTo(VoxelMap* map) const;
 
+  // Where the store has what the submaps of now need. Waits for what is under way.
+  std::vector<StoredBytes> StoredPlaces() const;
+
   // Between two scans. What is in the store is not in the archive: reading needs a store that has
   // it, and takes it back to how it was then. Throws InputError if it has not.
   void Archive(StateArchive& a);

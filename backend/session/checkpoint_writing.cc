@@ -29,6 +29,7 @@ constexpr std::size_t kPieceBytes = 2 << 20;
 // A checkpoint on its way. The mapping thread fills it, the housekeeping thread writes it.
 struct CheckpointWriting::Job {
   std::int64_t scans = 0;
+  std::vector<StoredBytes> submaps;          // that it needs
   std::unique_ptr<CheckpointWriter> writer;  // housekeeping
   std::atomic<bool> failed{false};
   std::atomic<int> unwritten{0};  // sections
@@ -98,6 +99,7 @@ void CheckpointWriting::Begin(std::int64_t scans) {
   requested_ = false;
   job_ = std::make_shared<Job>();
   job_->scans = last_ = scans;
+  if (mapping_->loops() != nullptr) job_->submaps = mapping_->loops()->StoredPlaces();
   taken_at_checkpoint_ = tiles_->taken();
   tiles_->Commit();
   StateArchive head, counters;
@@ -159,11 +161,21 @@ void CheckpointWriting::FinishJob(Job* job) {
                  error.what(), backed_up_);
   }
   oldest_kept_ = RemoveOld();
+  ReleaseSubmaps(std::move(job->submaps));
   if (on_checkpoint_) {
     on_checkpoint_(
         {job->scans, job->writer->bytes(), job->longest_pause_ms, job->since_begin.Milliseconds()},
         oldest_kept_);
   }
+}
+
+// Two checkpoints are kept: what neither of them needs goes.
+void CheckpointWriting::ReleaseSubmaps(std::vector<StoredBytes> needed) {
+  if (submaps_ == nullptr) return;
+  std::vector<StoredBytes> kept = std::exchange(submaps_before_, std::move(needed));
+  if (kept.empty()) return;
+  kept.insert(kept.end(), submaps_before_.begin(), submaps_before_.end());
+  submaps_->KeepOnly(kept);
 }
 
 // The journal of the tiles begins anew only when all of it is in the file at a moment when nothing

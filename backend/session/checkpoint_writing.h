@@ -68,6 +68,7 @@ class CheckpointWriting {
   void TidyTiles();
   // On the housekeeping thread.
   void FinishJob(Job* job);
+  void ReleaseSubmaps(std::vector<StoredBytes> needed);
   std::int64_t RemoveOld() const;
   void BackUpDatabase();
 
@@ -75,7 +76,8 @@ class CheckpointWriting {
   const std::string fixed_options_;
   Mapping* mapping_;
   TileStore* tiles_;
-  const ByteFile* submaps_;  // may be null
+  ByteFile* submaps_;                        // may be null
+  std::vector<StoredBytes> submaps_before_;  // that the checkpoint before the newest needs
   SessionLog* log_;
   OnCheckpoint on_checkpoint_;
   std::int64_t last_;                    // scans in the last one that was begun

@@ -1,8 +1,16 @@
 #include "backend/session/trajectory_publisher.h"
 
+#include <algorithm>
 #include <memory>
 
 namespace lamina {
+namespace {
+
+// Where loops correct poses, all lines are written anew, which takes longer the longer the session
+// is: publications may take this part of the time.
+constexpr double kMostShare = 0.05;
+
+}  // namespace
 
 TrajectoryPublisher::TrajectoryPublisher(const SessionFolder& folder, const Mapping* mapping,
                                          SessionLog* log)
@@ -17,7 +25,7 @@ void TrajectoryPublisher::PublishIfDue(std::int64_t scans, double period_s) {
   if (scans == published_ || now_s < due_s_ || under_way_) return;
   published_ = scans;
   under_way_ = true;
-  due_s_ = now_s + period_s;
+  due_s_ = now_s + std::max(period_s, took_s_ / kMostShare);
   TakeInCorrections();
   const auto open = std::make_shared<std::vector<FinalPose>>();
   mapping_->ShowOpenPoses([&](const FinalPose& pose) { open->push_back(pose); });
@@ -25,7 +33,9 @@ void TrajectoryPublisher::PublishIfDue(std::int64_t scans, double period_s) {
     const auto end = [](std::atomic<bool>* under_way) { *under_way = false; };
     const std::unique_ptr<std::atomic<bool>, decltype(end)> at_the_end(&under_way_, end);
     log_->WaitDurable();
+    const Stopwatch publication;
     files_->Publish(SessionDatabase(folder_.Path("session.db"), false), scans, *open);
+    took_s_ = 1e-3 * publication.Milliseconds();
   });
 }
 

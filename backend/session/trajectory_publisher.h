@@ -23,7 +23,8 @@ class TrajectoryPublisher {
   // All must outlive it.
   TrajectoryPublisher(const SessionFolder& folder, const Mapping* mapping, SessionLog* log);
 
-  // Begins a publication of `scans` scans if the last one is so old, and none is under way.
+  // Begins a publication of `scans` scans if the last one is so old, and none is under way. Of long
+  // ones there are fewer.
   void PublishIfDue(std::int64_t scans, double period_s);
   // Publishes now; `tail` are the poses that are not final in the database.
   void PublishLast(const SessionDatabase& database, std::int64_t scans,
@@ -42,6 +43,7 @@ class TrajectoryPublisher {
   double due_s_ = 0.0;
   std::int64_t published_ = 0;  // scans in the files
   std::atomic<bool> under_way_{false};
+  std::atomic<double> took_s_{0.0};         // the last publication
   std::int64_t corrections_ = 0;            // by loops, that are in the files
   std::unique_ptr<TrajectoryFiles> files_;  // of the thread, while one is under way
   WorkerThread thread_;                     // the last member: it ends before what it works on goes

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <optional>
 #include <string_view>
+#include <vector>
 
 namespace lamina {
 
@@ -30,6 +31,8 @@ class ByteStore {
   virtual std::uint64_t size() const = 0;
   // Back to how it was when it had so many. Throws InputError if it has not.
   virtual void RollBackTo(std::uint64_t size) = 0;
+  // What lies before and between these places will not be read again. By any thread, beside Append.
+  virtual void KeepOnly(const std::vector<StoredBytes>& places) = 0;
 };
 
 }  // namespace lamina

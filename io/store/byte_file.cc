@@ -5,6 +5,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <filesystem>
 #include <utility>
@@ -81,6 +82,22 @@ void ByteFile::RollBackTo(std::uint64_t size) {
   if (ftruncate(file_, static_cast<off_t>(size)) != 0)
     ThrowNotWritten(path_, "cannot be shortened", errno);
   size_ = size;
+}
+
+void ByteFile::KeepOnly(const std::vector<StoredBytes>& places) {
+  if (file_ < 0 || lifetime_ == Lifetime::kReadOnly) return;
+  std::vector<StoredBytes> kept = places;
+  std::sort(kept.begin(), kept.end(),
+            [](const StoredBytes& a, const StoredBytes& b) { return a.at < b.at; });
+  std::uint64_t end = 0;
+  for (const StoredBytes& place : kept) {
+    // A failure is no harm: the room is not given back.
+    if (place.at > end) {
+      fallocate(file_, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, static_cast<off_t>(end),
+                static_cast<off_t>(place.at - end));
+    }
+    end = std::max(end, place.at + place.size);
+  }
 }
 
 void ByteFile::SyncToDisk() const {

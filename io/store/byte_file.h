@@ -27,6 +27,9 @@ class ByteFile final : public ByteStore {
   bool Read(const StoredBytes& place, char* to) const override;
   std::uint64_t size() const override { return size_; }
   void RollBackTo(std::uint64_t size) override;
+  // The disk has the room again at once, where the file system can have files with holes: sizes and
+  // places stay.
+  void KeepOnly(const std::vector<StoredBytes>& places) override;
 
   // Makes durable what was appended before. By any thread, beside Append.
   void SyncToDisk() const;

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "core/base/byte_store.h"
 #include "core/base/error.h"
@@ -29,6 +30,13 @@ class MemoryByteStore : public ByteStore {
   void RollBackTo(std::uint64_t size) override {
     if (size > bytes_.size()) throw InputError("a store has lost its end");
     bytes_.resize(size);
+  }
+  // Those that are to go are overwritten: who reads them all the same will see it.
+  void KeepOnly(const std::vector<StoredBytes>& places) override {
+    std::string kept(bytes_.size(), '\xff');
+    for (const StoredBytes& place : places)
+      kept.replace(place.at, place.size, bytes_, place.at, place.size);
+    bytes_ = kept;
   }
 
   mutable std::atomic<int> reads{0};

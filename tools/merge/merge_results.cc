@@ -100,6 +100,7 @@ class MergeOutput {
         view.submaps.push_back(origin.submap);
       }
       view.graph = PartOfGraph(merged_.graph(), merged_.SubmapsOfFrame(frame));
+      view.trimmed = merged_.TrimmedOfFrame(frame);
       if (!view.submaps.empty()) WriteAnchorGraph(Path(GraphFileName(view.frame)), view.graph);
       views.push_back(std::move(view));
     }

@@ -96,6 +96,32 @@ void MergedMap::NumberFrames() {
   }
 }
 
+namespace {
+
+// Of a piece whose first submap has this position in the frame.
+std::vector<TrimmedSubmap> TrimmedOf(const SubmapFrame& frame, std::int64_t piece,
+                                     std::size_t first) {
+  const auto found = frame.trimmed.find(piece);
+  if (found == frame.trimmed.end()) return {};
+  return Shifted(found->second, -static_cast<std::ptrdiff_t>(first));
+}
+
+}  // namespace
+
+FrameTrimmings MergedMap::TrimmedOfFrame(std::size_t frame) const {
+  FrameTrimmings all;
+  for (std::size_t p = 0; p < parts_.size(); ++p) {
+    const auto& [d, f] = parts_[p];
+    const std::size_t first = joined_.first_submap[p];
+    if (drives_[d].frames[f].submaps.empty() || frame_of_[first] != frame) continue;
+    const std::vector<std::size_t>& members = members_[frame];
+    const auto position = std::lower_bound(members.begin(), members.end(), first) - members.begin();
+    for (const auto& [piece, trimmed] : drives_[d].frames[f].trimmed)
+      all[PieceNumber(d, piece)] = Shifted(trimmed, position);
+  }
+  return all;
+}
+
 void MergedMap::CorrectDrives() {
   for (std::size_t p = 0; p < parts_.size(); ++p) {
     const auto& [d, f] = parts_[p];
@@ -108,7 +134,8 @@ void MergedMap::CorrectDrives() {
         from.push_back(frame.graph.poses[end]);
         to.push_back(joined_.graph.poses[joined_.first_submap[p] + end]);
       }
-      corrections_.try_emplace({d, frame.pieces[begin]}, submaps, from, to);
+      corrections_.try_emplace({d, frame.pieces[begin]}, submaps, from, to,
+                               TrimmedOf(frame, frame.pieces[begin], begin));
     }
   }
 }
@@ -141,7 +168,8 @@ std::vector<std::vector<SE3>> MergedMap::KeyframePoses() const {
         odometry.push_back(frame.submaps[end].T_world_submap);
         anchors.push_back(frame.graph.poses[end]);
       }
-      const AnchorCorrection of_drive(submaps, odometry, anchors);
+      const AnchorCorrection of_drive(submaps, odometry, anchors,
+                                      TrimmedOf(frame, frame.pieces[begin], begin));
       const AnchorCorrection& of_map = corrections_.at({d, frame.pieces[begin]});
       for (std::size_t i = begin; i < end; ++i) {
         for (const SubmapKeyframe& keyframe : frame.submaps[i].keyframes) {

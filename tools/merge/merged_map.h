@@ -52,6 +52,8 @@ class MergedMap {
   const Origin& origin(std::size_t submap) const { return origins_[submap]; }
 
   // The number of a drive's piece among those of all drives, frame by frame.
+  // Of a frame's pieces, by their numbers; holders are positions in SubmapsOfFrame().
+  FrameTrimmings TrimmedOfFrame(std::size_t frame) const;
   std::int64_t PieceNumber(std::size_t drive, std::int64_t piece) const {
     return numbers_.at({drive, piece});
   }

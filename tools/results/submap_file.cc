@@ -16,7 +16,7 @@ namespace lamina {
 namespace {
 
 constexpr SectionFileKind kKind = {"LAMINASM", 1, "a file of submaps"};
-constexpr std::string_view kFrame = "FRAM", kSubmap = "SUBM";
+constexpr std::string_view kFrame = "FRAM", kTrimmed = "TRIM", kSubmap = "SUBM";
 
 }  // namespace
 
@@ -89,6 +89,8 @@ class SubmapReader {
       if (tag == kFrame) {
         if (!frames.empty()) CheckWhole(frames.back());
         frames.push_back(ReadFrame(archive));
+      } else if (tag == kTrimmed && !frames.empty() && frames.back().submaps.empty()) {
+        ReadTrimmed(archive, &frames.back());
       } else if (tag == kSubmap && !frames.empty()) {
         ReadSubmap(archive, &frames.back());
       } else {
@@ -120,13 +122,28 @@ class SubmapReader {
     frame.graph.kept_before.assign(frame.graph.loops.size(), true);
     return frame;
   }
+  void ReadTrimmed(StateArchive& archive, SubmapFrame* frame) const {
+    std::vector<std::int64_t> pieces;
+    std::vector<TrimmedSubmap> trimmed;
+    Take(archive, &pieces, &trimmed);
+    if (pieces.size() != trimmed.size()) Fail("has trimmed submaps of no piece");
+    for (std::size_t i = 0; i < trimmed.size(); ++i) {
+      std::vector<TrimmedSubmap>& of_piece = frame->trimmed[pieces[i]];
+      if (trimmed[i].holder >= frame->graph.poses.size() || !IsPose(trimmed[i].T_world_submap) ||
+          !IsPose(trimmed[i].T_holder_submap) ||
+          (!of_piece.empty() && trimmed[i].middle_ns < of_piece.back().middle_ns))
+        Fail(fmt::format("frame {}: trimmed submap {} cannot be", frame->frame, i));
+      of_piece.push_back(trimmed[i]);
+    }
+  }
   void ReadSubmap(StateArchive& archive, SubmapFrame* frame) const {
     std::int64_t piece = 0;
     Submap submap;
     Take(archive, &piece, &submap);
     std::string fault = Fault(submap);
     const bool first = frame->pieces.empty() || frame->pieces.back() != piece;
-    if (submap.id != (first ? 0 : frame->submaps.back().id + 1))
+    // Those between them were trimmed.
+    if (submap.id < 0 || (!first && submap.id <= frame->submaps.back().id))
       fault = "it does not follow the one before";
     if (!fault.empty()) Fail(fmt::format("submap {} of piece {}: {}", submap.id, piece, fault));
     frame->pieces.push_back(piece);
@@ -145,6 +162,14 @@ class SubmapReader {
 
 }  // namespace
 
+std::vector<TrimmedSubmap> Shifted(std::vector<TrimmedSubmap> trimmed, std::ptrdiff_t positions) {
+  for (TrimmedSubmap& submap : trimmed) {
+    submap.holder =
+        static_cast<std::size_t>(static_cast<std::ptrdiff_t>(submap.holder) + positions);
+  }
+  return trimmed;
+}
+
 std::vector<SubmapFrameView> FramesOf(const std::map<std::int64_t, const LoopClosure*>& pieces) {
   std::vector<SubmapFrameView> frames;
   for (const auto& [piece, closure] : pieces) {
@@ -152,6 +177,7 @@ std::vector<SubmapFrameView> FramesOf(const std::map<std::int64_t, const LoopClo
     SubmapFrameView& frame = frames.emplace_back();
     frame.frame = piece;
     frame.graph = closure->graph();
+    if (!closure->trimmed().empty()) frame.trimmed[piece] = closure->trimmed();
     for (const Submap& submap : closure->submaps()) {
       frame.pieces.push_back(piece);
       frame.submaps.push_back(&submap);
@@ -159,6 +185,23 @@ std::vector<SubmapFrameView> FramesOf(const std::map<std::int64_t, const LoopClo
   }
   return frames;
 }
+
+namespace {
+
+void WriteTrimmed(const FrameTrimmings& of_pieces, SectionWriter* writer) {
+  std::vector<std::int64_t> pieces;
+  std::vector<TrimmedSubmap> trimmed;
+  for (const auto& [piece, of_piece] : of_pieces) {
+    pieces.insert(pieces.end(), of_piece.size(), piece);
+    trimmed.insert(trimmed.end(), of_piece.begin(), of_piece.end());
+  }
+  if (trimmed.empty()) return;
+  StateArchive archive;
+  archive(&pieces, &trimmed);
+  writer->Write(kTrimmed, archive.written());
+}
+
+}  // namespace
 
 void WriteSubmaps(const std::string& path, const std::vector<SubmapFrameView>& frames) {
   SectionWriter writer(path, kKind);
@@ -168,6 +211,7 @@ void WriteSubmaps(const std::string& path, const std::vector<SubmapFrameView>& f
     AnchorGraph graph = frame.graph;
     head(&number, &graph.poses, &graph.odometry, &graph.loops);
     writer.Write(kFrame, head.written());
+    WriteTrimmed(frame.trimmed, &writer);
     for (std::size_t i = 0; i < frame.submaps.size(); ++i) {
       StateArchive archive;
       std::int64_t piece = frame.pieces[i];

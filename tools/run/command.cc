@@ -131,9 +131,17 @@ struct Attempt {
   TileStore tiles;
   ByteFile submaps;
   std::optional<KeyframeWriter> keyframes;
+  std::int64_t scans_since_tidy = 0;
   Mapping mapping;
 
  private:
+  // The file of this process alone: what is not needed now will not be.
+  void TidySubmaps() {
+    constexpr std::int64_t kScans = 3000;
+    if (mapping.loops() == nullptr || ++scans_since_tidy % kScans != 0) return;
+    submaps.KeepOnly(mapping.loops()->StoredPlaces());
+  }
+
   MappingCallbacks Callbacks(const RunArguments& arguments) {
     MappingCallbacks callbacks;
     callbacks.on_scan = [this](const MappedScan& report) {
@@ -142,6 +150,7 @@ struct Attempt {
       LogScan(report, &progress);
       WatchMap(mapping.map(), &figures, &progress);
       progress.Step();
+      TidySubmaps();
     };
     callbacks.on_final_pose = [this](const FinalPose& pose) { output.Add(pose); };
     if (!arguments.keyframes) return callbacks;

@@ -26,7 +26,7 @@ JoinedRun::JoinedRun(Pieces pieces, const LaminaConfig& config) : pieces_(std::m
     std::vector<SE3>& anchors = anchors_[numbers_[p]];
     const std::vector<Submap>& submaps = *parts[p].submaps;
     anchors.assign(first, first + static_cast<std::ptrdiff_t>(submaps.size()));
-    corrections_.try_emplace(numbers_[p], submaps, anchors);
+    corrections_.try_emplace(numbers_[p], submaps, anchors, pieces_.at(numbers_[p])->trimmed());
   }
 }
 
@@ -98,10 +98,21 @@ std::vector<SubmapFrameView> JoinedRun::Frames() const {
       frame.pieces.push_back(of);
       frame.submaps.push_back(&pieces_.at(of)->submaps()[NumberInPiece(i)]);
     }
+    AddTrimmed(submaps, &frame);
     frame.graph = PartOfGraph(joined_.graph, submaps);
     frames.push_back(std::move(frame));
   }
   return frames;
+}
+
+void JoinedRun::AddTrimmed(const std::vector<std::size_t>& submaps, SubmapFrameView* frame) const {
+  for (std::size_t position = 0; position < submaps.size(); ++position) {
+    if (NumberInPiece(submaps[position]) != 0) continue;
+    const std::int64_t piece = PieceOfSubmap(submaps[position]);
+    const std::vector<TrimmedSubmap>& trimmed = pieces_.at(piece)->trimmed();
+    if (!trimmed.empty())
+      frame->trimmed[piece] = Shifted(trimmed, static_cast<std::ptrdiff_t>(position));
+  }
 }
 
 std::int64_t JoinedRun::PieceOfSubmap(std::size_t submap) const {

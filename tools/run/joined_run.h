@@ -49,6 +49,7 @@ class JoinedRun {
   std::size_t NumberInPiece(std::size_t submap) const;
 
  private:
+  void AddTrimmed(const std::vector<std::size_t>& submaps, SubmapFrameView* frame) const;
   void Adjust(const std::vector<MapPiece>& parts, const LaminaConfig& config);
   std::size_t PositionOf(std::int64_t piece) const;
 

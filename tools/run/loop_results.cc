@@ -68,13 +68,14 @@ void WriteLoopFiles(const std::string& folder, const JoinedRun& run) {
 }
 
 nlohmann::json LoopSummary(const JoinedRun& run) {
-  std::size_t submaps = 0, leaves = 0;
+  std::size_t submaps = 0, trimmed = 0, leaves = 0;
   LoopCounts counts, between;
   between.Add(run.joined().loops);
   counts.Add(run.joined().loops);
   nlohmann::json pieces = nlohmann::json::array();
   for (const auto& [piece, closure] : run.pieces()) {
     submaps += closure->submaps().size();
+    trimmed += closure->trimmed().size();
     for (const Submap& submap : closure->submaps()) leaves += submap.LeafCount();
     counts.Add(closure->loops());
     double most = 0.0;
@@ -90,6 +91,7 @@ nlohmann::json LoopSummary(const JoinedRun& run) {
                       {"largest_correction_m", most}});
   }
   return {{"submaps", submaps},
+          {"trimmed_submaps", trimmed},
           {"submap_bytes", leaves * sizeof(SubmapLeaf)},
           {"accepted", counts.accepted},
           {"accepted_between_pieces", between.accepted},

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <map>
 #include <memory>
 #include <vector>
 
@@ -25,7 +26,7 @@ struct TownLaps {
 
   // Root mean square of the keyframes' errors.
   double Error(bool corrected) const {
-    const AnchorCorrection correction(loops->submaps(), loops->anchors());
+    const AnchorCorrection correction(loops->submaps(), loops->anchors(), loops->trimmed());
     double square = 0.0;
     for (std::size_t i = 0; i < truth.size(); ++i) {
       const SE3 T = corrected
@@ -38,13 +39,14 @@ struct TownLaps {
 };
 
 // A drive whose odometry turns and stretches a little at every step.
-TownLaps MapTown(const Town& town, const std::vector<SE3>& drive, double turn_rad, double stretch) {
+TownLaps MapTown(const Town& town, const std::vector<SE3>& drive, double turn_rad, double stretch,
+                 const LoopOptions& options = TownLoopOptions()) {
   TownLaps mapped;
   mapped.truth = drive;
   Draws draws(11);
-  SubmapBuilder builder(TownLoopOptions().submap, kTownLeafM);
+  SubmapBuilder builder(options.submap, kTownLeafM);
   VoxelMapOptions map;
-  mapped.loops = std::make_unique<LoopClosure>(TownLoopOptions(), map, ScanMatcherOptions());
+  mapped.loops = std::make_unique<LoopClosure>(options, map, ScanMatcherOptions());
   SE3 T = drive[0];
   for (std::size_t i = 0; i < drive.size(); ++i) {
     if (i > 0) {
@@ -85,6 +87,33 @@ TEST(LoopClosure, TheSecondLapTakesBackTheDrift) {
   EXPECT_LT(mapped.Error(true), 0.4 * mapped.Error(false));
   EXPECT_LT(mapped.loops->cost(), mapped.loops->cost_before());
   EXPECT_EQ(mapped.loops->graph().loops.size(), static_cast<std::size_t>(accepted));
+}
+
+// The first visit and the newest stay of each place, whatever the number of rounds.
+TEST(LoopClosure, RoundsDoNotMakeTheMapGrow) {
+  const Town town(1);
+  LoopOptions options = TownLoopOptions();
+  options.kept_visits = 1;
+  std::vector<Eigen::Vector2d> corners = {{0, 0}};
+  std::map<int, TownLaps> mapped;
+  for (int round = 1; round <= 7; ++round) {
+    corners.insert(corners.end(), {{60, 0}, {60, 60}, {0, 60}, {0, 0}});
+    if (round == 4 || round == 7)
+      mapped[round] = MapTown(town, Drive(corners), 0.0002, 0.002, options);
+  }
+  const LoopClosure &four = *mapped[4].loops, &seven = *mapped[7].loops;
+  const auto made = [](const LoopClosure& loops) {
+    return loops.submaps().size() + loops.trimmed().size();
+  };
+  EXPECT_GT(made(seven), made(four) + 20);
+  EXPECT_LE(seven.submaps().size(), four.submaps().size() + 4);
+  EXPECT_LE(seven.loops().size(), four.loops().size() + 30);
+  EXPECT_EQ(static_cast<std::size_t>(seven.submaps().back().id) + 1, made(seven));
+  // Poses of trimmed submaps are corrected like the others.
+  EXPECT_LT(mapped[7].Error(true), 0.5);
+  EXPECT_LT(mapped[7].Error(true), 0.2 * mapped[7].Error(false));
+  for (const TrimmedSubmap& trimmed : seven.trimmed())
+    EXPECT_LT(trimmed.holder, seven.submaps().size());
 }
 
 TEST(LoopClosure, WithoutARevisitNothingMoves) {

@@ -1,5 +1,6 @@
 // Sessions whose map is corrected by loops: left and continued around corrections.
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <cstdint>
 #include <filesystem>
@@ -64,6 +65,40 @@ TEST_F(LoopsSessionTest, LeftAroundCorrections) {
   const SE3 around = published[last - lap].T_world_lidar.Inverse() * published[last].T_world_lidar;
   const SE3 truth = recording.truth[last - lap].Inverse() * recording.truth[last];
   EXPECT_LT((around.t - truth.t).norm(), 0.3);
+}
+
+TEST_F(LoopsSessionTest, LeftAmongTrimmedSubmaps) {
+  mapping_ = LapOptions();
+  mapping_.loops.kept_visits = 1;
+  // More than three rounds of 206 m.
+  const std::vector<SE3> laps = Laps(1.2, 700.0);
+  const Recording recording = RecordTown(laps, 0.005, laps.size());
+  SessionSetup whole = Setup("whole"), stopped = Setup("stopped");
+  whole.session.checkpoint_every_scans = stopped.session.checkpoint_every_scans = 20;
+  const Result result = FinishSession(whole, recording);
+  for (const std::int64_t stop : {480, 566})
+    MapUntil(stopped, recording, stop, stop == 480 ? Leave::kAtOnce : Leave::kWhenDone);
+  {
+    Session session(stopped, {});
+    const LoopClosure& loops = *session.mapping().loops()->pieces().at(0);
+    EXPECT_GT(loops.trimmed().size(), 5U);
+    for (const Submap& submap : loops.submaps()) EXPECT_GT(submap.Leaves().size(), 0U);
+    // Their room on the disk is given back.
+    struct stat status {};
+    ASSERT_EQ(stat(Path("stopped/submap_leaves.bin").c_str(), &status), 0);
+    EXPECT_LT(512 * status.st_blocks, status.st_size);
+    session.WaitForHousekeeping();
+  }
+  ExpectSame(FinishSession(stopped, recording), result);
+  const Trajectory published = ReadTrajectory(Path("whole/trajectory_tum.txt"));
+  ASSERT_EQ(published.size(), recording.truth.size());
+  // A round later the sensor is found to be where it was, trimmed submap or not.
+  const std::size_t lap = 171;
+  for (std::size_t i = lap; i < published.size(); i += 10) {
+    const SE3 around = published[i - lap].T_world_lidar.Inverse() * published[i].T_world_lidar;
+    const SE3 truth = recording.truth[i - lap].Inverse() * recording.truth[i];
+    EXPECT_LT((around.t - truth.t).norm(), 0.3) << i;
+  }
 }
 
 TEST_F(LoopsSessionTest, LeftWhileALostSensorIsLookedFor) {

@@ -2,10 +2,12 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <filesystem>
 #include <fstream>
 #include <string>
+#include <vector>
 
 #include "core/base/error.h"
 #include "tests/support/files/io_test_files.h"
@@ -54,6 +56,31 @@ TEST_F(ByteFileTest, AReaderLeavesAllAsItIs) {
   EXPECT_EQ(Of(reader, place), "something");
   EXPECT_EQ(std::filesystem::file_size(Path("bytes")), 13U);
   EXPECT_FALSE(std::filesystem::exists(Path("none")));
+}
+
+TEST_F(ByteFileTest, WhatIsNotKeptGivesItsRoomBackAndTheRestStaysInPlace) {
+  constexpr std::size_t kBytes = 1 << 20;
+  ByteFile file(Path("bytes"), ByteFile::Lifetime::kKept);
+  std::vector<StoredBytes> places;
+  for (const char c : {'a', 'b', 'c', 'd'}) places.push_back(*file.Append(std::string(kBytes, c)));
+  const auto blocks = [&] {
+    struct stat status {};
+    EXPECT_EQ(stat(Path("bytes").c_str(), &status), 0);
+    return static_cast<std::size_t>(status.st_blocks) * 512;
+  };
+  file.SyncToDisk();
+  const std::size_t before = blocks();
+  file.KeepOnly({places[3], places[1]});
+  EXPECT_EQ(Of(file, places[1]), std::string(kBytes, 'b'));
+  EXPECT_EQ(Of(file, places[3]), std::string(kBytes, 'd'));
+  EXPECT_EQ(file.size(), 4 * kBytes);
+  const StoredBytes next = *file.Append("next");
+  EXPECT_EQ(next.at, 4 * kBytes);
+  // What comes after all of these is not theirs to say.
+  file.KeepOnly({places[1]});
+  EXPECT_EQ(Of(file, next), "next");
+  if (Of(file, places[0]) != "damaged") GTEST_SKIP() << "files have no holes on this file system";
+  EXPECT_LE(blocks() + 2 * kBytes, before + 16384);
 }
 
 TEST_F(ByteFileTest, DamageIsFound) {

@@ -47,6 +47,8 @@ class SubmapFileTest : public FilesTest {
     for (int i = 0; i < 3; ++i) view_.graph.poses.push_back(draws.Pose(20.0));
     view_.graph.odometry = {{0, 1, draws.Pose(5.0), 3.0 * Matrix6d::Identity()}};
     view_.graph.loops = {{0, 2, draws.Pose(5.0), 2.0 * Matrix6d::Identity()}};
+    view_.trimmed[1] = {{1, 50, draws.Pose(5.0), draws.Pose(5.0)},
+                        {0, 60, draws.Pose(5.0), draws.Pose(5.0)}};
   }
   std::string Written() const {
     WriteSubmaps(Path("a.bin"), {view_});
@@ -80,10 +82,29 @@ TEST_F(SubmapFileTest, IsReadBackToTheLastBit) {
   }
   EXPECT_EQ(frame.graph.odometry[0].T_from_to.t, view_.graph.odometry[0].T_from_to.t);
   EXPECT_EQ(frame.graph.loops[0].to, 2U);
-  SubmapFrameView again{frame.frame, frame.pieces, {}, frame.graph};
+  ASSERT_EQ(frame.trimmed.at(1).size(), 2U);
+  EXPECT_EQ(frame.trimmed.at(1)[0].holder, 1U);
+  EXPECT_EQ(frame.trimmed.at(1)[1].T_holder_submap.t, view_.trimmed.at(1)[1].T_holder_submap.t);
+  SubmapFrameView again{frame.frame, frame.pieces, {}, frame.graph, frame.trimmed};
   for (const Submap& submap : frame.submaps) again.submaps.push_back(&submap);
   WriteSubmaps(Path("again.bin"), {again});
   EXPECT_EQ(Bytes(Path("again.bin")), bytes);
+}
+
+TEST_F(SubmapFileTest, OfTrimmedSubmapsIdsHaveGapsAndHoldersAreThere) {
+  submaps_[1].id = 7;
+  EXPECT_NO_THROW({
+    Written();
+    EXPECT_EQ(ReadSubmaps(Path("a.bin"))[0].submaps[1].id, 7);
+  });
+  view_.trimmed[1][1].holder = 3;
+  EXPECT_THAT(Refusal(), HasSubstr("trimmed submap 1"));
+  view_.trimmed[1][1].holder = 0;
+  std::swap(view_.trimmed[1][0], view_.trimmed[1][1]);
+  EXPECT_THAT(Refusal(), HasSubstr("trimmed submap 1"));
+  // A file without any has no section of them.
+  view_.trimmed.clear();
+  EXPECT_EQ(Written().find("TRIM"), std::string::npos);
 }
 
 TEST_F(SubmapFileTest, DamageIsAnErrorThatNamesTheFile) {
