@@ -1,7 +1,10 @@
 #include "backend/loops/submap_trimming.h"
 
 #include <algorithm>
+#include <cmath>
 #include <set>
+
+#include "core/base/angle.h"
 
 namespace lamina {
 namespace {
@@ -14,6 +17,8 @@ constexpr double kNearShare = 1.0 / 3.0;
 
 // Submaps that a chain of two loops joins lie on one level only if they are nearer than storeys.
 constexpr double kSameLevelM = 2.0;
+// What turns by less sees the same, however narrow its view.
+constexpr double kSameViewDeg = 15.0;
 
 // Of a submap by others: their positions, ascending.
 struct Visit {
@@ -82,6 +87,35 @@ bool Cover(const std::vector<std::size_t>& others, std::size_t submap, const Tri
   });
 }
 
+// Whether each keyframe has one of the other submap where it is, turned the same way.
+bool StandsWhere(std::size_t other, std::size_t submap, const TrimmingView& map) {
+  const auto pose = [&](std::size_t of, const SubmapKeyframe& keyframe) {
+    return map.anchors[of] * keyframe.T_submap_lidar;
+  };
+  const std::vector<SubmapKeyframe>&keyframes = map.submaps[submap].keyframes,
+        &others = map.submaps[other].keyframes;
+  return std::all_of(keyframes.begin(), keyframes.end(), [&](const SubmapKeyframe& keyframe) {
+    const SE3 T = pose(submap, keyframe);
+    return std::any_of(others.begin(), others.end(), [&](const SubmapKeyframe& theirs) {
+      const SE3 T_other = pose(other, theirs);
+      return (T.t - T_other.t).norm() <= kSameLevelM &&
+             RotationAngle(T, T_other) <= Radians(kSameViewDeg);
+    });
+  });
+}
+
+// Submaps too near along the way for loops, of a sensor that turns on the spot: positions.
+std::vector<std::size_t> StandingWith(std::size_t submap, const TrimmingView& map,
+                                      double min_way_m) {
+  std::vector<std::size_t> standing;
+  for (std::size_t i = 0; i < map.submaps.size(); ++i) {
+    if (i != submap && std::abs(map.ways_m[i] - map.ways_m[submap]) < min_way_m &&
+        StandsWhere(i, submap, map))
+      standing.push_back(i);
+  }
+  return standing;
+}
+
 bool Dispensable(std::size_t submap, const TrimmingView& map, const LoopOptions& options,
                  std::size_t* holder) {
   const std::vector<Visit> visits = VisitsOf(submap, map, options.min_way_m);
@@ -95,6 +129,10 @@ bool Dispensable(std::size_t submap, const TrimmingView& map, const LoopOptions&
     if (before && earlier == 0) *holder = visit.all.front();
     ++(before ? earlier : later);
   }
+  for (const std::size_t i : StandingWith(submap, map, options.min_way_m)) {
+    if (i < submap && earlier == 0) *holder = i;
+    ++(i < submap ? earlier : later);
+  }
   return earlier >= options.kept_visits && later > 0;
 }
 
@@ -104,6 +142,7 @@ std::optional<DispensableSubmap> FindDispensable(const TrimmingView& map,
                                                  const LoopOptions& options) {
   const std::size_t size = map.submaps.size();
   std::set<std::size_t> candidates;
+  if (size > 2) candidates.insert(size - 3);
   for (const Loop& loop : map.loops) {
     const bool recent = loop.to + kRecent >= size && loop.from + 2 < size;
     if (recent && loop.status == Loop::Status::kAccepted && loop.solved)

@@ -10,6 +10,9 @@
 //                         are, where only a third submap joins the two
 //     dispensable         covered by loops.kept_visits earlier visits and by a later one
 //
+// A sensor that turns on the spot, as on a mast, goes no way that loops ask for: each submap is a
+// visit of all others whose keyframes stand where its own do and look the same way.
+//
 // Loops tell visits, not distance alone: storeys, the levels of a bridge and what a sensor of a
 // narrow view sees the other way round are places of their own.
 //

@@ -8,6 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "core/base/angle.h"
+
 namespace lamina {
 namespace {
 
@@ -142,6 +144,29 @@ TEST_F(SubmapTrimming, AThirdSubmapJoinsTwoThatLieOnOneLevel) {
   EXPECT_EQ(Find().value().submap, 3U);
   // The second and the third are a storey above: they are not what the fourth sees.
   anchors_[1].t.z() = anchors_[2].t.z() = 2.8;
+  EXPECT_FALSE(Find().has_value());
+}
+
+TEST_F(SubmapTrimming, OfASensorThatTurnsOnTheSpotTheFirstRoundsStay) {
+  const auto turn = [&](double from_deg, double to_deg) {
+    Pass(0.0);
+    submaps_.back().way_m = 0.0;
+    next_way_m_ -= kLengthM;
+    submaps_.back().keyframes.clear();
+    for (double deg = from_deg; deg < to_deg; deg += 10.0) {
+      submaps_.back().keyframes.push_back(
+          {0, 0, SE3(ExpSO3({0.0, 0.0, Radians(deg)}), Eigen::Vector3d::Zero())});
+    }
+  };
+  for (int round = 0; round < 6; ++round) {
+    EXPECT_FALSE(Find().has_value());
+    turn(0.0, 360.0);
+  }
+  EXPECT_EQ(Find().value().submap, 3U);
+  EXPECT_EQ(Find().value().holder, 0U);
+  // One that others have not looked the way of stays.
+  for (SubmapKeyframe& keyframe : submaps_[1].keyframes)
+    keyframe.T_submap_lidar = SE3(ExpSO3({0.0, 0.0, 0.1}), Eigen::Vector3d::Zero());
   EXPECT_FALSE(Find().has_value());
 }
 
