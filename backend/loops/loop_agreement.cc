@@ -32,4 +32,52 @@ void KeepNearest(std::size_t most, std::vector<std::pair<double, std::size_t>>* 
   if (near->size() > most) near->resize(most);
 }
 
+bool LoopClosure::Agree(const Loop& a, const Loop& b) const {
+  // What one submap finds is found by its errors, too.
+  if (a.to == b.to) return false;
+  const double way = std::abs(places_[a.from].way_m - places_[b.from].way_m) +
+                     std::abs(places_[a.to].way_m - places_[b.to].way_m);
+  const double most_m = kAgreeM + 0.01 * options_.max_drift_percent * way;
+  if (most_m > kMostAgreeM) return false;
+  const auto between = [&](std::size_t i, std::size_t j) {
+    return submaps_[i].T_world_submap.Inverse() * submaps_[j].T_world_submap;
+  };
+  const SE3 around = between(a.from, b.from) * b.match.T_other_query * between(b.to, a.to);
+  const double most_deg = kAgreeDeg + 0.01 * options_.max_drift_deg_per_100m * way;
+  return DifferenceAt(places_[a.to].image.middle(), around, a.match.T_other_query)
+      .Within(most_m, Radians(most_deg));
+}
+
+// With what edges and loops accepted before say. The way along them leads through other submaps'
+// loops: at the time it was found this one's had none.
+bool LoopClosure::AgreesWithGraph(const Loop& loop) const {
+  const double most_m = kAgreeM + 0.01 * options_.max_drift_percent * loop.way_m;
+  if (!corrected_ || most_m > kMostAgreeM) return false;
+  const double most_deg = kAgreeDeg + 0.01 * options_.max_drift_deg_per_100m * loop.way_m;
+  const SE3 predicted = anchors_[loop.from].Inverse() * anchors_[loop.to];
+  return DifferenceAt(places_[loop.to].image.middle(), predicted, loop.match.T_other_query)
+      .Within(most_m, Radians(most_deg));
+}
+
+bool LoopClosure::AcceptAgreeing() {
+  std::vector<bool> agrees(loops_.size(), false);
+  for (std::size_t i = 0; i < loops_.size(); ++i) {
+    if (loops_[i].status != Loop::Status::kWaiting) continue;
+    agrees[i] = loops_[i].to + 1 == submaps_.size() && AgreesWithGraph(loops_[i]);
+    for (std::size_t j = 0; j < loops_.size() && !agrees[i]; ++j) {
+      if (loops_[j].status == Loop::Status::kRefused) continue;
+      agrees[i] = Agree(loops_[std::max(i, j)], loops_[std::min(i, j)]);
+    }
+  }
+  bool any = false;
+  for (std::size_t i = 0; i < loops_.size(); ++i) {
+    if (loops_[i].status != Loop::Status::kWaiting) continue;
+    loops_[i].reason = agrees[i] ? "" : "no other loop agrees";
+    if (!agrees[i]) continue;
+    loops_[i].status = Loop::Status::kAccepted;
+    any = true;
+  }
+  return any;
+}
+
 }  // namespace lamina

@@ -91,7 +91,10 @@ void GraphRefiner::FindParts() {
   way_.assign(submaps_.size(), 0.0);
   for (const AnchorEdge& edge : result_.graph.odometry) {
     joined.Join(edge.from, edge.to);
-    if (edge.to == edge.from + 1) way_[edge.to] = way_[edge.from] + submaps_[edge.from]->way_m;
+    if (edge.to != edge.from + 1) continue;
+    const Submap &from = *submaps_[edge.from], &to = *submaps_[edge.to];
+    // What was trimmed between them was a way round.
+    way_[edge.to] = way_[edge.from] + from.way_m + (Follows(to, from) ? 0.0 : options_.min_way_m);
   }
   chain_ = joined.All();
   for (const AnchorEdge& edge : result_.graph.loops) joined.Join(edge.from, edge.to);

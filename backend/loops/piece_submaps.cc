@@ -39,7 +39,7 @@ void PieceSubmaps::Describe(const PlaceOptions& place) {
   ParallelChunks(pieces_.size(), 1, [&](std::size_t p, std::size_t) {
     for (std::size_t i = first_[p]; i < first_[p] + PieceSize(p); ++i) {
       // A piece may have been joined of several.
-      const bool follows = i > first_[p] && submaps_[i]->id == submaps_[i - 1]->id + 1;
+      const bool follows = i > first_[p] && Follows(*submaps_[i], *submaps_[i - 1]);
       images_[i] =
           ImageOfSubmap(*submaps_[i], LeafPlanes(*submaps_[i]), follows ? submaps_[i - 1] : nullptr,
                         follows ? &images_[i - 1] : nullptr, place);

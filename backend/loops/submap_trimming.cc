@@ -63,8 +63,8 @@ std::set<std::size_t> WithNeighbours(const std::vector<std::size_t>& submaps,
                                      const TrimmingView& map) {
   std::set<std::size_t> all(submaps.begin(), submaps.end());
   for (const std::size_t i : submaps) {
-    if (i > 0 && map.submaps[i - 1].id + 1 == map.submaps[i].id) all.insert(i - 1);
-    if (i + 1 < map.submaps.size() && map.submaps[i].id + 1 == map.submaps[i + 1].id)
+    if (i > 0 && Follows(map.submaps[i], map.submaps[i - 1])) all.insert(i - 1);
+    if (i + 1 < map.submaps.size() && Follows(map.submaps[i + 1], map.submaps[i]))
       all.insert(i + 1);
   }
   return all;

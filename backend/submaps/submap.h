@@ -103,6 +103,10 @@ struct Submap {
   void ArchiveBeside(const ByteStore* bytes, StateArchive& a);
 };
 
+// Of submaps of one piece: whether `next` began where this one ended; false where those between
+// them were trimmed (backend/loops/submap_trimming.h).
+inline bool Follows(const Submap& next, const Submap& submap) { return next.id == submap.id + 1; }
+
 // Gathers keyframes of one piece into submaps. Deterministic; not thread-safe.
 class SubmapBuilder {
  public:

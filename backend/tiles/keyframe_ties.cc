@@ -47,16 +47,22 @@ BundleProblem TiesOfKeyframes(const std::vector<const Submap*>& submaps, const A
       ties.priors.push_back(OdometryPrior(first[i] + k - 1, first[i] + k, T, options));
     }
   }
-  for (const AnchorEdge& edge : graph.odometry) {
-    const SE3 T = submaps[edge.from]->keyframes.back().T_submap_lidar.Inverse() * edge.T_from_to;
-    ties.priors.push_back(OdometryPrior(first[edge.from + 1] - 1, first[edge.to], T, options));
-  }
-  for (const AnchorEdge& edge : graph.loops) {
+  const auto tie_first = [&](const AnchorEdge& edge) {
     RelativePrior prior = PriorOf(edge);
     prior.a = static_cast<int>(first[edge.from]);
     prior.b = static_cast<int>(first[edge.to]);
     ties.priors.push_back(prior);
+  };
+  for (const AnchorEdge& edge : graph.odometry) {
+    // Across what was trimmed odometry drifted longer than the distance tells.
+    if (!Follows(*submaps[edge.to], *submaps[edge.from])) {
+      tie_first(edge);
+      continue;
+    }
+    const SE3 T = submaps[edge.from]->keyframes.back().T_submap_lidar.Inverse() * edge.T_from_to;
+    ties.priors.push_back(OdometryPrior(first[edge.from + 1] - 1, first[edge.to], T, options));
   }
+  for (const AnchorEdge& edge : graph.loops) tie_first(edge);
   return ties;
 }
 

@@ -154,6 +154,13 @@ class SubmapReader {
       Fail(fmt::format("frame {}: {} submaps and {} anchors", frame.frame, frame.submaps.size(),
                        frame.graph.poses.size()));
     }
+    for (const auto& [piece, trimmed] : frame.trimmed) {
+      for (const TrimmedSubmap& submap : trimmed) {
+        if (frame.pieces[submap.holder] != piece)
+          Fail(fmt::format("frame {}: a trimmed submap of piece {} has no holder", frame.frame,
+                           piece));
+      }
+    }
   }
 
   std::string path_;

@@ -102,6 +102,8 @@ TEST_F(SubmapFileTest, OfTrimmedSubmapsIdsHaveGapsAndHoldersAreThere) {
   view_.trimmed[1][1].holder = 0;
   std::swap(view_.trimmed[1][0], view_.trimmed[1][1]);
   EXPECT_THAT(Refusal(), HasSubstr("trimmed submap 1"));
+  view_.trimmed = {{1, {{2, 50, SE3(), SE3()}}}};
+  EXPECT_THAT(Refusal(), HasSubstr("piece 1 has no holder"));
   // A file without any has no section of them.
   view_.trimmed.clear();
   EXPECT_EQ(Written().find("TRIM"), std::string::npos);
