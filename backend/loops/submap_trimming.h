@@ -15,8 +15,6 @@
 //
 // Loops tell visits, not distance alone: storeys, the levels of a bridge and what a sensor of a
 // narrow view sees the other way round are places of their own.
-//
-// Private to backend/loops, but for those who include loop_closure.h.
 #pragma once
 
 #include <cstddef>
