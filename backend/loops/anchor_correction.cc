@@ -5,13 +5,10 @@
 #include <utility>
 
 namespace lamina {
-namespace {
 
 StampNs MiddleNs(const Submap& submap) {
   return submap.keyframes[submap.keyframes.size() / 2].stamp_ns;
 }
-
-}  // namespace
 
 AnchorCorrection::AnchorCorrection(const std::vector<Submap>& submaps,
                                    const std::vector<SE3>& anchors,

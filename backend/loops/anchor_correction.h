@@ -10,6 +10,9 @@
 
 namespace lamina {
 
+// The stamp of the keyframe in the middle of a submap.
+StampNs MiddleNs(const Submap& submap);
+
 // What is left of a submap that the map does without (submap_trimming.h): what the poses of its
 // keyframes are corrected by. It moves with another submap of its piece, its holder.
 struct TrimmedSubmap {

@@ -37,26 +37,26 @@ bool LoopClosure::Agree(const Loop& a, const Loop& b) const {
   if (a.to == b.to) return false;
   const double way = std::abs(places_[a.from].way_m - places_[b.from].way_m) +
                      std::abs(places_[a.to].way_m - places_[b.to].way_m);
-  const double most_m = kAgreeM + 0.01 * options_.max_drift_percent * way;
-  if (most_m > kMostAgreeM) return false;
   const auto between = [&](std::size_t i, std::size_t j) {
     return submaps_[i].T_world_submap.Inverse() * submaps_[j].T_world_submap;
   };
   const SE3 around = between(a.from, b.from) * b.match.T_other_query * between(b.to, a.to);
-  const double most_deg = kAgreeDeg + 0.01 * options_.max_drift_deg_per_100m * way;
-  return DifferenceAt(places_[a.to].image.middle(), around, a.match.T_other_query)
+  return AgreesAfter(way, around, a);
+}
+
+bool LoopClosure::AgreesAfter(double way_m, const SE3& T_from_to, const Loop& loop) const {
+  const double most_m = kAgreeM + 0.01 * options_.max_drift_percent * way_m;
+  if (most_m > kMostAgreeM) return false;
+  const double most_deg = kAgreeDeg + 0.01 * options_.max_drift_deg_per_100m * way_m;
+  return DifferenceAt(places_[loop.to].image.middle(), T_from_to, loop.match.T_other_query)
       .Within(most_m, Radians(most_deg));
 }
 
 // With what edges and loops accepted before say. The way along them leads through other submaps'
 // loops: at the time it was found this one's had none.
 bool LoopClosure::AgreesWithGraph(const Loop& loop) const {
-  const double most_m = kAgreeM + 0.01 * options_.max_drift_percent * loop.way_m;
-  if (!corrected_ || most_m > kMostAgreeM) return false;
-  const double most_deg = kAgreeDeg + 0.01 * options_.max_drift_deg_per_100m * loop.way_m;
-  const SE3 predicted = anchors_[loop.from].Inverse() * anchors_[loop.to];
-  return DifferenceAt(places_[loop.to].image.middle(), predicted, loop.match.T_other_query)
-      .Within(most_m, Radians(most_deg));
+  return corrected_ &&
+         AgreesAfter(loop.way_m, anchors_[loop.from].Inverse() * anchors_[loop.to], loop);
 }
 
 bool LoopClosure::AcceptAgreeing() {

@@ -196,9 +196,8 @@ void LoopClosure::TakeOut(const DispensableSubmap& dispensable) {
     trimmed.holder = dispensable.holder;
     trimmed.T_holder_submap = T_holder_submap * trimmed.T_holder_submap;
   }
-  const TrimmedSubmap left{dispensable.holder,
-                           submap.keyframes[submap.keyframes.size() / 2].stamp_ns,
-                           submap.T_world_submap, T_holder_submap};
+  const TrimmedSubmap left{dispensable.holder, MiddleNs(submap), submap.T_world_submap,
+                           T_holder_submap};
   const auto later = [](const TrimmedSubmap& a, const TrimmedSubmap& b) {
     return a.middle_ns < b.middle_ns;
   };

@@ -84,6 +84,8 @@ class LoopClosure {
   std::string DriftRefusal(const Loop& loop) const;
   bool Agree(const Loop& a, const Loop& b) const;
   bool AgreesWithGraph(const Loop& loop) const;
+  // With a pose that was found along this way, which must be short enough to tell.
+  bool AgreesAfter(double way_m, const SE3& T_from_to, const Loop& loop) const;
   // Accepts waiting loops that now agree with others; true if there are any.
   bool AcceptAgreeing();
   void Correct();
