@@ -350,8 +350,7 @@ void AddToMap(const Submap& submap, const SE3& T_world_submap, VoxelMap* map) {
   for (const SubmapLeaf& leaf : submap.Leaves()) {
     const PointCluster cluster = submap.Cluster(leaf).Moved(R, T_world_submap.t);
     if (map->CanHold(cluster.mean))
-      map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes, submap.keyframes.front().id,
-                    submap.keyframes.back().id);
+      map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes, submap.keyframes.back().id);
   }
   map->Refresh();
   map->EvictToBudget();

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "backend/pieces/older_planes.h"
 #include "core/geometry/decompositions.h"
 #include "frontend/matching/degeneracy.h"
 #include "frontend/matching/direction_profile.h"
@@ -48,13 +49,13 @@ void DegenerateStretch::Begin(std::int64_t next_keyframe) {
 
 void DegenerateStretch::Follow(const OdometryFrame& frame, const MotionModel& motion,
                                const std::vector<TimedCluster>& clusters, const VoxelMap& map,
-                               std::int64_t next_keyframe) {
+                               const std::deque<WindowFrame>& window, std::int64_t next_keyframe) {
   const bool matched = frame.status == OdometryFrame::Status::kTracked;
   if (!open_ && any_ && matched && frame.match.degenerate > 0) Begin(next_keyframe);
   if (open_) {
     const Matrix6d measured = matched ? MeasuredInformation(frame.match) : Matrix6d::Zero();
     Move(frame, motion, measured);
-    if (matched) Compare(frame, clusters, map, measured);
+    if (matched) Compare(frame, clusters, map, window, measured);
     const bool determined = matched && frame.match.degenerate == 0;
     settled_ = determined ? settled_ + 1 : 0;
     if (settled_ == 1) settled_keyframe_ = next_keyframe;
@@ -91,14 +92,16 @@ void DegenerateStretch::Learn(int block, const Matrix6d& information) {
 
 void DegenerateStretch::Compare(const OdometryFrame& frame,
                                 const std::vector<TimedCluster>& clusters, const VoxelMap& map,
-                                const Matrix6d& measured) {
+                                const std::deque<WindowFrame>& window, const Matrix6d& measured) {
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(Matrix6d(covariance_.topLeftCorner<6, 6>()));
   const Matrix6d& directions = solver.eigenvectors();
   const std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.sweep);
   const ScanMatcherOptions& o = matcher_.options();
   if (SigmaM() > kMinimumM && MayBeElsewhere(frame, deskewed, map, o, directions.col(5))) return;
+  OlderPlanes older(map, window, first_keyframe_);
   const DirectionEvidence evidence =
-      matcher_.EvidenceOfOlder(deskewed, frame.T_world_lidar, map, directions, first_keyframe_);
+      matcher_.EvidenceOf([&](VoxelMap::NodeId surface) { return older.Of(surface); }, deskewed,
+                          frame.T_world_lidar, map, directions);
   Matrix6d information = Matrix6d::Zero();
   for (int k = 0; k < 6; ++k) {
     // Fewer clusters may all be wrong, as in a match.

@@ -13,15 +13,17 @@
 //
 // a dt being what the velocity may differ by (MotionModel::VelocityChange) and F what a turned pose
 // makes of the way to the next one. A match tells of v' dt what its covariance says without the
-// prediction's share, M = C^-1 - (prior information); along directions that planes older than the
-// stretch determine it tells of x' as well. Where x is open by more than a minimum is wide, the
-// match may have found a wrong one: then it tells of x' only if the profile (direction_profile.h)
-// shows no other beside it.
+// prediction's share, M = C^-1 - (prior information); along directions that what is older than the
+// stretch determines (older_planes.h) it tells of x' as well. Where x is open by more than a
+// minimum is wide, the match may have found a wrong one: then it tells of x' only if the profile
+// (direction_profile.h) shows no other beside it.
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <vector>
 
+#include "backend/window/sliding_window.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/se3.h"
 #include "core/geometry/state_archive.h"
@@ -39,7 +41,7 @@ class DegenerateStretch {
   // number of the next keyframe.
   void Follow(const OdometryFrame& frame, const MotionModel& motion,
               const std::vector<TimedCluster>& clusters, const VoxelMap& map,
-              std::int64_t next_keyframe);
+              const std::deque<WindowFrame>& window, std::int64_t next_keyframe);
 
   // By how much the newest pose may be wrong against what was mapped before, along the direction
   // that is known least: a standard deviation. 0 if there is no stretch.
@@ -64,7 +66,8 @@ class DegenerateStretch {
   // Takes in information about a block of the state: x (0) or v (6).
   void Learn(int block, const Matrix6d& information);
   void Compare(const OdometryFrame& frame, const std::vector<TimedCluster>& clusters,
-               const VoxelMap& map, const Matrix6d& measured);
+               const VoxelMap& map, const std::deque<WindowFrame>& window,
+               const Matrix6d& measured);
 
   // Scans that must determine all directions in a row: the next one may see the map from before.
   static constexpr int kSettled = 5;

@@ -19,7 +19,6 @@ class LeafSums {
   void Add(const PlacedSubmap& placed) {
     const Submap& submap = *placed.submap;
     const Eigen::Matrix3d R = placed.T_world_submap.R();
-    const auto first = static_cast<std::int32_t>(submap.keyframes.front().id);
     const auto last = static_cast<std::int32_t>(submap.keyframes.back().id);
     EndSubmap();
     for (const SubmapLeaf& leaf : submap.Leaves()) {
@@ -27,16 +26,12 @@ class LeafSums {
       if (!IsVoxelKeyInRange(cluster.mean, inverse_leaf_)) continue;
       const auto next = static_cast<std::int32_t>(sums_.size());
       const std::int32_t at = index_.FindOrInsert(VoxelKeyOf(cluster.mean, inverse_leaf_), next);
-      if (at == next) {
-        sums_.push_back({});
-        sums_.back().part.first_frame = first;
-      }
+      if (at == next) sums_.push_back({});
       Sum& sum = sums_[static_cast<std::size_t>(at)];
       if (sum.of_submap.Empty()) touched_.push_back(static_cast<std::size_t>(at));
       sum.of_submap += cluster;
       // Frames of neighbouring leaves of one submap are largely the same ones.
       sum.frames_of_submap = std::max<std::int32_t>(sum.frames_of_submap, leaf.keyframes);
-      sum.part.first_frame = std::min(sum.part.first_frame, first);
       sum.part.last_frame = last;
     }
   }

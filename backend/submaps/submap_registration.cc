@@ -40,8 +40,7 @@ std::unique_ptr<VoxelMap> MapOf(const Submap& submap, const SubmapLeaves& leaves
   for (const SubmapLeaf& leaf : leaves) {
     const PointCluster cluster = submap.Cluster(leaf);
     if (!map->CanHold(cluster.mean)) continue;
-    map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes, submap.keyframes.front().id,
-                  submap.keyframes.back().id);
+    map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes, submap.keyframes.back().id);
   }
   map->Refresh();
   return map;

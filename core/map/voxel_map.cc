@@ -152,7 +152,6 @@ void VoxelMap::AddWindow(NodeId leaf, const PointCluster& cluster, std::int64_t 
   trees_.Window(&n) += ClusterMoments::Of(cluster, trees_.CentreOf(root));
   if (n.last_added != frame) n.window_frames = SaturatingAdd(n.window_frames, 1);
   n.last_added = static_cast<std::int32_t>(frame);
-  n.first_added = std::min(n.first_added, n.last_added);
 }
 
 std::vector<VoxelMap::NodeId> VoxelMap::AddFrame(const std::vector<PointCluster>& clusters,
@@ -197,11 +196,11 @@ void VoxelMap::FixWindow(NodeId leaf, const PointCluster& cluster, double weight
 }
 
 void VoxelMap::AddFixed(NodeId leaf, const PointCluster& cluster, int frames,
-                        std::int64_t first_frame, std::int64_t last_frame) {
+                        std::int64_t last_frame) {
   Mark(trees_.RootOf(leaf));
   MapLeaf& n = trees_.leaf(leaf);
-  n.first_added = std::min(n.first_added, static_cast<std::int32_t>(first_frame));
   n.last_added = std::max(n.last_added, static_cast<std::int32_t>(last_frame));
+  n.last_fixed = std::max(n.last_fixed, static_cast<std::int32_t>(last_frame));
   n.fixed_frames = SaturatingAdd(n.fixed_frames, frames);
   JoinFixed(leaf, cluster);
 }
@@ -255,10 +254,14 @@ std::int32_t VoxelMap::LastAdded(NodeId id) const {
   return last;
 }
 
-std::int32_t VoxelMap::FirstAdded(NodeId id) const {
-  std::int32_t first = kNoFrame;
-  trees_.ForEachLeaf(id, [&](const MapLeaf& leaf) { first = std::min(first, leaf.first_added); });
-  return first;
+double VoxelMap::FixedSince(NodeId id, std::int64_t frame) const {
+  double points = 0.0;
+  trees_.ForEachLeaf(id, [&](const MapLeaf& leaf) {
+    if (leaf.last_fixed < frame) return;
+    const auto since = static_cast<double>(leaf.last_fixed - frame + 1);
+    points += leaf.fixed.count * std::min(1.0, since / std::max<int>(1, leaf.fixed_frames));
+  });
+  return points;
 }
 
 void VoxelMap::VisitRoot(NodeId root, int min_frames, const VisitSurfel& visit) const {

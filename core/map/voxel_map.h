@@ -117,8 +117,9 @@ class VoxelMap {
   Surface::Kind kind(NodeId id) const { return trees_.node(id).kind; }
   // Frames that contributed, saturating.
   int frames(NodeId id) const { return trees_.node(id).frames; }
-  // The oldest of them.
-  std::int32_t FirstAdded(NodeId id) const;
+  // How many points of its fixed part are of this frame and later ones, at most: each of these is
+  // taken to be in every leaf that has a later one.
+  double FixedSince(NodeId id, std::int64_t frame) const;
   // Of a node of kind kPlane.
   const Surface& plane(NodeId id) const { return trees_.plane(trees_.node(id)); }
   // What a node with this cluster would look like.
@@ -206,15 +207,14 @@ class VoxelMap {
   // is then capped. Frames leave in the order in which they came.
   void FixWindow(NodeId leaf, const PointCluster& cluster, double weight, std::int64_t frame);
 
-  // Adds to the fixed part of a leaf what `frames` frames, from `first_frame` to `last_frame`,
-  // have gathered elsewhere, and caps its weight.
-  void AddFixed(NodeId leaf, const PointCluster& cluster, int frames, std::int64_t first_frame,
-                std::int64_t last_frame);
+  // Adds to the fixed part of a leaf what `frames` frames, the last of them `last_frame`, have
+  // gathered elsewhere, and caps its weight.
+  void AddFixed(NodeId leaf, const PointCluster& cluster, int frames, std::int64_t last_frame);
 
   // The fixed part of a leaf as it was put together elsewhere, in world coordinates.
   struct FixedPart {
     PointCluster cluster;
-    std::int32_t frames = 0, first_frame = 0, last_frame = -1;
+    std::int32_t frames = 0, last_frame = -1;
   };
   // The fixed part of the selected piece, in memory and in the store, becomes these and nothing
   // else; the window's part stays. Each joins the leaf around its mean, in this order, so that the

@@ -15,8 +15,7 @@ void VoxelMap::ReplaceFixed(const std::vector<FixedPart>& parts) {
   for (std::size_t i = 0; i < parts.size(); ++i) {
     const FixedPart& part = parts[i];
     if (!CanHold(part.cluster.mean)) continue;
-    AddFixed(LeafAt(part.cluster.mean), part.cluster, part.frames, part.first_frame,
-             part.last_frame);
+    AddFixed(LeafAt(part.cluster.mean), part.cluster, part.frames, part.last_frame);
     if ((i + 1) % kBatch != 0) continue;
     Refresh();
     EvictFor(reserve, trees_.touches());

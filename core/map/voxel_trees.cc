@@ -98,7 +98,6 @@ void VoxelTrees::Link(NodeId id) {
 // followed by the trees of these; for a leaf
 //
 //     u16 fixed_frames   u16 window_frames   i32 last_added   i32 last_fixed
-//     i32 first_added
 //     u8 bits: 1 it has a fixed cluster: 10 f32, packed; 2 a window part: 10 f64
 //
 // Planes follow from the clusters and are made again. Holds are for the window to repeat.
@@ -106,8 +105,7 @@ void VoxelTrees::Link(NodeId id) {
 void VoxelTrees::SaveTree(StateArchive& a, NodeId id) const {
   if (IsLeaf(id)) {
     MapLeaf copy = leaf(id);
-    a(&copy.fixed_frames, &copy.window_frames, &copy.last_added, &copy.last_fixed,
-      &copy.first_added);
+    a(&copy.fixed_frames, &copy.window_frames, &copy.last_added, &copy.last_fixed);
     const ClusterMoments* window = FindWindow(copy);
     auto parts =
         static_cast<std::uint8_t>((copy.fixed.Empty() ? 0 : 1) | (window != nullptr ? 2 : 0));
@@ -132,7 +130,7 @@ void VoxelTrees::LoadTree(StateArchive& a, NodeId id, int level) {
   if (level == levels()) {
     MapLeaf& n = leaf(id);
     std::uint8_t parts = 0;
-    a(&n.fixed_frames, &n.window_frames, &n.last_added, &n.last_fixed, &n.first_added, &parts);
+    a(&n.fixed_frames, &n.window_frames, &n.last_added, &n.last_fixed, &parts);
     if ((parts & 1) != 0) a(&n.fixed);
     if ((parts & 2) != 0) a(&Window(&n));
     return;

@@ -4,7 +4,7 @@
 // exist. Each kind of node takes the memory of what it holds, and the parts that only some nodes
 // have lie in pools of their own:
 //
-//     leaf 72 bytes    counters and the fixed cluster, packed (core/geometry/packed_cluster.h)
+//     leaf 68 bytes    counters and the fixed cluster, packed (core/geometry/packed_cluster.h)
 //     inner node 44    its children
 //     root 80          that, its key, and what the order of touches and a snapshot need
 //     plane 48         of a coarsest planar node
@@ -39,9 +39,6 @@ static_assert(sizeof(ClusterMoments) == 10 * sizeof(double));
 using NodeId = std::int32_t;
 inline constexpr NodeId kNoNode = -1;
 
-// Where a leaf has none yet: later than any.
-inline constexpr std::int32_t kNoFrame = std::numeric_limits<std::int32_t>::max();
-
 // Of counts of frames.
 inline std::uint16_t SaturatingAdd(std::uint16_t a, int b) {
   constexpr int kMost = std::numeric_limits<std::uint16_t>::max();
@@ -59,10 +56,9 @@ struct MapLeaf : MapNode {
   std::int32_t window = kNoNode;  // in the pool of window clusters
   std::uint16_t fixed_frames = 0, window_frames = 0;
   std::int32_t last_added = -1, last_fixed = -1;  // frames, to count each once
-  std::int32_t first_added = kNoFrame;            // the oldest one in it
   PackedCluster fixed;                            // relative to the root's centre
 };
-static_assert(sizeof(MapLeaf) == 72);
+static_assert(sizeof(MapLeaf) == 68);
 
 struct MapInner : MapNode {
   NodeId child[8] = {kNoNode, kNoNode, kNoNode, kNoNode, kNoNode, kNoNode, kNoNode, kNoNode};

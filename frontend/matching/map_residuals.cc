@@ -111,16 +111,22 @@ void MapResiduals::AddEvidence(const MatchRow& row, const Eigen::Vector3d& mu,
   if (!row.young) sum->old.Add(information);
 }
 
-DirectionEvidence MapResiduals::EvidenceOfOlder(const SE3& T, double kernel_sigma,
-                                                const Matrix6d& directions,
-                                                std::int64_t before_frame) {
+DirectionEvidence MapResiduals::EvidenceOf(const PlanesInstead& planes, const SE3& T,
+                                           double kernel_sigma, const Matrix6d& directions) {
   Associate(T, T.R());
+  std::vector<double> weights(clusters_.size(), 0.0);
+  for (std::size_t i = 0; i < clusters_.size(); ++i) {
+    const WeightedPlane instead =
+        surfaces_[i] == VoxelMap::kNoNode ? WeightedPlane() : planes(surfaces_[i]);
+    planes_[i] = instead.plane;
+    weights[i] = instead.weight;
+  }
   NormalEquations sum;
   sum.all.directions = sum.old.directions = directions;
   ForEachRows(0, clusters_.size(), SettingsAt(T, kernel_sigma),
-              [&](const MatchRow* rows, const std::size_t* of, std::size_t count) {
+              [&](MatchRow* rows, const std::size_t* of, std::size_t count) {
                 for (std::size_t k = 0; k < count; ++k) {
-                  if (map_.FirstAdded(surfaces_[of[k]]) >= before_frame) continue;
+                  rows[k].w *= weights[of[k]];
                   AddEvidence(rows[k], clusters_[of[k]].mean, &sum);
                 }
               });

@@ -12,6 +12,7 @@
 #include "core/map/voxel_map.h"
 #include "frontend/matching/degeneracy.h"
 #include "frontend/matching/match_rows.h"
+#include "frontend/matching/planes_instead.h"
 #include "frontend/matching/seen_through.h"
 
 namespace lamina {
@@ -82,9 +83,10 @@ class MapResiduals {
   // Evidence along the columns of *watched (scaled tangent) is gathered if it is not null.
   NormalEquations At(const SE3& T, double kernel_sigma, const Matrix6d* watched);
 
-  // What planes that have points of frames before this one say along the columns of `directions`.
-  DirectionEvidence EvidenceOfOlder(const SE3& T, double kernel_sigma, const Matrix6d& directions,
-                                    std::int64_t before_frame);
+  // What other planes in the place of the map's surfaces say along the columns of `directions`. The
+  // object serves for nothing else thereafter.
+  DirectionEvidence EvidenceOf(const PlanesInstead& planes, const SE3& T, double kernel_sigma,
+                               const Matrix6d& directions);
 
   // `direction`: scaled tangent.
   MetPlanes Meet(const SE3& T, double kernel_sigma, const Vector6d& direction);

@@ -323,13 +323,12 @@ MatchResult ScanMatcher::MatchKnown(const std::vector<PointCluster>& clusters,
   return Run(clusters, prediction, T_world_lidar, &known, map, true);
 }
 
-DirectionEvidence ScanMatcher::EvidenceOfOlder(const std::vector<PointCluster>& clusters,
-                                               const SE3& T_world_lidar, const VoxelMap& map,
-                                               const Matrix6d& directions,
-                                               std::int64_t before_frame) const {
+DirectionEvidence ScanMatcher::EvidenceOf(const PlanesInstead& planes,
+                                          const std::vector<PointCluster>& clusters,
+                                          const SE3& T_world_lidar, const VoxelMap& map,
+                                          const Matrix6d& directions) const {
   MapResiduals residuals(options_, map, clusters);
-  return residuals.EvidenceOfOlder(T_world_lidar, options_.kernel_end_sigma, directions,
-                                   before_frame);
+  return residuals.EvidenceOf(planes, T_world_lidar, options_.kernel_end_sigma, directions);
 }
 
 double ScanMatcher::Score(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,

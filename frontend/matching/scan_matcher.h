@@ -49,6 +49,7 @@
 #include "core/map/voxel_map.h"
 #include "core/options/options.h"
 #include "frontend/matching/degeneracy.h"
+#include "frontend/matching/planes_instead.h"
 
 namespace lamina {
 
@@ -195,11 +196,11 @@ class ScanMatcher {
                          const KnownDirection& known, const PosePrediction& prediction,
                          const VoxelMap& map) const;
 
-  // What planes that have points of frames before this one say of the pose along each column of
+  // What other planes in the place of the map's surfaces say of the pose along each column of
   // `directions` (orthonormal, scaled tangent), at that pose.
-  DirectionEvidence EvidenceOfOlder(const std::vector<PointCluster>& clusters,
-                                    const SE3& T_world_lidar, const VoxelMap& map,
-                                    const Matrix6d& directions, std::int64_t before_frame) const;
+  DirectionEvidence EvidenceOf(const PlanesInstead& planes,
+                               const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
+                               const VoxelMap& map, const Matrix6d& directions) const;
 
   // How well the clusters lie on the map's planes at a pose: the mean over the clusters of
   // GemanMcClureWeight((distance / scale_m)^2) - chance, a cluster without a plane around it

@@ -111,6 +111,19 @@ void MotionModel::UpdateCovariances(double dt, const Matrix6d& covariance) {
   }
 }
 
+Vector6d MotionModel::WithoutLeap(double dt, const Vector6d& velocity) const {
+  constexpr double kLeapSigmas = 5.0;
+  const Matrix6d open = velocity_covariance_ + VelocityChange(dt);
+  Vector6d result = velocity;
+  for (const int part : {0, 3}) {
+    const Eigen::Vector3d change = (velocity - velocity_).segment<3>(part);
+    const double most = kLeapSigmas * std::sqrt(open.diagonal().segment<3>(part).maxCoeff());
+    if (change.norm() > most)
+      result.segment<3>(part) = velocity_.segment<3>(part) + most * change.normalized();
+  }
+  return result;
+}
+
 void MotionModel::FollowSteps(StampNs stamp_ns, const SE3& T_world_lidar, bool follows) {
   constexpr double kForget = 0.9;  // of a long step, with each scan
   for (double* step : {&long_step_m_, &long_step_rad_, &uneven_m_, &uneven_rad_}) *step *= kForget;
@@ -130,7 +143,10 @@ void MotionModel::Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follow
                          const Matrix6d& covariance) {
   const double dt = Gap(stamp_ns);
   const bool moved = follows && dt > 0.0;
+  Vector6d velocity = Vector6d::Zero();
   if (moved) {
+    velocity = TwistLog(T_world_last_.Inverse() * T_world_lidar) / dt;
+    if (moving_known() && clock_trusted_) velocity = WithoutLeap(dt, velocity);
     UpdateCovariances(dt, covariance);
   } else {
     velocity_covariance_.setZero();
@@ -138,11 +154,8 @@ void MotionModel::Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follow
   FollowSteps(stamp_ns, T_world_lidar, moved);
   pose_covariance_ = covariance;
   velocity_known_ = moved;
-  velocity_.setZero();
-  if (velocity_known_) {
-    velocity_ = TwistLog(T_world_last_.Inverse() * T_world_lidar) / dt;
-    last_gap_s_ = dt;
-  }
+  velocity_ = velocity;
+  if (velocity_known_) last_gap_s_ = dt;
   last_stamp_ns_ = stamp_ns;
   T_world_last_ = T_world_lidar;
   started_ = true;

@@ -12,6 +12,9 @@
 //
 //     V^-1 = ((C + C_last) / dt^2)^-1 + (V_last + (a dt)^2)^-1.
 //
+// A change of the velocity that is far beyond V_last + (a dt)^2 is no motion: it takes back what
+// the pose before was wrong by, and the velocity follows it no further than that may be.
+//
 // Where stamps are made
 // up, scans may be any part of a drive, picked by the way or by hand: the next step is as long as
 // the last one, give or take half of the longest of late. After a gap of
@@ -80,6 +83,8 @@ class MotionModel {
   void Archive(StateArchive& a);
 
  private:
+  // This velocity, over the last dt, as far as it may follow from the one before.
+  Vector6d WithoutLeap(double dt, const Vector6d& velocity) const;
   void UpdateCovariances(double dt, const Matrix6d& covariance);
   void FollowSteps(StampNs stamp_ns, const SE3& T_world_lidar, bool follows);
 

@@ -33,10 +33,10 @@ TEST(ReplaceFixed, TheWindowStaysAndTheRestIsWhatIsGiven) {
   VoxelMap map(VoxelMapOptions(), &store);
   const PointCluster in_window = Floor(Leaf(0), &draws), old = Floor(Leaf(0), &draws);
   const VoxelMap::NodeId leaf = map.LeafAt(in_window.mean);
-  map.AddFixed(leaf, old, 3, 1, 3);
+  map.AddFixed(leaf, old, 3, 3);
   map.Hold(leaf);
   map.AddWindow(leaf, in_window, 7);
-  for (int x : {10, 20}) map.AddFixed(map.LeafAt(Leaf(x)), Floor(Leaf(x), &draws), 2, 2, 3);
+  for (int x : {10, 20}) map.AddFixed(map.LeafAt(Leaf(x)), Floor(Leaf(x), &draws), 2, 3);
   map.Refresh();
   const PointCluster there = Floor(Leaf(20), &draws), fresh = Floor(Leaf(30), &draws);
   map.ReplaceFixed({{there, 4, 5}, {fresh, 2, 6}});
@@ -65,7 +65,7 @@ TEST(ReplaceFixed, WhatWasInTheStoreGoesAndOtherPiecesStay) {
   for (const std::int64_t piece : {0, 1}) {
     map.SelectPiece(piece);
     for (int x = 0; x < 8000; x += 4)
-      map.AddFixed(map.LeafAt(Leaf(x)), Floor(Leaf(x), &draws), 2, 2, 3);
+      map.AddFixed(map.LeafAt(Leaf(x)), Floor(Leaf(x), &draws), 2, 3);
     map.Refresh();
     map.EvictToBudget();
   }

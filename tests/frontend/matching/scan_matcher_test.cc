@@ -242,6 +242,35 @@ TEST(ScanMatcher, PolesMakeTheAxisOfTheCorridorObservable) {
   }
 }
 
+TEST(ScanMatcher, PlanesInPlaceOfTheMapsSayWhatTheyWeigh) {
+  Stage stage(World::Corner(), 12);
+  const SE3 pose = stage.draws.Offset(0.2, 0.6);
+  const std::vector<PointCluster> scan = stage.Scan(pose);
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  const auto information = [&](const PlanesInstead& planes) {
+    return matcher.EvidenceOf(planes, scan, pose, stage.map, Matrix6d::Identity()).information;
+  };
+  const auto as_mapped = [&](double weight) {
+    return information([&, weight](VoxelMap::NodeId id) {
+      const bool plane = stage.map.kind(id) == Surface::Kind::kPlane;
+      return plane ? WeightedPlane{&stage.map.plane(id), weight} : WeightedPlane();
+    });
+  };
+  const Vector6d all = as_mapped(1.0);
+  EXPECT_GT(all.minCoeff(), 0.0);
+  EXPECT_LT((as_mapped(0.25) - 0.25 * all).norm(), 1e-9 * all.norm());
+  EXPECT_TRUE(information([](VoxelMap::NodeId) { return WeightedPlane(); }).isZero());
+  // Half a metre beside the scan they say nothing.
+  std::map<VoxelMap::NodeId, Surface> beside;
+  const Vector6d other = information([&](VoxelMap::NodeId id) {
+    if (stage.map.kind(id) != Surface::Kind::kPlane) return WeightedPlane();
+    Surface& plane = beside[id] = stage.map.plane(id);
+    plane.mean += 0.5 * plane.normal.cast<double>();
+    return WeightedPlane{&plane, 1.0};
+  });
+  EXPECT_LT(other.maxCoeff(), 0.01 * all.minCoeff());
+}
+
 TEST(ScanMatcher, TooFewMatchesLeaveThePoseAsItWas) {
   Stage stage(World::Corner(), 4);
   const ScanMatcher matcher{ScanMatcherOptions()};

@@ -61,6 +61,27 @@ TEST(MotionModel, WithoutStampsAStartMayBeFarAway) {
   EXPECT_GT(WaySigma(model, kPeriodNs), 4.0);
 }
 
+TEST(MotionModel, APoseThatIsTakenBackIsNoMotion) {
+  const auto speed_after = [](double x) {
+    MotionModel model = Driving();
+    model.Accept(11 * kPeriodNs, Along(x), true);
+    return model.velocity()(3);
+  };
+  // Braking and speeding up, as hard as tyres let it.
+  EXPECT_NEAR(speed_after(16.5 - 0.1), 14.0, 1e-9);
+  EXPECT_NEAR(speed_after(16.5 + 0.1), 16.0, 1e-9);
+  // The poses before were 3 m too far ahead: still on its way at about that speed.
+  EXPECT_GT(speed_after(13.5), 12.0);
+  EXPECT_LT(speed_after(13.5), 15.0);
+  // Where they were known so badly, it may as well have stood.
+  MotionModel open{MotionOptions()};
+  Matrix6d badly = Matrix6d::Zero();
+  badly(3, 3) = 1.0;
+  for (int i = 0; i <= 10; ++i) open.Accept(i * kPeriodNs, Along(1.5 * i), i > 0, badly);
+  open.Accept(11 * kPeriodNs, Along(15.0), true, badly);
+  EXPECT_LT(open.velocity()(3), speed_after(15.0));
+}
+
 TEST(MotionModel, BeforeAnyMotionTheSpeedIsUnknown) {
   MotionModel model{MotionOptions()};
   model.Accept(0, Along(0.0), false);
