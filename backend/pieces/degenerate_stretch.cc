@@ -49,7 +49,7 @@ void DegenerateStretch::Begin(std::int64_t next_keyframe) {
 
 void DegenerateStretch::Follow(const OdometryFrame& frame, const MotionModel& motion,
                                const std::vector<TimedCluster>& clusters, const VoxelMap& map,
-                               const std::deque<WindowFrame>& window, std::int64_t next_keyframe) {
+                               const SlidingWindow& window, std::int64_t next_keyframe) {
   const bool matched = frame.status == OdometryFrame::Status::kTracked;
   if (!open_ && any_ && matched && frame.match.degenerate > 0) Begin(next_keyframe);
   if (open_) {
@@ -92,7 +92,7 @@ void DegenerateStretch::Learn(int block, const Matrix6d& information) {
 
 void DegenerateStretch::Compare(const OdometryFrame& frame,
                                 const std::vector<TimedCluster>& clusters, const VoxelMap& map,
-                                const std::deque<WindowFrame>& window, const Matrix6d& measured) {
+                                const SlidingWindow& window, const Matrix6d& measured) {
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(Matrix6d(covariance_.topLeftCorner<6, 6>()));
   const Matrix6d& directions = solver.eigenvectors();
   const std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.sweep);

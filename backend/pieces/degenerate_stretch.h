@@ -20,7 +20,6 @@
 #pragma once
 
 #include <cstdint>
-#include <deque>
 #include <vector>
 
 #include "backend/window/sliding_window.h"
@@ -41,7 +40,7 @@ class DegenerateStretch {
   // number of the next keyframe.
   void Follow(const OdometryFrame& frame, const MotionModel& motion,
               const std::vector<TimedCluster>& clusters, const VoxelMap& map,
-              const std::deque<WindowFrame>& window, std::int64_t next_keyframe);
+              const SlidingWindow& window, std::int64_t next_keyframe);
 
   // By how much the newest pose may be wrong against what was mapped before, along the direction
   // that is known least: a standard deviation. 0 if there is no stretch.
@@ -66,8 +65,7 @@ class DegenerateStretch {
   // Takes in information about a block of the state: x (0) or v (6).
   void Learn(int block, const Matrix6d& information);
   void Compare(const OdometryFrame& frame, const std::vector<TimedCluster>& clusters,
-               const VoxelMap& map, const std::deque<WindowFrame>& window,
-               const Matrix6d& measured);
+               const VoxelMap& map, const SlidingWindow& window, const Matrix6d& measured);
 
   // Scans that must determine all directions in a row: the next one may see the map from before.
   static constexpr int kSettled = 5;

@@ -54,7 +54,7 @@ bool Mapper::EndsPiece(const MapperScan& scan, const OdometryFrame& frame, bool 
     matched_ = false;  // not as it should be: nothing of it is to stay
     return true;
   }
-  stretch_.Follow(frame, tracker_.odometry().motion(), *scan.clusters, *map_, window_.frames(),
+  stretch_.Follow(frame, tracker_.odometry().motion(), *scan.clusters, *map_, window_,
                   open_.NextKeyframe());
   if (stretch_.over()) {
     const double most = options_.backend.restart_after_sigma_m;

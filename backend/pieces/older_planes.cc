@@ -4,10 +4,12 @@
 
 namespace lamina {
 
-OlderPlanes::OlderPlanes(const VoxelMap& map, const std::deque<WindowFrame>& window,
+OlderPlanes::OlderPlanes(const VoxelMap& map, const SlidingWindow& window,
                          std::int64_t first_keyframe)
-    : map_(map), first_keyframe_(first_keyframe) {
-  for (const WindowFrame& frame : window) {
+    : map_(map),
+      first_keyframe_(first_keyframe),
+      points_per_frame_(window.options().max_cluster_weight) {
+  for (const WindowFrame& frame : window.frames()) {
     if (frame.id < first_keyframe) continue;
     for (std::size_t i = 0; i < frame.leaves.size(); ++i) {
       if (frame.leaves[i] == VoxelMap::kNoNode) continue;
@@ -30,7 +32,7 @@ OlderPlanes::Older OlderPlanes::Make(VoxelMap::NodeId surface) const {
     cluster -= newer->second.cluster;
     frames -= newer->second.frames;
   }
-  const double fixed_since = map_.FixedSince(surface, first_keyframe_);
+  const double fixed_since = map_.FixedSince(surface, first_keyframe_, points_per_frame_);
   const double share = 1.0 - fixed_since / std::max(cluster.count, 1e-9);
   if (share <= 0.0) return {};
   return {map_.SurfaceOf(cluster, frames), share * share};

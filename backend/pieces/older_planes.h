@@ -9,7 +9,6 @@
 #pragma once
 
 #include <cstdint>
-#include <deque>
 #include <unordered_map>
 
 #include "backend/window/sliding_window.h"
@@ -22,8 +21,7 @@ namespace lamina {
 // Not thread-safe. Holds for the map and the window as they are.
 class OlderPlanes {
  public:
-  OlderPlanes(const VoxelMap& map, const std::deque<WindowFrame>& window,
-              std::int64_t first_keyframe);
+  OlderPlanes(const VoxelMap& map, const SlidingWindow& window, std::int64_t first_keyframe);
 
   // In the place of a surface of the map; its plane is null where too little is that old, or is no
   // plane.
@@ -43,6 +41,7 @@ class OlderPlanes {
 
   const VoxelMap& map_;
   std::int64_t first_keyframe_;
+  double points_per_frame_;
   std::unordered_map<VoxelMap::NodeId, Newer> newer_;
   std::unordered_map<VoxelMap::NodeId, Older> planes_;
 };

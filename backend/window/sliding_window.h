@@ -83,6 +83,7 @@ class SlidingWindow {
 
   SlidingWindow(const SlidingWindowOptions& options, VoxelMap* map);
 
+  const SlidingWindowOptions& options() const { return options_; }
   const std::deque<WindowFrame>& frames() const { return frames_; }
   bool full() const { return static_cast<int>(frames_.size()) >= options_.frames; }
 

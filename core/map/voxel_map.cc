@@ -254,12 +254,12 @@ std::int32_t VoxelMap::LastAdded(NodeId id) const {
   return last;
 }
 
-double VoxelMap::FixedSince(NodeId id, std::int64_t frame) const {
+double VoxelMap::FixedSince(NodeId id, std::int64_t frame, double points_per_frame) const {
   double points = 0.0;
   trees_.ForEachLeaf(id, [&](const MapLeaf& leaf) {
     if (leaf.last_fixed < frame) return;
     const auto since = static_cast<double>(leaf.last_fixed - frame + 1);
-    points += leaf.fixed.count * std::min(1.0, since / std::max<int>(1, leaf.fixed_frames));
+    points += std::min(static_cast<double>(leaf.fixed.count), since * points_per_frame);
   });
   return points;
 }

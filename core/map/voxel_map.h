@@ -117,9 +117,9 @@ class VoxelMap {
   Surface::Kind kind(NodeId id) const { return trees_.node(id).kind; }
   // Frames that contributed, saturating.
   int frames(NodeId id) const { return trees_.node(id).frames; }
-  // How many points of its fixed part are of this frame and later ones, at most: each of these is
-  // taken to be in every leaf that has a later one.
-  double FixedSince(NodeId id, std::int64_t frame) const;
+  // How many points of its fixed part are of this frame and later ones, at most, where a frame adds
+  // so many to a leaf: each of these is taken to be in every leaf that has a later one.
+  double FixedSince(NodeId id, std::int64_t frame, double points_per_frame) const;
   // Of a node of kind kPlane.
   const Surface& plane(NodeId id) const { return trees_.plane(trees_.node(id)); }
   // What a node with this cluster would look like.

@@ -228,21 +228,21 @@ TEST(VoxelMap, FixedPointsAreOfFramesBeforeOrSince) {
   VoxelMap map(NoPlanes());
   const Eigen::Vector3d at(0.1, 0.1, 0.1);
   const NodeId leaf = map.LeafAt(at);
-  EXPECT_EQ(map.FixedSince(leaf, 0), 0.0);
+  EXPECT_EQ(map.FixedSince(leaf, 0, 10.0), 0.0);
   for (std::int64_t f = 0; f < 5; ++f) {
     const PointCluster cluster = ClusterOf(draws.Cloud(10, at, 0.05));
     map.AddWindow(leaf, cluster, f);
     if (f < 4) map.FixWindow(leaf, cluster, 1.0, f);
   }
   for (std::int64_t f = 0; f <= 5; ++f)
-    EXPECT_NEAR(map.FixedSince(leaf, f),
+    EXPECT_NEAR(map.FixedSince(leaf, f, 10.0),
                 10.0 * static_cast<double>(std::max<std::int64_t>(0, 4 - f)), 1e-6);
   // What was put together elsewhere is as new as its last frame.
   const NodeId other = map.LeafAt(10.0 * at);
   map.AddFixed(other, ClusterOf(draws.Cloud(9, at, 0.05)), 3, 7);
-  EXPECT_EQ(map.FixedSince(other, 8), 0.0);
-  EXPECT_NEAR(map.FixedSince(other, 6), 6.0, 1e-6);
-  EXPECT_NEAR(map.FixedSince(other, 1), 9.0, 1e-6);
+  EXPECT_EQ(map.FixedSince(other, 8, 3.0), 0.0);
+  EXPECT_NEAR(map.FixedSince(other, 6, 3.0), 6.0, 1e-6);
+  EXPECT_NEAR(map.FixedSince(other, 1, 3.0), 9.0, 1e-6);
 }
 
 TEST(VoxelMap, FixedClustersAreCapped) {
