@@ -201,8 +201,8 @@ TEST(AdverseStart, AWayThatIsNotToldFromStandingIsNotTaken) {
   EXPECT_LT(verdict.degenerate, 116u);  // of 120
 }
 
-// Planes of the first scan that fourteen scans since have joined, a metre off, do not say where these
-// are: the first scan is a piece of its own.
+// Planes of the first scan that fourteen scans since have joined, a metre off, do not say where
+// these are: the first scan is a piece of its own.
 TEST(AdverseStart, PlanesThatNewerScansHaveJoinedDoNotTieThemToTheFirst) {
   EXPECT_LT(Tried("start-5000", 27).worst_m, 0.1);
 }
