@@ -94,12 +94,12 @@ void DegenerateStretch::Learn(int block, const Matrix6d& information) {
 void DegenerateStretch::Compare(const OdometryFrame& frame,
                                 const std::vector<TimedCluster>& clusters, const VoxelMap& map,
                                 const SlidingWindow& window, const Matrix6d& measured) {
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(Matrix6d(covariance_.topLeftCorner<6, 6>()));
-  const Matrix6d& directions = solver.eigenvectors();
-  const std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.sweep);
   const ScanMatcherOptions& o = matcher_.options();
   // The odometry has seen another minimum beside the one that the planes hold the pose in.
   if (frame.open_m > o.max_direction_sigma_m) return;
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(Matrix6d(covariance_.topLeftCorner<6, 6>()));
+  const Matrix6d& directions = solver.eigenvectors();
+  const std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.sweep);
   if (SigmaM() > kMinimumM && MayBeElsewhere(frame, deskewed, map, o, directions.col(5))) return;
   OlderPlanes older(map, window, first_keyframe_);
   const DirectionEvidence evidence =
