@@ -32,17 +32,4 @@ struct DeskewChoice {
 DeskewChoice ChooseDeskew(const ScanSource& source, std::size_t begin, std::size_t end,
                           const MappingOptions& options, const std::atomic<bool>* stop);
 
-struct SweepPeriodChoice {
-  double period_s = 0.0;  // of a sweep; 0: as stamps have it
-  // Thickness of a quarter of the planes at most (MapThickness::thin_m), of the map of sweeps as
-  // long as stamps have them, and half as long.
-  double by_stamps_m = 0.0, halved_m = 0.0;
-};
-
-// Where azimuth gives the times of points, and stamps are more than 0.15 s apart, the sensor may
-// have swept twice between them, as where every second scan was dropped. Looks as ChooseDeskew
-// does.
-SweepPeriodChoice ChooseSweepPeriod(const ScanSource& source, std::size_t begin, std::size_t end,
-                                    const MappingOptions& options, const std::atomic<bool>* stop);
-
 }  // namespace lamina

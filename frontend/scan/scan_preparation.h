@@ -35,7 +35,8 @@ struct ScanPreparationOptions {
     kOff,      // scans were deskewed before, or the sensor stood still
     kTime,     // per-point time of the file; a scan without it is taken as instantaneous
     kAzimuth,  // a spinning sensor without per-point time: time from the azimuth of the point
-    kAuto,     // per-point time where the file has it, otherwise off
+    kAuto,     // per-point time where the file has it, otherwise off; first scans may tell more
+               // (backend/mapping/deskew_choice.h, sweep_choice.h)
   };
   Deskew deskew = Deskew::kAuto;
 

@@ -18,6 +18,7 @@
 #include "backend/mapping/deskew_choice.h"
 #include "backend/mapping/map_thickness.h"
 #include "backend/mapping/mapping.h"
+#include "backend/mapping/sweep_choice.h"
 #include "backend/session/scan_record.h"
 #include "config/config.h"
 #include "core/base/error.h"
@@ -170,7 +171,8 @@ LaminaConfig ConfigOf(const RunArguments& arguments, const std::string& file) {
 
 // Says what was understood of the recording, and settles what it decides of the configuration:
 // where none is given, one is taken that scans of such a sensor, or of such a place, ask for; scans
-// that are compensated already, or whose times mislead, are not deskewed.
+// that are compensated already, or whose times mislead, are not deskewed; sweeps without times are
+// deskewed by azimuth.
 void OpenRun(const ScanSource& source, const FrameRange& range, const RunArguments& arguments,
              const std::atomic<bool>& stop, LaminaConfig* config) {
   const FittingConfig fit = FindFittingConfig(source, range);
@@ -179,6 +181,8 @@ void OpenRun(const ScanSource& source, const FrameRange& range, const RunArgumen
       ChooseDeskew(source, range.begin, range.end, config->Mapping(), &stop);
   const bool use_times = choice.verdict == DeskewChoice::Verdict::kDeskew;
   if (!use_times) config->preparation.deskew = ScanPreparationOptions::Deskew::kOff;
+  const SweepChoice swept = ChooseSweep(source, range.begin, range.end, config->Mapping(), &stop);
+  config->preparation = WithSweep(config->preparation, swept);
   const SweepPeriodChoice sweep =
       ChooseSweepPeriod(source, range.begin, range.end, config->Mapping(), &stop);
   if (sweep.period_s > 0.0) config->preparation.sweep_period_s = sweep.period_s;
@@ -187,6 +191,7 @@ void OpenRun(const ScanSource& source, const FrameRange& range, const RunArgumen
     if (!arguments.quiet) fmt::print(stderr, "{}\n", Printable(line));
   }
   for (const std::string& doubt : opening.doubts) spdlog::warn("{}", doubt);
+  if (swept.swept) spdlog::warn("{}", DescribeSweep(swept));
   if (sweep.period_s > 0.0) {
     spdlog::warn(
         "a sweep seems to last half as long as the time between two scans: planes are {:.1f} mm "

@@ -189,4 +189,16 @@ std::string DescribeAgainstDeskewing(const DeskewChoice& choice) {
       what, 1e3 * choice.deskewed_m, 1e3 * choice.as_they_are_m);
 }
 
+std::string DescribeSweep(const SweepChoice& choice) {
+  return fmt::format(
+      "scans are sweeps that are not compensated for motion: planes are {:.1f} mm thick if "
+      "deskewed "
+      "by azimuth, {:.1f} mm as they are (preparation.deskew=azimuth, "
+      "preparation.rotation={}, preparation.sweep_start_azimuth_deg={:.4g})",
+      1e3 * choice.by_azimuth_m, 1e3 * choice.as_they_are_m,
+      choice.rotation == ScanPreparationOptions::Rotation::kClockwise ? "clockwise"
+                                                                      : "counterclockwise",
+      choice.sweep_start_azimuth_deg);
+}
+
 }  // namespace lamina

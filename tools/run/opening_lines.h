@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "backend/mapping/deskew_choice.h"
+#include "backend/mapping/sweep_choice.h"
 #include "config/config.h"
 #include "io/recording/scan_source.h"
 #include "tools/cli/common.h"
@@ -30,5 +31,8 @@ OpeningLines DescribeOpening(const ScanSource& source, const FrameRange& range,
 
 // What speaks against deskewing by the points' times, of a choice that is not to.
 std::string DescribeAgainstDeskewing(const DeskewChoice& choice);
+
+// What speaks for deskewing by azimuth, and the options that say so.
+std::string DescribeSweep(const SweepChoice& choice);
 
 }  // namespace lamina

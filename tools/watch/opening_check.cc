@@ -6,6 +6,7 @@
 #include <iterator>
 
 #include "backend/mapping/deskew_choice.h"
+#include "backend/mapping/sweep_choice.h"
 #include "tools/run/fitting_config.h"
 #include "tools/run/opening_lines.h"
 
@@ -50,7 +51,13 @@ std::vector<std::string> OpeningCheck::Look(const WatchFiles& files, const Mappi
   scans_.reset();
   std::vector<std::string> warnings;
   const DeskewChoice choice = ChooseDeskew(scans, 0, scans.size(), options, &stop);
-  settled_ = choice.verdict != DeskewChoice::Verdict::kDeskew || choice.deskewed_m > 0.0;
+  const SweepChoice sweep = ChooseSweep(scans, 0, scans.size(), options, &stop);
+  settled_ = choice.verdict != DeskewChoice::Verdict::kDeskew || choice.deskewed_m > 0.0 ||
+             sweep.as_they_are_m > 0.0;
+  if (sweep.swept) {
+    warnings.push_back(DescribeSweep(sweep) +
+                       ". This session does not deskew them: begin another one with these options");
+  }
   if (choice.verdict != DeskewChoice::Verdict::kDeskew) {
     warnings.push_back(
         fmt::format("{}. This session deskews by them all the same: begin another one with --set "

@@ -1,6 +1,7 @@
 // What only some scans of a session can tell of its configuration: whether the times of points
-// mislead, in a wrong unit, say, or of clouds that are compensated for motion already; and whether
-// the sensor, or a small place, asks for a shipped configuration.
+// mislead, in a wrong unit, say, or of clouds that are compensated for motion already; whether
+// scans without times are sweeps that are not; and whether the sensor, or a small place, asks for a
+// shipped configuration.
 //
 // `run` looks at a few scans before it begins, and decides. A session must not: what lies in its
 // inbox when it begins is a matter of chance, and the same scans shall give the same bytes. So it

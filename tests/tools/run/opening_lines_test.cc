@@ -110,6 +110,26 @@ TEST_F(OpeningTest, CompensatedCloudsAreNotDeskewedAgain) {
   EXPECT_THAT(Run(still, {"--set", "preparation.deskew=time"}).err, Not(HasSubstr("compensated")));
 }
 
+TEST_F(OpeningTest, SweepsWithoutTimesAreDeskewedByAzimuth) {
+  const SweptDrive& drive = LongDrive(false);
+  for (std::size_t i = 0; i < drive.size(); ++i) {
+    Write("points/" + std::to_string(100 + i) + ".bin", KittiBin(drive.Read(i).points));
+  }
+  const auto off_m = [&] {
+    const Trajectory poses = ReadTrajectory(Path("out/trajectory_tum.txt"));
+    return (poses.back().T_world_lidar.t - drive.TruePose(drive.size() - 1).t).norm();
+  };
+  EXPECT_THAT(Run(Path("points")).err,
+              AllOf(HasSubstr("sweeps that are not compensated for motion: planes are"),
+                    HasSubstr("times by their azimuth"), HasSubstr("rotation=clockwise")));
+  EXPECT_THAT(Bytes(Path("out/config.yaml")), HasSubstr("deskew: azimuth"));
+  const double deskewed_m = off_m();
+  EXPECT_LT(deskewed_m, 0.03);
+  EXPECT_THAT(Run(Path("points"), {"--set", "preparation.deskew=off"}).err,
+              Not(HasSubstr("compensated")));
+  EXPECT_GT(off_m(), 2.0 * deskewed_m);
+}
+
 TEST(DeskewChoice, IsTheThinnerMapsWhereTheSensorMoved) {
   const MappingOptions options;
   const DeskewChoice swept = ChooseDeskew(LongDrive(false), 0, 20, options, nullptr);

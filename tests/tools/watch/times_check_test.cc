@@ -45,6 +45,15 @@ TEST_F(WatchTimesTest, AreToldAndUsedAllTheSame) {
   EXPECT_TRUE(Bytes(Path("session/trajectory_tum.txt")) == told);
 }
 
+TEST_F(WatchTimesTest, AreMissedWhereScansAreSweeps) {
+  const SweptDrive drive(22, false);
+  for (std::size_t i = 0; i < drive.size(); ++i) {
+    Write("in/" + std::to_string(100 + i) + ".bin", KittiBin(drive.Read(i).points));
+  }
+  EXPECT_THAT(Once().err, AllOf(HasSubstr("sweeps that are not compensated for motion"),
+                                HasSubstr("This session does not deskew them")));
+}
+
 TEST_F(WatchTimesTest, OfCompensatedCloudsAreTold) {
   EXPECT_THAT(Watch(SweptDrive(22, true), 1.0, {"--done", "move"}),
               AllOf(HasSubstr("compensated for motion already"),

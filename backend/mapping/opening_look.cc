@@ -1,0 +1,95 @@
+#include "backend/mapping/opening_look.h"
+
+#include <algorithm>
+
+#include "backend/mapping/pipeline.h"
+#include "core/base/error.h"
+
+namespace lamina {
+namespace {
+
+// A sensor that is at rest shakes by less.
+constexpr double kLeastWayM = 1.0, kLeastTurnRad = 0.2;
+constexpr std::size_t kLeastPlanes = 50;
+
+}  // namespace
+
+bool OpeningLook::Tells() const {
+  return tracked && (way_m > kLeastWayM || turn_rad > kLeastTurnRad) && map.planes >= kLeastPlanes;
+}
+
+OpeningLook LookAt(const ScanSource& source, std::size_t begin, std::size_t end,
+                   const ScanPreparationOptions& preparation, MappingOptions options,
+                   const std::atomic<bool>* stop) {
+  options.preparation = preparation;
+  options.loops.enabled = false;
+  OpeningLook look;
+  MappingCallbacks callbacks;
+  callbacks.on_final_pose = [&](const FinalPose& pose) {
+    if (pose.skipped) return;
+    look.poses.push_back(pose.pose);
+    look.scans.push_back(pose.scan);
+  };
+  Mapping run(options, callbacks);
+  MapScans(source, {begin, begin, end}, &run, stop);
+  run.Finish();
+  look.tracked = run.counts().lost == 0 && look.poses.size() * 2 > end - begin;
+  for (std::size_t i = 1; i < look.poses.size(); ++i) {
+    const SE3 step = look.poses[i - 1].T_world_lidar.Inverse() * look.poses[i].T_world_lidar;
+    look.way_m += step.t.norm();
+    look.turn_rad += LogSO3(step.q).norm();
+  }
+  look.map = MeasureThickness(run.map(), options.mapper.backend.min_surfel_frames);
+  return look;
+}
+
+bool Comparable(const OpeningLook& a, const OpeningLook& b) {
+  constexpr double kAlike = 0.8;
+  const auto alike = [&](double x, double y) { return std::min(x, y) >= kAlike * std::max(x, y); };
+  const bool moved = (std::min(a.way_m, b.way_m) > kLeastWayM && alike(a.way_m, b.way_m)) ||
+                     std::min(a.turn_rad, b.turn_rad) > kLeastTurnRad;
+  return a.tracked && b.tracked && moved && std::min(a.map.planes, b.map.planes) >= kLeastPlanes;
+}
+
+std::optional<std::pair<OpeningLook, OpeningLook>> LookUnderBoth(
+    const ScanSource& source, std::size_t begin, std::size_t end, const MappingOptions& options,
+    const ScanPreparationOptions& one, const ScanPreparationOptions& other,
+    const TellsOfBoth& tells, const std::atomic<bool>* stop) {
+  for (const std::size_t from : {begin, begin + (end - begin) / 2}) {
+    const std::size_t to = std::min(end, from + kLookScans);
+    const OpeningLook first = LookAt(source, from, to, one, options, stop);
+    const OpeningLook second = LookAt(source, from, to, other, options, stop);
+    if (stop != nullptr && stop->load()) break;
+    if (tells(first, second)) return std::make_pair(first, second);
+  }
+  return std::nullopt;
+}
+
+double PeriodByStamps(const ScanSource& source, std::size_t begin, std::size_t end) {
+  constexpr std::size_t kMost = 5;
+  std::vector<StampNs> stamps;
+  for (std::size_t i = begin; i < end && stamps.size() < kMost; ++i) {
+    if (source.Sensor(i) == source.Sensor(begin)) stamps.push_back(source.Stamp(i));
+  }
+  return SweepPeriod(stamps, 0.0);
+}
+
+PointTimes PointTimesOf(const ScanSource& source, std::size_t begin, std::size_t end) {
+  constexpr std::size_t kTries = 5;
+  constexpr double kMostPeriods = 1.5;
+  const double period_s = PeriodByStamps(source, begin, end);
+  for (std::size_t i = begin; i < std::min(end, begin + kTries); ++i) {
+    try {
+      const std::vector<float> times = source.Read(i).time_s;
+      if (times.empty()) return PointTimes::kNone;
+      const auto [first, last] = std::minmax_element(times.begin(), times.end());
+      const double length_s = static_cast<double>(*last) - static_cast<double>(*first);
+      return length_s < kMostPeriods * period_s ? PointTimes::kOfTheScan : PointTimes::kLonger;
+    } catch (const InputError&) {
+      // The next one may be readable.
+    }
+  }
+  return PointTimes::kUnknown;
+}
+
+}  // namespace lamina

@@ -1,0 +1,58 @@
+// The map of a few scans under one way of understanding the times of their points: what choices
+// between such ways compare (deskew_choice.h, sweep_choice.h).
+//
+// Private to backend/mapping.
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <functional>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "backend/mapping/map_thickness.h"
+#include "backend/mapping/options.h"
+#include "core/geometry/scan.h"
+#include "core/geometry/scan_source.h"
+
+namespace lamina {
+
+// So many scans are looked at.
+inline constexpr std::size_t kLookScans = 20;
+
+struct OpeningLook {
+  bool tracked = false;  // throughout
+  Trajectory poses;
+  std::vector<std::size_t> scans;  // that the poses are of
+  double way_m = 0.0, turn_rad = 0.0;
+  MapThickness map;
+
+  // Whether its map tells anything: the sensor moved, and there are planes.
+  bool Tells() const;
+};
+
+// Maps scans [begin, end) without loops.
+OpeningLook LookAt(const ScanSource& source, std::size_t begin, std::size_t end,
+                   const ScanPreparationOptions& preparation, MappingOptions options,
+                   const std::atomic<bool>* stop);
+
+// Whether the maps of both say anything: the sensor moved, and both found much the same.
+bool Comparable(const OpeningLook& a, const OpeningLook& b);
+
+// The looks under both: at the first scans, or, where `tells` says that these tell nothing, at some
+// from the middle. Nothing if neither tells, or if it was stopped.
+using TellsOfBoth = std::function<bool(const OpeningLook& one, const OpeningLook& other)>;
+std::optional<std::pair<OpeningLook, OpeningLook>> LookUnderBoth(
+    const ScanSource& source, std::size_t begin, std::size_t end, const MappingOptions& options,
+    const ScanPreparationOptions& one, const ScanPreparationOptions& other,
+    const TellsOfBoth& tells, const std::atomic<bool>* stop);
+
+// Between the first scans of a sensor; 0 where their stamps tell none.
+double PeriodByStamps(const ScanSource& source, std::size_t begin, std::size_t end);
+
+// How the times of the points lie between the stamps, by the first scan that can be read.
+enum class PointTimes { kUnknown, kNone, kOfTheScan, kLonger };
+PointTimes PointTimesOf(const ScanSource& source, std::size_t begin, std::size_t end);
+
+}  // namespace lamina

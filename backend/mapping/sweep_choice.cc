@@ -1,0 +1,249 @@
+#include "backend/mapping/sweep_choice.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "backend/mapping/opening_look.h"
+#include "backend/mapping/scan_decoder.h"
+#include "core/base/error.h"
+
+namespace lamina {
+namespace {
+
+using Deskew = ScanPreparationOptions::Deskew;
+using Rotation = ScanPreparationOptions::Rotation;
+
+// Scans of a recording, thinned and held in memory. Those that cannot be read are left out.
+class ThinnedScans final : public ScanSource {
+ public:
+  ThinnedScans(const ScanSource& source, std::size_t begin, std::size_t end)
+      : recorded_stamps_(source.recorded_stamps()) {
+    for (std::size_t i = begin; i < end; ++i) {
+      try {
+        scans_.push_back(Thinned(source.Read(i)));
+      } catch (const InputError&) {
+        continue;
+      }
+      T_vehicle_lidar_.push_back(source.T_vehicle_lidar(i));
+    }
+  }
+
+  std::size_t size() const override { return scans_.size(); }
+  std::string Name(std::size_t i) const override { return std::to_string(i); }
+  StampNs Stamp(std::size_t i) const override { return scans_[i].stamp_ns; }
+  SE3 T_vehicle_lidar(std::size_t i) const override { return T_vehicle_lidar_[i]; }
+  Scan Read(std::size_t i) const override { return scans_[i]; }
+  bool recorded_stamps() const override { return recorded_stamps_; }
+
+ private:
+  // The step is odd, so that files that hold one column of beams after the other keep all beams.
+  static Scan Thinned(Scan scan) {
+    constexpr std::size_t kEnoughPoints = 20000;
+    const std::size_t step = scan.points.size() / kEnoughPoints | 1U;
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < scan.points.size(); i += step) scan.points[kept++] = scan.points[i];
+    scan.points.resize(kept);
+    return scan;
+  }
+
+  bool recorded_stamps_;
+  std::vector<Scan> scans_;
+  std::vector<SE3> T_vehicle_lidar_;
+};
+
+ScanPreparationOptions Swept(ScanPreparationOptions preparation, Rotation rotation,
+                             double start_deg) {
+  preparation.deskew = Deskew::kAzimuth;
+  preparation.rotation = rotation;
+  preparation.sweep_start_azimuth_deg = std::remainder(start_deg, 360.0);
+  return preparation;
+}
+
+// How thick the planes of a map are, by most of them and by the thinnest, which clutter thickens
+// least: the geometric mean of both.
+double ThicknessOf(const OpeningLook& look) {
+  return std::sqrt(look.map.thin_m * look.map.median_m);
+}
+
+// A look under a sweep; infinitely thick where its map tells nothing.
+struct SweepLook {
+  ScanPreparationOptions preparation;
+  OpeningLook look;
+  double thick_m = std::numeric_limits<double>::infinity();
+};
+
+// Looks at some scans under sweeps.
+class SweepSearch {
+ public:
+  SweepSearch(const ScanSource& scans, const MappingOptions& options, const std::atomic<bool>* stop)
+      : scans_(scans), options_(options), stop_(stop) {}
+
+  OpeningLook AsTheyAre() const {
+    ScanPreparationOptions off = options_.preparation;
+    off.deskew = Deskew::kOff;
+    return LookAt(scans_, 0, scans_.size(), off, options_, stop_);
+  }
+
+  SweepLook Under(Rotation rotation, double start_deg) const {
+    SweepLook found;
+    found.preparation = Swept(options_.preparation, rotation, start_deg);
+    found.look = LookAt(scans_, 0, scans_.size(), found.preparation, options_, stop_);
+    if (found.look.Tells()) found.thick_m = ThicknessOf(found.look);
+    return found;
+  }
+
+  // The sense of rotation and the cut that make the thinnest map: by quarters of a turn, then by
+  // halves of the step before. Of scans that were not swept, all of them make it clearly thicker,
+  // and half the quarters tell.
+  SweepLook Thinnest(double as_they_are_m) const {
+    constexpr double kHopeless = 1.15, kFirstStepDeg = 90.0, kLastStepDeg = 20.0;
+    // Only the sector between a cut and another differs, and the quarters are common.
+    constexpr double kClearly = 0.97;
+    SweepLook best;
+    const auto look_under = [&](Rotation rotation, double start_deg, double clearly) {
+      SweepLook next = Under(rotation, start_deg);
+      if (next.thick_m < clearly * best.thick_m) best = std::move(next);
+    };
+    const auto both_senses = [&](double start_deg) {
+      look_under(Rotation::kClockwise, start_deg, 1.0);
+      look_under(Rotation::kCounterclockwise, start_deg, 1.0);
+    };
+    both_senses(180.0);
+    both_senses(0.0);
+    if (best.thick_m > kHopeless * as_they_are_m) return best;
+    both_senses(90.0);
+    both_senses(-90.0);
+    for (double step_deg = 0.5 * kFirstStepDeg; step_deg > kLastStepDeg; step_deg *= 0.5) {
+      const ScanPreparationOptions from = best.preparation;
+      look_under(from.rotation, from.sweep_start_azimuth_deg - step_deg, kClearly);
+      look_under(from.rotation, from.sweep_start_azimuth_deg + step_deg, kClearly);
+    }
+    return best;
+  }
+
+ private:
+  const ScanSource& scans_;
+  const MappingOptions& options_;
+  const std::atomic<bool>* stop_;
+};
+
+// What a stretch of scans tells.
+struct Finding {
+  enum class Verdict { kNothing, kAsTheyAre, kSwept };
+  Verdict verdict = Verdict::kNothing;
+  ScanPreparationOptions swept;
+  double by_azimuth_m = 0.0, as_they_are_m = 0.0;
+};
+
+// Looks at scans from `from` on; under `swept`, or, without, under the sweep that fits best.
+Finding LookForSweep(const ScanSource& source, std::size_t from, std::size_t end,
+                     const MappingOptions& options,
+                     const std::optional<ScanPreparationOptions>& swept,
+                     const std::atomic<bool>* stop) {
+  constexpr double kClearlyThinner = 0.9;
+  constexpr std::size_t kLeastScans = 10;
+  Finding finding;
+  const ThinnedScans scans(source, from, std::min(end, from + kLookScans));
+  if (scans.size() < kLeastScans) return finding;
+  const SweepSearch search(scans, options, stop);
+  const OpeningLook as_they_are = search.AsTheyAre();
+  if (!as_they_are.Tells()) return finding;
+  const double as_they_are_m = ThicknessOf(as_they_are);
+  const SweepLook by_azimuth = swept ? search.Under(swept->rotation, swept->sweep_start_azimuth_deg)
+                                     : search.Thinnest(as_they_are_m);
+  if (stop != nullptr && stop->load()) return finding;
+  if (!Comparable(by_azimuth.look, as_they_are)) return finding;
+  finding.swept = by_azimuth.preparation;
+  finding.by_azimuth_m = by_azimuth.thick_m;
+  finding.as_they_are_m = as_they_are_m;
+  if (finding.by_azimuth_m < kClearlyThinner * finding.as_they_are_m) {
+    finding.verdict = Finding::Verdict::kSwept;
+  } else if (finding.by_azimuth_m > finding.as_they_are_m) {
+    finding.verdict = Finding::Verdict::kAsTheyAre;
+  }
+  return finding;
+}
+
+// Whether one sensor took the scans, and its first points lie all around it.
+bool IsOneSensorAllAround(const ScanSource& source, std::size_t begin, std::size_t end,
+                          const MappingOptions& options) {
+  constexpr std::size_t kTries = 5, kSectors = 72, kLeastSectors = 54;
+  for (std::size_t i = begin; i < end; ++i) {
+    if (source.Sensor(i) != source.Sensor(begin)) return false;
+  }
+  for (std::size_t i = begin; i < std::min(end, begin + kTries); ++i) {
+    const std::vector<TimedPoint> points =
+        DecodeScan(source, options.preparation, options.pipeline.min_points,
+                   options.mapper.map.LeafSize(), begin, i)
+            .points;
+    if (points.empty()) continue;
+    std::array<bool, kSectors> seen{};
+    for (const TimedPoint& p : points) {
+      const double turn = 0.5 + std::atan2(p.y, p.x) / (2.0 * M_PI);
+      seen[std::min(kSectors - 1, static_cast<std::size_t>(turn * kSectors))] = true;
+    }
+    return static_cast<std::size_t>(std::count(seen.begin(), seen.end(), true)) >= kLeastSectors;
+  }
+  return false;
+}
+
+}  // namespace
+
+SweepChoice ChooseSweep(const ScanSource& source, std::size_t begin, std::size_t end,
+                        const MappingOptions& options, const std::atomic<bool>* stop) {
+  using Verdict = Finding::Verdict;
+  SweepChoice choice;
+  if (options.preparation.deskew != Deskew::kAuto) return choice;
+  if (PointTimesOf(source, begin, end) != PointTimes::kNone) return choice;
+  if (!IsOneSensorAllAround(source, begin, end, options)) return choice;
+  const std::size_t middle = begin + (end - begin) / 2;
+  const Finding first = LookForSweep(source, begin, end, options, std::nullopt, stop);
+  std::optional<ScanPreparationOptions> swept;
+  if (first.verdict == Verdict::kSwept) swept = first.swept;
+  Finding second;
+  if (first.verdict != Verdict::kAsTheyAre) {
+    second = LookForSweep(source, middle, end, options, swept, stop);
+  }
+  const Finding& telling = first.verdict != Verdict::kNothing ? first : second;
+  choice.by_azimuth_m = telling.by_azimuth_m;
+  choice.as_they_are_m = telling.as_they_are_m;
+  if (telling.verdict != Verdict::kSwept || second.verdict == Verdict::kAsTheyAre) return choice;
+  choice.swept = true;
+  choice.rotation = telling.swept.rotation;
+  choice.sweep_start_azimuth_deg = telling.swept.sweep_start_azimuth_deg;
+  return choice;
+}
+
+ScanPreparationOptions WithSweep(ScanPreparationOptions options, const SweepChoice& choice) {
+  return choice.swept ? Swept(options, choice.rotation, choice.sweep_start_azimuth_deg) : options;
+}
+
+SweepPeriodChoice ChooseSweepPeriod(const ScanSource& source, std::size_t begin, std::size_t end,
+                                    const MappingOptions& options, const std::atomic<bool>* stop) {
+  // Most sensors sweep ten times a second or more. Of the thinner planes, which beams that disagree
+  // thicken least, half of the period makes thicker ones unless it is right; where the sensor
+  // hardly moves, either will do.
+  constexpr double kLongS = 0.15, kThinner = 0.95;
+  SweepPeriodChoice choice;
+  const ScanPreparationOptions& given = options.preparation;
+  if (given.deskew != Deskew::kAzimuth || given.sweep_period_s > 0.0) return choice;
+  const double period_s = source.recorded_stamps() ? PeriodByStamps(source, begin, end) : 0.0;
+  if (period_s < kLongS) return choice;
+  ScanPreparationOptions whole = given, halved = given;
+  whole.sweep_period_s = period_s;
+  halved.sweep_period_s = 0.5 * period_s;
+  const auto looks = LookUnderBoth(source, begin, end, options, whole, halved, Comparable, stop);
+  if (!looks) return choice;
+  choice.by_stamps_m = looks->first.map.thin_m;
+  choice.halved_m = looks->second.map.thin_m;
+  if (choice.halved_m < kThinner * choice.by_stamps_m) choice.period_s = halved.sweep_period_s;
+  return choice;
+}
+
+}  // namespace lamina
