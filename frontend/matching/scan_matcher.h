@@ -112,6 +112,9 @@ struct MatchResult {
   // Fit above which planes speak for a pose: a wrong one has up to 0.65 anywhere in a street,
   // ground on ground and facade on facade, a right one 0.85 and more.
   static constexpr double kChanceFit = 0.5;
+  // That of a scan on the planes of the one just before, at least. Of few rings and among trees it
+  // is 0.55 to 0.65 where both are right, and up to 0.53 where the sweep is misunderstood.
+  static constexpr double kFollowingFit = 0.55;
 
   enum class Status {
     kConverged,

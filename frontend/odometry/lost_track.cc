@@ -82,8 +82,9 @@ bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& cluste
   const bool far = search_options_.enabled && !follows;
   const MatchResult match =
       far ? SearchFor(deskewed, prediction, map) : matcher_.MatchPose(deskewed, prediction, map);
-  if (match.status == MatchResult::Status::kTooFewMatches || match.fit() < kLeastFit ||
-      match.overlap() < least_overlap)
+  if (match.status == MatchResult::Status::kTooFewMatches || match.overlap() < least_overlap)
+    return false;
+  if (match.fit() < kLeastFit && (far || !FitsHereAlone(deskewed, prediction, map, match)))
     return false;
   const double dt = motion_.Gap(stamp_ns);
   if (dt > 0.0) twist = TwistLog(motion_.T_world_last().Inverse() * match.T_world_lidar) / dt;
@@ -95,16 +96,28 @@ bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& cluste
 MatchResult LostTrack::SearchFor(const std::vector<PointCluster>& clusters,
                                  const PosePrediction& prediction, const VoxelMap& map) const {
   const PoseSearch search(search_options_, &matcher_);
-  const bool starting = !motion_.moving_known();
-  const SearchedScan scan{clusters, prediction, map, starting};
-  const SE3& last = motion_.T_world_last();
-  PoseHypotheses hypotheses = starting ? PoseHypotheses::Starting(search_options_, prediction, last)
-                                       : PoseHypotheses::GoingOn(search_options_, prediction, last);
+  const SearchedScan scan{clusters, prediction, map, !motion_.moving_known()};
+  PoseHypotheses hypotheses = HypothesesFor(prediction);
   MatchResult match = search.Best(scan, &hypotheses, matcher_.MatchPose(clusters, prediction, map));
   match = matcher_.Match(clusters, prediction, match.T_world_lidar, map);
   if (match.status == MatchResult::Status::kConverged && !search.Unique(scan, hypotheses, match))
     match.status = MatchResult::Status::kTooFewMatches;
   return match;
+}
+
+PoseHypotheses LostTrack::HypothesesFor(const PosePrediction& prediction) const {
+  const SE3& last = motion_.T_world_last();
+  return motion_.moving_known() ? PoseHypotheses::GoingOn(search_options_, prediction, last)
+                                : PoseHypotheses::Starting(search_options_, prediction, last);
+}
+
+bool LostTrack::FitsHereAlone(const std::vector<PointCluster>& clusters,
+                              const PosePrediction& prediction, const VoxelMap& map,
+                              const MatchResult& match) const {
+  if (match.status != MatchResult::Status::kConverged || match.fit() < MatchResult::kFollowingFit)
+    return false;
+  const SearchedScan scan{clusters, prediction, map, !motion_.moving_known()};
+  return PoseSearch(search_options_, &matcher_).Unique(scan, HypothesesFor(prediction), match);
 }
 
 bool LostTrack::Drivable(const std::vector<SE3>& poses) const {

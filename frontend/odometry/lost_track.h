@@ -76,6 +76,11 @@ class LostTrack {
   // The match of a scan so long after the last one that matching alone does not bridge the way.
   MatchResult SearchFor(const std::vector<PointCluster>& clusters, const PosePrediction& prediction,
                         const VoxelMap& map) const;
+  PoseHypotheses HypothesesFor(const PosePrediction& prediction) const;
+  // Whether a match of the scan that follows another one without delay, which fits as poorly as
+  // planes of one scan of few rings do, is better than all that the search finds elsewhere.
+  bool FitsHereAlone(const std::vector<PointCluster>& clusters, const PosePrediction& prediction,
+                     const VoxelMap& map, const MatchResult& match) const;
   // Whether a sensor can have come by these poses of the kept scans.
   bool Drivable(const std::vector<SE3>& poses) const;
 

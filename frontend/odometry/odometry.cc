@@ -283,8 +283,13 @@ bool Odometry::Believed(const OdometryFrame& frame, const SearchedScan& scan,
   if (match.inlier_share < kMeetsFew * recent && match.fit() < std::min(kLeastFit, usual_fit))
     return false;
   // There is nothing before a start: what its second scan meets of the first one fits, unless that
-  // is of another place.
-  if (scan.starting && recent_fits_.empty() && !scan.timed && match.fit() < kLeastFit) return false;
+  // is of another place. Where a clock says that no time for that has passed, planes of one scan of
+  // few rings may fit no better: it is enough that no pose near it fits as well.
+  if (scan.starting && recent_fits_.empty() && !scan.timed && match.fit() < kLeastFit) {
+    const bool follows = motion_.clock_trusted() && !gap;
+    return follows && match.fit() >= MatchResult::kFollowingFit &&
+           match.status == MatchResult::Status::kConverged && unique();
+  }
   // Without a clock near says little, where the scan meets half of what scans did.
   constexpr double kMeetsHalf = 0.5;
   const bool doubtful = match.fit() < usual_fit && match.inlier_share < kMeetsHalf * recent;

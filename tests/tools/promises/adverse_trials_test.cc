@@ -47,7 +47,7 @@ INSTANTIATE_TEST_SUITE_P(
                       ShortTrial{"picked-town", 40}, ShortTrial{"picked-town-untimed", 40},
                       ShortTrial{"picked-vlp16", 40}, ShortTrial{"jump", 60},
                       ShortTrial{"jump-untimed", 60}, ShortTrial{"room-mid360", 100},
-                      ShortTrial{"shake-sweep", 36}),
+                      ShortTrial{"shake-sweep", 36}, ShortTrial{"forest-spray", 50}),
     [](const auto& p) {
       std::string name = p.param.name;
       std::replace(name.begin(), name.end(), '-', '_');
