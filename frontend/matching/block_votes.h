@@ -8,6 +8,7 @@
 // standard deviations of a sum of independent votes. Blocks are cubes of kTogetherM.
 #pragma once
 
+#include <Eigen/Core>
 #include <cmath>
 
 namespace lamina {
@@ -27,6 +28,14 @@ class BlockVotes {
 
  private:
   double sum_ = 0.0, squares_ = 0.0;
+};
+
+// Where the blocks that a scan meets would have the sensor, in the world, if each had one vote,
+// however many clusters it has; and how many standard deviations of these votes that is from the
+// pose.
+struct BlockStep {
+  Eigen::Vector3d step_m = Eigen::Vector3d::Zero();
+  double sigmas = 0.0;
 };
 
 }  // namespace lamina

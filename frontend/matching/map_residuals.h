@@ -10,6 +10,7 @@
 #include "core/geometry/se3.h"
 #include "core/map/voxel_key.h"
 #include "core/map/voxel_map.h"
+#include "frontend/matching/block_votes.h"
 #include "frontend/matching/degeneracy.h"
 #include "frontend/matching/match_rows.h"
 #include "frontend/matching/planes_instead.h"
@@ -100,8 +101,9 @@ class MapResiduals {
   void Drop(const std::vector<VoxelMap::NodeId>& planes);
 
   // How the gradient scatters, at the pose and kernel of the last At: the sum of scan_matcher.h
-  // over blocks of space, without H^-1 on both sides.
-  Matrix6d GradientScatter(const SE3& T, double kernel_sigma);
+  // over blocks of space, without H^-1 on both sides. *step is where these blocks would have the
+  // pose, had each one vote.
+  Matrix6d GradientScatter(const SE3& T, double kernel_sigma, BlockStep* step);
 
   // Sums of a step of the pose and of another at once, of which cluster i has shares[i].
   TwoStepRows TwoStepsAt(const SE3& T, double kernel_sigma, const std::vector<StepShares>& shares);
@@ -113,6 +115,7 @@ class MapResiduals {
     RowSums sums;
   };
   std::vector<Block> Blocks(const SE3& T, double kernel_sigma);
+  static BlockStep StepOf(const std::vector<Block>& blocks);
   static VoxelKey BlockAround(const Eigen::Vector3d& p);
   // Sum of g g' over the surfaces that a block's clusters meet, g being the gradient of a surface's
   // own. At the pose of the last At.

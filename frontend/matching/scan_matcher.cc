@@ -56,7 +56,7 @@ class Descent {
       break;
     }
     Report(result);
-    if (with_covariance) result->covariance = Covariance();
+    if (with_covariance) result->covariance = Covariance(&result->block_step);
     return true;
   }
 
@@ -240,12 +240,13 @@ class Descent {
         held_.directions * held_.prior.asDiagonal() * held_.directions.transpose();
   }
 
-  Matrix6d Covariance() const {
+  Matrix6d Covariance(BlockStep* step) const {
     const Matrix6d damped = Information() + 1e-9 * eq_.weight * Matrix6d::Identity();
     const Matrix6d inverse = damped.ldlt().solve(Matrix6d::Identity());
     const Matrix6d keep = Matrix6d::Identity() - held_.directions * held_.directions.transpose();
     Matrix6d scatter =
-        keep * DividedByArm(residuals_->GradientScatter(T_, options_.kernel_end_sigma)) * keep;
+        keep * DividedByArm(residuals_->GradientScatter(T_, options_.kernel_end_sigma, step)) *
+        keep;
     const Vector6d held = held_.facing + held_.prior;
     scatter += held_.directions * held.asDiagonal() * held_.directions.transpose();
     return DividedByArm(Matrix6d(inverse * scatter * inverse));

@@ -39,6 +39,14 @@
 // the surfaces in it count as independent, if that is more. Motion within the scan that is not
 // steady comes on top (sweep_acceleration.h). It is the error of the pose relative to the map
 // around it; what the map has drifted by before is not in it.
+//
+// Votes of blocks. Where something near and dense moves along, most clusters agree on a pose that
+// is wrong, and its covariance is small. With n_s the trace of what H_s knows of translation,
+// 1/m^2, a block's vote is v_s = n_0 / (n_0 + n_s), and the blocks would have the pose a step
+//
+//     d = -(n_0/2 I + sum_s v_s H_s)^-1 sum_s v_s G_s,    n_0 = 1 / (5 cm)^2,
+//
+// away (BlockStep; translation alone), with a standard deviation by how v_s G_s scatter.
 #pragma once
 
 #include <cmath>
@@ -48,6 +56,7 @@
 #include "core/geometry/se3.h"
 #include "core/map/voxel_map.h"
 #include "core/options/options.h"
+#include "frontend/matching/block_votes.h"
 #include "frontend/matching/degeneracy.h"
 #include "frontend/matching/planes_instead.h"
 
@@ -134,6 +143,7 @@ struct MatchResult {
   // What speaks for the pose: a place where much of the scan meets planes that it does not fit is
   // worse than one where less of it does, and fits.
   double evidence() const { return inlier_share - kChanceFit * overlap(); }
+  BlockStep block_step;         // with a covariance only
   double residual_rms_m = 0.0;  // robustly weighted distance to the planes
   // Covariance of the pose relative to the map, tangent order [rotation; translation] (rad^2, m^2);
   // along degenerate directions that of planes and prediction together.

@@ -192,8 +192,9 @@ class Odometry {
   SweepMotion SweepAt(const SE3& T_world_lidar, const OdometryFrame& frame) const;
   // The motion during a scan at this pose, `dt` after the last one, with that acceleration.
   SweepMotion SweepTo(const SE3& T_world_lidar, const Vector6d& acceleration, double dt) const;
-  // Where few surfaces face the direction that the match knows least: puts the pose where these and
-  // the motion before it together have it (direction_profile.h).
+  // Where few surfaces face the direction that the match knows least, or the blocks that it meets
+  // would have it elsewhere (BlockStep): puts the pose where surfaces and the motion before it
+  // together have it (direction_profile.h).
   void SettleWeakest(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
                      const VoxelMap& map, int passes, std::vector<PointCluster>* deskewed,
                      OdometryFrame* frame) const;
@@ -202,9 +203,10 @@ class Odometry {
   // What a search has found there where few surfaces face it.
   void DoubtUnbridged(const PosePrediction& prediction, const std::vector<PointCluster>& deskewed,
                       const VoxelMap& map, OdometryFrame* frame) const;
-  // The same while the motion before it is as unsure: the match stays, with what else it may be in
-  // its covariance. Degenerate where that is much.
-  void DoubtWeakest(const DirectionProfile& profile, OdometryFrame* frame) const;
+  // The same while the motion before it is as unsure: the match stays, with what else it may be
+  // along the direction in its covariance. Degenerate where that is much.
+  void DoubtWeakest(const DirectionProfile& profile, const Vector6d& direction,
+                    OdometryFrame* frame) const;
   // How often a scan is deskewed again.
   int DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const;
   // Status and pose of a frame that was matched.

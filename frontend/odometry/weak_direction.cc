@@ -36,8 +36,25 @@ constexpr double kSteadyM = 0.12;
 constexpr double kElsewhereSigmas = 3.0;
 
 // What a prediction leaves open of the direction that a match knows least, a standard deviation.
-double OpenM(const PosePrediction& prediction, const MatchResult& match) {
-  return 1.0 / std::sqrt(prediction.Information(match.weakest_direction));
+double OpenM(const PosePrediction& prediction, const Vector6d& direction) {
+  return 1.0 / std::sqrt(prediction.Information(direction));
+}
+
+// Whether the blocks that a match meets would have the sensor elsewhere, if each had one vote:
+// things that move along, near and dense, hold it against all that stands. Of scenes in which
+// nothing does so, the step is some millimetres. Where no motion is known yet, nothing else speaks
+// against them.
+bool IsDivided(const MatchResult& match, bool moving_known) {
+  constexpr double kLeastM = 0.03, kSigmas = 2.5, kStartSigmas = 2.0;
+  return match.block_step.step_m.norm() > kLeastM &&
+         match.block_step.sigmas > (moving_known ? kSigmas : kStartSigmas);
+}
+
+// A unit vector of the scaled tangent.
+Vector6d DirectionOf(const BlockStep& step) {
+  Vector6d v = Vector6d::Zero();
+  v.tail<3>() = step.step_m.normalized();
+  return v;
 }
 
 // Along a unit vector of the scaled tangent, of a covariance that is not scaled.
@@ -45,9 +62,9 @@ double SigmaAlong(const Matrix6d& covariance, const Vector6d& v) {
   return std::sqrt(std::max(0.0, v.dot(TimesArm(covariance) * v)));
 }
 
-// So much more is unknown along the direction that a match knows least.
-void Widen(double sigma_m, MatchResult* match) {
-  const Vector6d along = DividedByArm(Vector6d(sigma_m * match->weakest_direction));
+// So much more is unknown along a direction of the scaled tangent.
+void Widen(double sigma_m, const Vector6d& direction, MatchResult* match) {
+  const Vector6d along = DividedByArm(Vector6d(sigma_m * direction));
   match->covariance += along * along.transpose();
 }
 
@@ -62,27 +79,28 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
   // hold it there, until the way since the last scan puts the two apart.
   const double way_m = (match.T_world_lidar.t - motion_.T_world_last().t).norm();
   const bool setting_off = recent_inliers_.size() < kRecentScans && way_m < kBesideM;
+  const bool divided = IsDivided(match, motion_.moving_known());
   if (match.status == MatchResult::Status::kTooFewMatches || lost_ ||
-      (!setting_off && match.worst_sigma_m < kWellKnownM) || dt <= 0.0 ||
+      (!setting_off && !divided && match.worst_sigma_m < kWellKnownM) || dt <= 0.0 ||
       (dt > options_.vouched_gap_s && Unbridged(prediction, match)))
     return;
-  const Vector6d v = match.weakest_direction;
+  const Vector6d v = divided ? DirectionOf(match.block_step) : match.weakest_direction;
   const Vector6d off = TimesArm(LocalDelta(match.T_world_lidar, prediction.T_world_lidar));
   const double doubtful_m = options_.matcher.max_direction_sigma_m;
   const bool open = Unbridged(prediction, match);
   if (open && std::abs(v.dot(off)) < doubtful_m) return;  // as expected, however unsure that is
   const double sigma_m =
-      std::hypot(OpenM(prediction, match), SigmaAlong(motion_.Drift(frame->stamp_ns), v));
+      std::hypot(OpenM(prediction, v), SigmaAlong(motion_.Drift(frame->stamp_ns), v));
   const bool expected = motion_.moving_known() && sigma_m < kBesideM;
-  if (expected && match.degenerate == 0 && TurnsNearby(v)) return;
+  if (expected && !divided && match.degenerate == 0 && TurnsNearby(v)) return;
   const std::vector<PointCluster> some =
       setting_off ? Thinned(*deskewed, kEnoughClusters) : std::vector<PointCluster>();
   const DirectionProfile profile(setting_off ? some : *deskewed, map, match.T_world_lidar, v,
                                  options_.matcher.noise_floor_m);
-  if (!setting_off && profile.Blocks() > kManyBlocks) return;
+  if (!setting_off && !divided && profile.Blocks() > kManyBlocks) return;
   // Of a pose that is unsure itself its scan has made the map that this one meets.
   if (!motion_.moving_known() || (!open && sigma_m > kSteadyM)) {
-    DoubtWeakest(profile, frame);
+    DoubtWeakest(profile, v, frame);
     return;
   }
   const DirectionProfile::Posterior posterior = profile.With(v.dot(off), sigma_m);
@@ -104,7 +122,7 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
 }
 
 bool Odometry::Unbridged(const PosePrediction& prediction, const MatchResult& match) const {
-  return motion_.moving_known() && OpenM(prediction, match) > kSteadyM;
+  return motion_.moving_known() && OpenM(prediction, match.weakest_direction) > kSteadyM;
 }
 
 void Odometry::DoubtUnbridged(const PosePrediction& prediction,
@@ -121,28 +139,32 @@ void Odometry::DoubtUnbridged(const PosePrediction& prediction,
     vouched = open_m <= kSteadyM;
     if (!vouched && match.degenerate > 0) {
       // How far the sensor has come no stamp tells, and the few that do may be wrong together.
-      Widen(open_m, &frame->match);
+      Widen(open_m, match.weakest_direction, &frame->match);
       return;
     }
   }
   if (vouched || match.worst_sigma_m < kWellKnownM) return;
   const DirectionProfile profile(deskewed, map, match.T_world_lidar, match.weakest_direction,
                                  options_.matcher.noise_floor_m);
-  if (profile.Blocks() <= kManyBlocks) DoubtWeakest(profile, frame);
+  if (profile.Blocks() <= kManyBlocks) {
+    DoubtWeakest(profile, match.weakest_direction, frame);
+  }
 }
 
-void Odometry::DoubtWeakest(const DirectionProfile& profile, OdometryFrame* frame) const {
+void Odometry::DoubtWeakest(const DirectionProfile& profile, const Vector6d& direction,
+                            OdometryFrame* frame) const {
   MatchResult* const match = &frame->match;
   // What planes hold better was the right minimum in generated scenes, all but those of few points.
   constexpr double kDoubtfulM = 0.006;
   const DirectionProfile::Posterior posterior = profile.With(0.0, kBesideM);
   const double sigma_m = std::hypot(posterior.sigma_m, posterior.mean_m);
   frame->open_m = sigma_m;
-  Widen(sigma_m, match);
-  if (sigma_m > options_.matcher.max_direction_sigma_m && match->worst_sigma_m > kDoubtfulM &&
-      match->degenerate == 0) {
+  Widen(sigma_m, direction, match);
+  const bool doubtful =
+      match->worst_sigma_m > kDoubtfulM || IsDivided(*match, motion_.moving_known());
+  if (sigma_m > options_.matcher.max_direction_sigma_m && doubtful && match->degenerate == 0) {
     match->degenerate = 1;
-    match->degenerate_directions.col(0) = match->weakest_direction;
+    match->degenerate_directions.col(0) = direction;
   }
 }
 

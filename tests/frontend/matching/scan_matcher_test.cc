@@ -50,6 +50,34 @@ PosePrediction Predicted(const SE3& T) {
   return prediction;
 }
 
+// A corridor with boards across it, a few points each, and before them a wall of thousands.
+TEST(ScanMatcher, BlocksSayWhereTheSensorIsWhenWhatIsDenseHasMoved) {
+  Stage stage(World::Corridor(), 5);
+  World boards = World::Corridor(), wall;
+  for (int i = 0; i < 16; ++i) {
+    boards.facets.push_back(
+        {{4.0 * i - 26.0, i % 2 == 0 ? 1.4 : -1.2, 0.2}, {0, 0.5, 0}, {0, 0, 1}});
+  }
+  wall.facets.push_back({{9.0, 0, 0}, {0, 6, 0}, {0, 0, 5}});
+  World all = boards;
+  all.facets.push_back(wall.facets.front());
+  FillMap(all, 5, 3000, 0.005, &stage.draws, &stage.map);
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  for (const double moved_m : {0.0, 0.06}) {
+    Points points = boards.Sample(60, 0.005, &stage.draws);
+    for (const Eigen::Vector3d& p : wall.Sample(5000, 0.005, &stage.draws)) {
+      points.push_back(p + moved_m * Eigen::Vector3d::UnitX());
+    }
+    const std::vector<PointCluster> scan =
+        Untimed(ScanFrom(SE3(), points, stage.map.options().LeafSize()));
+    const MatchResult result = matcher.Match(scan, Predicted(SE3()), stage.map);
+    const Eigen::Vector3d by_blocks = result.T_world_lidar.t + result.block_step.step_m;
+    EXPECT_NEAR(result.T_world_lidar.t.x(), -moved_m, 0.03);
+    EXPECT_LT(std::abs(by_blocks.x()), 0.5 * moved_m + 0.01) << result.block_step.sigmas;
+    EXPECT_EQ(result.block_step.sigmas > 2.5, moved_m > 0.0) << result.block_step.sigmas;
+  }
+}
+
 TEST(ScanMatcher, RecoversThePoseInACornerOfThreePlanes) {
   Stage stage(World::Corner(), 1);
   const ScanMatcher matcher{ScanMatcherOptions()};
