@@ -1,7 +1,6 @@
 #include "backend/calibration/opening_calibration.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <optional>
 
@@ -11,6 +10,7 @@
 #include "backend/mapping/pipeline.h"
 #include "core/base/angle.h"
 #include "core/base/error.h"
+#include "frontend/scan/horizontal_view.h"
 
 namespace lamina {
 namespace {
@@ -54,13 +54,9 @@ bool SeesAround(const ScanSource& source, std::size_t begin, std::size_t end,
                         mapping.mapper.map.LeafSize(), begin, i)
                  .points;
   }
-  std::array<bool, 72> seen{};
-  for (const TimedPoint& p : points) {
-    const double turn = 0.5 + std::atan2(p.y, p.x) / (2.0 * M_PI);
-    seen[std::min<std::size_t>(
-        seen.size() - 1, static_cast<std::size_t>(turn * static_cast<double>(seen.size())))] = true;
-  }
-  return 2 * static_cast<std::size_t>(std::count(seen.begin(), seen.end(), true)) >= seen.size();
+  HorizontalView view;
+  for (const TimedPoint& p : points) view.Add(p.x, p.y);
+  return view.share() >= 0.5;
 }
 
 // The largest angle between the z axis of a tracked scan and that of the first.

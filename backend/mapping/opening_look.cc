@@ -1,6 +1,7 @@
 #include "backend/mapping/opening_look.h"
 
 #include <algorithm>
+#include <vector>
 
 #include "backend/mapping/pipeline.h"
 #include "core/base/error.h"
@@ -24,18 +25,17 @@ OpeningLook LookAt(const ScanSource& source, std::size_t begin, std::size_t end,
   options.preparation = preparation;
   options.loops.enabled = false;
   OpeningLook look;
+  Trajectory poses;
   MappingCallbacks callbacks;
   callbacks.on_final_pose = [&](const FinalPose& pose) {
-    if (pose.skipped) return;
-    look.poses.push_back(pose.pose);
-    look.scans.push_back(pose.scan);
+    if (!pose.skipped) poses.push_back(pose.pose);
   };
   Mapping run(options, callbacks);
   MapScans(source, {begin, begin, end}, &run, stop);
   run.Finish();
-  look.tracked = run.counts().lost == 0 && look.poses.size() * 2 > end - begin;
-  for (std::size_t i = 1; i < look.poses.size(); ++i) {
-    const SE3 step = look.poses[i - 1].T_world_lidar.Inverse() * look.poses[i].T_world_lidar;
+  look.tracked = run.counts().lost == 0 && poses.size() * 2 > end - begin;
+  for (std::size_t i = 1; i < poses.size(); ++i) {
+    const SE3 step = poses[i - 1].T_world_lidar.Inverse() * poses[i].T_world_lidar;
     look.way_m += step.t.norm();
     look.turn_rad += LogSO3(step.q).norm();
   }

@@ -9,11 +9,9 @@
 #include <functional>
 #include <optional>
 #include <utility>
-#include <vector>
 
 #include "backend/mapping/map_thickness.h"
 #include "backend/mapping/options.h"
-#include "core/geometry/scan.h"
 #include "core/geometry/scan_source.h"
 
 namespace lamina {
@@ -23,8 +21,6 @@ inline constexpr std::size_t kLookScans = 20;
 
 struct OpeningLook {
   bool tracked = false;  // throughout
-  Trajectory poses;
-  std::vector<std::size_t> scans;  // that the poses are of
   double way_m = 0.0, turn_rad = 0.0;
   MapThickness map;
 

@@ -1,7 +1,6 @@
 #include "backend/mapping/sweep_choice.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -12,6 +11,7 @@
 #include "backend/mapping/opening_look.h"
 #include "backend/mapping/scan_decoder.h"
 #include "core/base/error.h"
+#include "frontend/scan/horizontal_view.h"
 
 namespace lamina {
 namespace {
@@ -57,11 +57,16 @@ class ThinnedScans final : public ScanSource {
   std::vector<SE3> T_vehicle_lidar_;
 };
 
-ScanPreparationOptions Swept(ScanPreparationOptions preparation, Rotation rotation,
-                             double start_deg) {
+// How a sensor may have swept.
+struct Sweep {
+  Rotation rotation = Rotation::kClockwise;
+  double start_deg = 0.0;
+};
+
+ScanPreparationOptions With(ScanPreparationOptions preparation, const Sweep& sweep) {
   preparation.deskew = Deskew::kAzimuth;
-  preparation.rotation = rotation;
-  preparation.sweep_start_azimuth_deg = std::remainder(start_deg, 360.0);
+  preparation.rotation = sweep.rotation;
+  preparation.sweep_start_azimuth_deg = sweep.start_deg;
   return preparation;
 }
 
@@ -73,7 +78,7 @@ double ThicknessOf(const OpeningLook& look) {
 
 // A look under a sweep; infinitely thick where its map tells nothing.
 struct SweepLook {
-  ScanPreparationOptions preparation;
+  Sweep sweep;
   OpeningLook look;
   double thick_m = std::numeric_limits<double>::infinity();
 };
@@ -90,10 +95,11 @@ class SweepSearch {
     return LookAt(scans_, 0, scans_.size(), off, options_, stop_);
   }
 
-  SweepLook Under(Rotation rotation, double start_deg) const {
+  SweepLook Under(const Sweep& sweep) const {
     SweepLook found;
-    found.preparation = Swept(options_.preparation, rotation, start_deg);
-    found.look = LookAt(scans_, 0, scans_.size(), found.preparation, options_, stop_);
+    found.sweep = sweep;
+    found.look =
+        LookAt(scans_, 0, scans_.size(), With(options_.preparation, sweep), options_, stop_);
     if (found.look.Tells()) found.thick_m = ThicknessOf(found.look);
     return found;
   }
@@ -107,7 +113,7 @@ class SweepSearch {
     constexpr double kClearly = 0.97;
     SweepLook best;
     const auto look_under = [&](Rotation rotation, double start_deg, double clearly) {
-      SweepLook next = Under(rotation, start_deg);
+      SweepLook next = Under({rotation, std::remainder(start_deg, 360.0)});
       if (next.thick_m < clearly * best.thick_m) best = std::move(next);
     };
     const auto both_senses = [&](double start_deg) {
@@ -120,9 +126,9 @@ class SweepSearch {
     both_senses(90.0);
     both_senses(-90.0);
     for (double step_deg = 0.5 * kFirstStepDeg; step_deg > kLastStepDeg; step_deg *= 0.5) {
-      const ScanPreparationOptions from = best.preparation;
-      look_under(from.rotation, from.sweep_start_azimuth_deg - step_deg, kClearly);
-      look_under(from.rotation, from.sweep_start_azimuth_deg + step_deg, kClearly);
+      const Sweep from = best.sweep;
+      look_under(from.rotation, from.start_deg - step_deg, kClearly);
+      look_under(from.rotation, from.start_deg + step_deg, kClearly);
     }
     return best;
   }
@@ -137,14 +143,13 @@ class SweepSearch {
 struct Finding {
   enum class Verdict { kNothing, kAsTheyAre, kSwept };
   Verdict verdict = Verdict::kNothing;
-  ScanPreparationOptions swept;
+  Sweep sweep;
   double by_azimuth_m = 0.0, as_they_are_m = 0.0;
 };
 
-// Looks at scans from `from` on; under `swept`, or, without, under the sweep that fits best.
+// Looks at scans from `from` on; under `sweep`, or, without, under the one that fits best.
 Finding LookForSweep(const ScanSource& source, std::size_t from, std::size_t end,
-                     const MappingOptions& options,
-                     const std::optional<ScanPreparationOptions>& swept,
+                     const MappingOptions& options, const std::optional<Sweep>& sweep,
                      const std::atomic<bool>* stop) {
   // Sweeps come to 0.45 to 0.85 of the thickness that they have as they are, on real drives at 3
   // m/s to 0.82; compensated scans to more than they have, and sensors that hardly move to 0.97
@@ -158,11 +163,10 @@ Finding LookForSweep(const ScanSource& source, std::size_t from, std::size_t end
   const OpeningLook as_they_are = search.AsTheyAre();
   if (!as_they_are.Tells()) return finding;
   const double as_they_are_m = ThicknessOf(as_they_are);
-  const SweepLook by_azimuth = swept ? search.Under(swept->rotation, swept->sweep_start_azimuth_deg)
-                                     : search.Thinnest(as_they_are_m);
+  const SweepLook by_azimuth = sweep ? search.Under(*sweep) : search.Thinnest(as_they_are_m);
   if (stop != nullptr && stop->load()) return finding;
   if (!Comparable(by_azimuth.look, as_they_are)) return finding;
-  finding.swept = by_azimuth.preparation;
+  finding.sweep = by_azimuth.sweep;
   finding.by_azimuth_m = by_azimuth.thick_m;
   finding.as_they_are_m = as_they_are_m;
   if (finding.by_azimuth_m < kClearlyThinner * finding.as_they_are_m) {
@@ -176,7 +180,8 @@ Finding LookForSweep(const ScanSource& source, std::size_t from, std::size_t end
 // Whether one sensor took the scans, and its first points lie all around it.
 bool IsOneSensorAllAround(const ScanSource& source, std::size_t begin, std::size_t end,
                           const MappingOptions& options) {
-  constexpr std::size_t kTries = 5, kSectors = 72, kLeastSectors = 54;
+  constexpr std::size_t kTries = 5;
+  constexpr double kAllAround = 0.75;
   for (std::size_t i = begin; i < end; ++i) {
     if (source.Sensor(i) != source.Sensor(begin)) return false;
   }
@@ -186,12 +191,9 @@ bool IsOneSensorAllAround(const ScanSource& source, std::size_t begin, std::size
                    options.mapper.map.LeafSize(), begin, i)
             .points;
     if (points.empty()) continue;
-    std::array<bool, kSectors> seen{};
-    for (const TimedPoint& p : points) {
-      const double turn = 0.5 + std::atan2(p.y, p.x) / (2.0 * M_PI);
-      seen[std::min(kSectors - 1, static_cast<std::size_t>(turn * kSectors))] = true;
-    }
-    return static_cast<std::size_t>(std::count(seen.begin(), seen.end(), true)) >= kLeastSectors;
+    HorizontalView view;
+    for (const TimedPoint& p : points) view.Add(p.x, p.y);
+    return view.share() >= kAllAround;
   }
   return false;
 }
@@ -207,24 +209,25 @@ SweepChoice ChooseSweep(const ScanSource& source, std::size_t begin, std::size_t
   if (!IsOneSensorAllAround(source, begin, end, options)) return choice;
   const std::size_t middle = begin + (end - begin) / 2;
   const Finding first = LookForSweep(source, begin, end, options, std::nullopt, stop);
-  std::optional<ScanPreparationOptions> swept;
-  if (first.verdict == Verdict::kSwept) swept = first.swept;
+  std::optional<Sweep> sweep;
+  if (first.verdict == Verdict::kSwept) sweep = first.sweep;
   Finding second;
   if (first.verdict != Verdict::kAsTheyAre) {
-    second = LookForSweep(source, middle, end, options, swept, stop);
+    second = LookForSweep(source, middle, end, options, sweep, stop);
   }
   const Finding& telling = first.verdict != Verdict::kNothing ? first : second;
   choice.by_azimuth_m = telling.by_azimuth_m;
   choice.as_they_are_m = telling.as_they_are_m;
   if (telling.verdict != Verdict::kSwept || second.verdict == Verdict::kAsTheyAre) return choice;
   choice.swept = true;
-  choice.rotation = telling.swept.rotation;
-  choice.sweep_start_azimuth_deg = telling.swept.sweep_start_azimuth_deg;
+  choice.rotation = telling.sweep.rotation;
+  choice.sweep_start_azimuth_deg = telling.sweep.start_deg;
   return choice;
 }
 
 ScanPreparationOptions WithSweep(ScanPreparationOptions options, const SweepChoice& choice) {
-  return choice.swept ? Swept(options, choice.rotation, choice.sweep_start_azimuth_deg) : options;
+  if (!choice.swept) return options;
+  return With(std::move(options), {choice.rotation, choice.sweep_start_azimuth_deg});
 }
 
 SweepPeriodChoice ChooseSweepPeriod(const ScanSource& source, std::size_t begin, std::size_t end,

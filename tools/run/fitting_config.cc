@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <filesystem>
 #include <optional>
@@ -12,6 +11,7 @@
 #include "core/base/error.h"
 #include "core/base/median.h"
 #include "core/map/voxel_map.h"
+#include "frontend/scan/horizontal_view.h"
 #include "frontend/scan/scan_clusters.h"
 #include "frontend/scan/scan_preparation.h"
 
@@ -134,15 +134,13 @@ SensorGuess GuessSensor(const std::vector<ScanPoint>& points) {
   SensorGuess guess;
   guess.points = points.size();
   std::vector<double> elevations, ranges;
-  std::array<bool, 72> seen{};
+  HorizontalView view;
   for (const ScanPoint& p : points) {
     const double flat = std::hypot(p.x, p.y), range = std::hypot(flat, p.z);
     if (!std::isfinite(range) || range < kLeastRangeM) continue;
     ranges.push_back(range);
     elevations.push_back(Degrees(std::atan2(p.z, flat)));
-    const double turn = 0.5 + std::atan2(p.y, p.x) / (2.0 * M_PI);
-    seen[std::min<std::size_t>(
-        seen.size() - 1, static_cast<std::size_t>(turn * static_cast<double>(seen.size())))] = true;
+    view.Add(p.x, p.y);
   }
   if (ranges.empty()) return guess;
   guess.lowest_deg = Quantile(&elevations, kOutliers);
@@ -151,8 +149,7 @@ SensorGuess GuessSensor(const std::vector<ScanPoint>& points) {
   guess.mostly_m = Quantile(&ranges, kMost);
   guess.farthest_m = Quantile(&ranges, 1.0 - kOutliers);
   guess.rings = CountRings(elevations, guess.lowest_deg, guess.highest_deg);
-  guess.around_deg = 360.0 * static_cast<double>(std::count(seen.begin(), seen.end(), true)) /
-                     static_cast<double>(seen.size());
+  guess.around_deg = view.degrees();
   return guess;
 }
 

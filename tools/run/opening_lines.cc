@@ -192,8 +192,7 @@ std::string DescribeAgainstDeskewing(const DeskewChoice& choice) {
 std::string DescribeSweep(const SweepChoice& choice) {
   return fmt::format(
       "scans are sweeps that are not compensated for motion: planes are {:.1f} mm thick if "
-      "deskewed "
-      "by azimuth, {:.1f} mm as they are (preparation.deskew=azimuth, "
+      "deskewed by azimuth, {:.1f} mm as they are (preparation.deskew=azimuth, "
       "preparation.rotation={}, preparation.sweep_start_azimuth_deg={:.4g})",
       1e3 * choice.by_azimuth_m, 1e3 * choice.as_they_are_m,
       choice.rotation == ScanPreparationOptions::Rotation::kClockwise ? "clockwise"

@@ -49,6 +49,12 @@ class SweptDrive final : public ScanSource {
   std::vector<SE3> poses_;
 };
 
+// One of 20 scans, made once.
+inline const SweptDrive& LongDrive(bool compensated) {
+  static const SweptDrive swept(20, false), still(20, true);
+  return compensated ? still : swept;
+}
+
 // A PCD file of x, y, z (float) and a double `timestamp`, `per_s` of which are a second, `shift_s`
 // later.
 inline std::string TimedPcd(const Scan& scan, double shift_s, double per_s = 1.0) {

@@ -107,9 +107,6 @@ TEST(AdverseCarPark, DoesNotGoAlongWithWhatSetsOffTogether) {
   EXPECT_LT(swept.worst_m, 0.10);
 }
 
-// A lorry sets off beside a sensor of 16 rings, whose planes would have both stand. One start is
-// overruled, two are given up as neither is told from the other: what they called tracked before
-// that, up to 0.7 m off, is called degenerate then.
 // A narrow view is full of vans, near and dense, that take the sensor along; all that stands is far
 // off, and seen by few points.
 TEST(AdverseCarPark, EachBlockHasOneVote) {
@@ -120,6 +117,9 @@ TEST(AdverseCarPark, EachBlockHasOneVote) {
   }
 }
 
+// A lorry sets off beside a sensor of 16 rings, whose planes would have both stand. One start is
+// overruled, two are given up as neither is told from the other: what they called tracked before
+// that, up to 0.7 m off, is called degenerate then.
 TEST(AdverseLorry, DoesNotHoldWhoSetsOffBesideIt) {
   for (const int seed : {1, 9, 14}) {
     const Verdict verdict = Tried("lorry-start-vlp16", seed, 60);

@@ -26,11 +26,6 @@ using testing::Not;
 
 constexpr double kEpochS = 1.7e9;
 
-const SweptDrive& LongDrive(bool compensated) {
-  static const SweptDrive swept(20, false), still(20, true);
-  return compensated ? still : swept;
-}
-
 // Every `step`-th scan of a drive, without times, by a clock that runs so many times as fast.
 class Clocked final : public ScanSource {
  public:

@@ -15,11 +15,6 @@ namespace {
 
 using Rotation = ScanPreparationOptions::Rotation;
 
-const SweptDrive& PlainDrive(bool compensated) {
-  static const SweptDrive swept(20, false), still(20, true);
-  return compensated ? still : swept;
-}
-
 // How the scans of a drive, which spin clockwise and are cut at the rear, lie in their files.
 struct Told {
   bool compensated = false;
@@ -32,13 +27,13 @@ struct Told {
 class ToldDrive final : public ScanSource {
  public:
   explicit ToldDrive(const Told& told) : told_(told) {}
-  std::size_t size() const override { return told_.standing + PlainDrive(false).size(); }
+  std::size_t size() const override { return told_.standing + LongDrive(false).size(); }
   std::string Name(std::size_t i) const override { return std::to_string(i); }
   StampNs Stamp(std::size_t i) const override {
-    return static_cast<StampNs>(i) * (PlainDrive(false).Stamp(1) - PlainDrive(false).Stamp(0));
+    return static_cast<StampNs>(i) * (LongDrive(false).Stamp(1) - LongDrive(false).Stamp(0));
   }
   Scan Read(std::size_t i) const override {
-    Scan scan = PlainDrive(told_.compensated).Read(i < told_.standing ? 0 : i - told_.standing);
+    Scan scan = LongDrive(told_.compensated).Read(i < told_.standing ? 0 : i - told_.standing);
     scan.stamp_ns = Stamp(i);
     if (!told_.timed) scan.time_s.clear();
     const auto cosine = static_cast<float>(std::cos(Radians(told_.turned_deg)));
