@@ -13,6 +13,12 @@ namespace {
 constexpr double kLeastWayM = 1.0, kLeastTurnRad = 0.2;
 constexpr std::size_t kLeastPlanes = 50;
 
+Vector6d StartVelocity(const Trajectory& poses) {
+  const double gap_s = SecondsBetween(poses[0].stamp_ns, poses[1].stamp_ns);
+  if (gap_s <= 0.0) return Vector6d::Zero();
+  return TwistLog(poses[0].T_world_lidar.Inverse() * poses[1].T_world_lidar) / gap_s;
+}
+
 }  // namespace
 
 bool OpeningLook::Tells() const {
@@ -39,6 +45,7 @@ OpeningLook LookAt(const ScanSource& source, std::size_t begin, std::size_t end,
     look.way_m += step.t.norm();
     look.turn_rad += LogSO3(step.q).norm();
   }
+  if (poses.size() > 1) look.start_velocity = StartVelocity(poses);
   look.map = MeasureThickness(run.map(), options.mapper.backend.min_surfel_frames);
   return look;
 }

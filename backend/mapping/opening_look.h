@@ -22,13 +22,14 @@ inline constexpr std::size_t kLookScans = 20;
 struct OpeningLook {
   bool tracked = false;  // throughout
   double way_m = 0.0, turn_rad = 0.0;
+  Vector6d start_velocity = Vector6d::Zero();  // of the first scan, in the body, per second
   MapThickness map;
 
   // Whether its map tells anything: the sensor moved, and there are planes.
   bool Tells() const;
 };
 
-// Maps scans [begin, end) without loops.
+// Maps scans [begin, end) without loops, with what options.mapper knows of the start.
 OpeningLook LookAt(const ScanSource& source, std::size_t begin, std::size_t end,
                    const ScanPreparationOptions& preparation, MappingOptions options,
                    const std::atomic<bool>* stop);

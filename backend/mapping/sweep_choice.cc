@@ -83,16 +83,14 @@ struct SweepLook {
   double thick_m = std::numeric_limits<double>::infinity();
 };
 
-// Looks at some scans under sweeps.
+// Looks at some scans under sweeps, all of which begin with the velocity that the look as they are
+// has found: searching for it takes longer than all else where it is in doubt.
 class SweepSearch {
  public:
-  SweepSearch(const ScanSource& scans, const MappingOptions& options, const std::atomic<bool>* stop)
-      : scans_(scans), options_(options), stop_(stop) {}
-
-  OpeningLook AsTheyAre() const {
-    ScanPreparationOptions off = options_.preparation;
-    off.deskew = Deskew::kOff;
-    return LookAt(scans_, 0, scans_.size(), off, options_, stop_);
+  SweepSearch(const ScanSource& scans, const MappingOptions& options,
+              const OpeningLook& as_they_are, const std::atomic<bool>* stop)
+      : scans_(scans), options_(options), stop_(stop) {
+    options_.mapper.start_velocity = as_they_are.start_velocity;
   }
 
   SweepLook Under(const Sweep& sweep) const {
@@ -135,7 +133,7 @@ class SweepSearch {
 
  private:
   const ScanSource& scans_;
-  const MappingOptions& options_;
+  MappingOptions options_;
   const std::atomic<bool>* stop_;
 };
 
@@ -159,9 +157,11 @@ Finding LookForSweep(const ScanSource& source, std::size_t from, std::size_t end
   Finding finding;
   const ThinnedScans scans(source, from, std::min(end, from + kLookScans));
   if (scans.size() < kLeastScans) return finding;
-  const SweepSearch search(scans, options, stop);
-  const OpeningLook as_they_are = search.AsTheyAre();
+  ScanPreparationOptions off = options.preparation;
+  off.deskew = Deskew::kOff;
+  const OpeningLook as_they_are = LookAt(scans, 0, scans.size(), off, options, stop);
   if (!as_they_are.Tells()) return finding;
+  const SweepSearch search(scans, options, as_they_are, stop);
   const double as_they_are_m = ThicknessOf(as_they_are);
   const SweepLook by_azimuth = sweep ? search.Under(*sweep) : search.Thinnest(as_they_are_m);
   if (stop != nullptr && stop->load()) return finding;

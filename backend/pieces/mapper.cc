@@ -21,6 +21,7 @@ Mapper::Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
       stretch_(options.odometry) {
   CheckOptions(options.backend, "backend");
   options.backend.CheckTogether();
+  if (StartsMoving()) start_.Clear();
 }
 
 RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
@@ -35,6 +36,8 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
       matched_ = matched_ || frame.status == OdometryFrame::Status::kTracked;
       tracker_.Accept(frame);
       if (started_over) tracker_.odometry().Assume(frame.sweep.twist);
+      if (StartsMoving() && open_.NextKeyframe() == 0)
+        tracker_.odometry().StartMoving(*options_.start_velocity);
       ++frames_since_keyframe_;
       result.keyframe = IsKeyframe(frame.T_world_lidar);
       if (result.keyframe) AddKeyframe(frame, std::move(*scan.clusters));
@@ -127,6 +130,7 @@ OdometryFrame Mapper::First(const MapperScan& scan) {
   OdometryFrame frame;
   frame.stamp_ns = scan.stamp_ns + scan.middle_ns;
   if (odometry.started()) frame.sweep = odometry.Twist(frame.stamp_ns);
+  if (StartsMoving()) frame.sweep = *options_.start_velocity;
   frame.T_world_lidar = T_world_start_ * AtStamp(frame.sweep, scan.middle_ns).Inverse();
   return frame;
 }

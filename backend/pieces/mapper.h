@@ -114,6 +114,8 @@ class Mapper {
   // While the first scans have several explanations. *frame is what odometry made of this one. True
   // if they are taken again under another explanation.
   bool FollowStart(const MapperScan& scan, OdometryFrame* frame);
+  // Pieces that follow begin where that velocity is none of theirs.
+  bool StartsMoving() const { return piece_ == 0 && options_.start_velocity.has_value(); }
   // Takes back all scans so far and takes them again as start_ has them; *frame is of the newest.
   void StartOver(OdometryFrame* frame);
   // The first scan is at T_world_start_ at its stamp, which is known to lie elsewhere than the

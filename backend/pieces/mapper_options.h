@@ -1,6 +1,8 @@
 // Options of mapping in one piece of the map, and of localising in it.
 #pragma once
 
+#include <optional>
+
 #include "backend/bundle/solver/adjuster.h"
 #include "backend/window/sliding_window.h"
 #include "core/map/voxel_map.h"
@@ -50,6 +52,9 @@ struct MapperOptions {
   // Pieces are looked for in one another: lost where no search for the expected pose reaches, scans
   // begin a piece as soon as they agree.
   bool pieces_are_found = false;
+  // The body velocity of the first scan, per second, where it is known beforehand, as from another
+  // map of the same scans: nothing is searched for at the start then. No option of files.
+  std::optional<Vector6d> start_velocity = std::nullopt;
 };
 
 }  // namespace lamina

@@ -162,6 +162,14 @@ void MotionModel::Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follow
   interrupted_ = false;
 }
 
+void MotionModel::StartMoving(const Vector6d& velocity) {
+  constexpr double kPeriodS = 0.1;
+  velocity_ = velocity;
+  velocity_known_ = true;
+  last_gap_s_ = kPeriodS;
+  velocity_covariance_ = 0.25 * VelocityChange(kPeriodS);
+}
+
 void MotionModel::StartAt(const SE3& T_world_lidar) {
   T_world_last_ = T_world_lidar;
   velocity_.setZero();

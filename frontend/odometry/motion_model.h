@@ -67,6 +67,9 @@ class MotionModel {
   void Correct(const SE3& correction) { T_world_last_ = correction * T_world_last_; }
   // A body velocity, per second, that is known otherwise; how well stays as it is.
   void Assume(const Vector6d& velocity) { velocity_ = velocity; }
+  // The sensor of the first pose moved with this body velocity, per second: known to half of what
+  // it gains in a period, as one that was measured from scan to scan.
+  void StartMoving(const Vector6d& velocity);
   // Whether stamps are measured. As long as nothing is said they are.
   void TrustClock(bool trusted) { clock_trusted_ = trusted; }
   // Makes this pose the last one; the next scan is expected there.

@@ -120,6 +120,7 @@ class Odometry {
   void TrustClock(bool trusted) { motion_.TrustClock(trusted); }
   // A body twist of the last frame that is known better than from the way since the frame before.
   void Assume(const Vector6d& twist) { motion_.Assume(twist); }
+  void StartMoving(const Vector6d& twist) { motion_.StartMoving(twist); }
   // Begins anew with poses that are known otherwise: forgets all, then takes one after the other.
   void StartOver();
   void Accept(StampNs stamp_ns, const SE3& T_world_lidar);

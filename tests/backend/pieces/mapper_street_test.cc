@@ -19,6 +19,7 @@ struct StreetDrive {
   int scans = 60;
   std::function<double(double)> way_m;  // by time
   std::function<ScanKind(int)> kind = [](int) { return ScanKind::kStreet; };
+  bool start_known = false;  // whether the mapper is told the velocity of the first scan
 };
 
 struct DriveOutcome {
@@ -31,7 +32,12 @@ DriveOutcome MapStreet(const StreetDrive& drive, unsigned seed) {
   constexpr double kPeriodS = 0.1;
   const BayStreet street(seed);
   Draws draws(seed + 100);
-  const MapperOptions options;
+  MapperOptions options;
+  if (drive.start_known) {
+    const SE3 step =
+        BayStreet::PoseAt(drive.way_m(0.0)).Inverse() * BayStreet::PoseAt(drive.way_m(kPeriodS));
+    options.start_velocity = TwistLog(step) / kPeriodS;
+  }
   VoxelMap map(options.map);
   Mapper mapper(options, &map, 0);
   BundleProblem problem;
@@ -93,6 +99,19 @@ TEST(MapperStreet, AStartAtSpeedIsFollowed) {
   const DriveOutcome outcome = MapStreet(drive, 4);
   EXPECT_EQ(outcome.lost, 0);
   EXPECT_LT(outcome.worst_m, 0.1);
+}
+
+TEST(MapperStreet, AStartAtAKnownVelocityIsTrackedFromTheSecondScan) {
+  StreetDrive drive;
+  drive.points = 8000;
+  drive.scans = 20;
+  drive.way_m = [](double t) { return 15.0 * t; };
+  const DriveOutcome unknown = MapStreet(drive, 4);
+  EXPECT_GT(unknown.lost + unknown.degenerate, 0);
+  drive.start_known = true;
+  const DriveOutcome known = MapStreet(drive, 4);
+  EXPECT_EQ(known.lost + known.degenerate, 0);
+  EXPECT_LT(known.worst_m, 0.1);
 }
 
 TEST(MapperStreet, HardBrakingIsFollowed) {

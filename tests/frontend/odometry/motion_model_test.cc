@@ -103,6 +103,15 @@ TEST(MotionModel, AnAssumedVelocityMovesThePredictionAndIsNoBetterKnown) {
   EXPECT_EQ(WaySigma(model, kPeriodNs), sigma);
 }
 
+TEST(MotionModel, AVelocityThatIsKnownAtTheStartIsAsGoodAsAMeasuredOne) {
+  MotionModel model{MotionOptions()};
+  model.Accept(0, Along(0.0), false);
+  model.StartMoving(15.0 * Vector6d::Unit(3));
+  EXPECT_TRUE(model.moving_known());
+  EXPECT_NEAR(model.Predict(kPeriodNs).T_world_lidar.t.x(), 1.5, 1e-9);
+  EXPECT_EQ(WaySigma(model, kPeriodNs), WaySigma(Driving(), 11 * kPeriodNs));
+}
+
 TEST(MotionModel, SetDownSomewhereItIsExpectedThere) {
   MotionModel model = Driving();
   model.StartAt(Along(15.0));
