@@ -188,13 +188,18 @@ class StartTrack {
   // another one is likelier.
   bool TakeSteady(bool* doubted);
   // Closes with these poses, brought to the map of all others each, and the twists of `steady`.
-  // False, and nothing changes, if one of them meets too little.
+  // Scans that find themselves far from it settle in rounds. False, and nothing changes, if one of
+  // them meets too little, or if they come to lie on no way that a sensor takes.
   bool TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& steady,
                    const Eigen::Vector3d& u);
   // Brings the pose of a scan to the map that all others make, along u only as far as few surfaces
   // may (direction_profile.h). False if it meets too little of it.
   bool SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,
                     MatchResult* match) const;
+  // Whether the velocity changes at once by what no sensor does.
+  bool Leaps(const std::vector<SE3>& poses) const;
+  // All but the first; the match of the last.
+  bool SettleOthers(const Eigen::Vector3d& u, std::vector<SE3>* poses, MatchResult* match) const;
   // The steady motion along one direction, beside the way that poses have.
   struct SteadyAlong {
     std::vector<SE3> poses;  // under it

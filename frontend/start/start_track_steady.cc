@@ -14,6 +14,9 @@ namespace {
 // By how much a steady motion has to make the map sharper to be taken in the place of another one.
 constexpr double kRefutedSigmas = 3.0;
 
+// What a steady motion leaves open of a pose.
+constexpr double kOpenOfSteadyM = 0.05;
+
 // The direction at right angles to `without` that the fewest planes face.
 Eigen::Vector3d LeastAcross(const Eigen::Matrix3d& faced, const Eigen::Vector3d& without) {
   const Eigen::Matrix3d none = without * without.transpose();
@@ -120,13 +123,55 @@ bool StartTrack::FindStraight(const std::vector<SE3>& other, std::vector<SE3>* p
   return ours.Sharper(straight, others, before) > kLikelySigmas;
 }
 
+bool StartTrack::SettleOthers(const Eigen::Vector3d& u, std::vector<SE3>* poses,
+                              MatchResult* match) const {
+  for (std::size_t k = 1; k < poses->size(); ++k) {
+    if (!SettleBeside(k, u, poses, match)) return false;
+  }
+  return true;
+}
+
+bool StartTrack::Leaps(const std::vector<SE3>& poses) const {
+  constexpr double kSigmas = 3.0;
+  for (std::size_t k = 2; k < poses.size(); ++k) {
+    const double before_s = SecondsBetween(scans_[k - 2].stamp_ns, scans_[k - 1].stamp_ns);
+    const double after_s = SecondsBetween(scans_[k - 1].stamp_ns, scans_[k].stamp_ns);
+    const Eigen::Vector3d change =
+        (poses[k].t - poses[k - 1].t) / after_s - (poses[k - 1].t - poses[k - 2].t) / before_s;
+    if (change.norm() > kSigmas * steady_.acceleration_sigma_m_s2 * 0.5 * (before_s + after_s))
+      return true;
+  }
+  return false;
+}
+
 bool StartTrack::TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& steady,
                              const Eigen::Vector3d& u) {
-  // The first one stays: the map begins there.
-  MatchResult match;
-  for (std::size_t k = 1; k < poses.size(); ++k) {
-    if (!SettleBeside(k, u, &poses, &match)) return false;
+  // From where scans find themselves farther than this, the motion was not known as well as that.
+  constexpr double kAsideM = 3.0 * kOpenOfSteadyM;
+  constexpr int kMostRounds = 5;
+  constexpr double kSettledM = 0.02;
+  const std::vector<SE3> known = poses;
+  MatchResult match, first;
+  if (!SettleOthers(u, &poses, &match)) return false;
+  const auto led = [&] {
+    const double gap_s = SecondsBetween(scans_[0].stamp_ns, scans_[1].stamp_ns);
+    return poses.size() > 2 ? poses[1] * TwistExp(-gap_s * Twist(poses, 2)) : poses[0];
+  };
+  const auto first_is_left = [&] { return (led().t - poses[0].t).norm() > kAsideM; };
+  // Then each round brings them nearer to where they belong, and the first one goes with them.
+  if (Apart(known, poses) > kAsideM || first_is_left()) {
+    std::vector<SE3> before;
+    for (int round = 0; round < kMostRounds; ++round) {
+      before = poses;
+      if (first_is_left()) {
+        poses[0] = led();
+        if (!SettleBeside(0, u, &poses, &first)) return false;
+      }
+      if (!SettleOthers(u, &poses, &match)) return false;
+      if (Apart(before, poses) < kSettledM) break;
+    }
   }
+  if (Leaps(poses)) return false;
   u_ = u;
   // Twists of a steady motion are steadier than those from pose to pose.
   Overrule(poses, steady, match);
@@ -141,15 +186,17 @@ bool StartTrack::TakeSteady(bool* doubted) {
   *doubted = way.refuted || way.doubted;
   const bool settled = !way.moved && !way.doubted && way.known == open;
   std::vector<SE3> straight;
-  if (!settled && FindStraight(way.poses, &straight))
-    return Parted(straight) && TakeSettled(straight, straight, open);
-  return (settled || way.moved) && Parted(way.poses) && TakeSettled(way.poses, way.moving, open);
+  const bool is_straight = !settled && FindStraight(way.poses, &straight);
+  const std::vector<SE3>& poses = is_straight ? straight : way.poses;
+  if (!(is_straight || settled || way.moved) || !Parted(poses)) return false;
+  // A motion that its scans do not settle on is none to go by, and others are no better.
+  const bool taken = TakeSettled(poses, is_straight ? straight : way.moving, open);
+  *doubted = *doubted || !taken;
+  return taken;
 }
 
 bool StartTrack::SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,
                               MatchResult* match) const {
-  // What a steady motion leaves open of a pose.
-  constexpr double kOpenM = 0.05;
   const VoxelMap map = MapOf(*poses, poses->size(), scan);
   const std::vector<PointCluster> clusters =
       DeskewClusters(scans_[scan].clusters, Twist(*poses, std::max<std::size_t>(scan, 1)));
@@ -157,10 +204,10 @@ bool StartTrack::SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::v
   Vector6d along = Vector6d::Zero();
   along.tail<3>() = u;
   const DirectionProfile profile(clusters, map, T, along, steady_.noise_m);
-  const DirectionProfile::Posterior posterior = profile.With(0.0, kOpenM);
+  const DirectionProfile::Posterior posterior = profile.With(0.0, kOpenOfSteadyM);
   PosePrediction prediction;
   prediction.T_world_lidar = T;
-  prediction.covariance.diagonal().setConstant(kOpenM * kOpenM);
+  prediction.covariance.diagonal().setConstant(kOpenOfSteadyM * kOpenOfSteadyM);
   *match = matcher_.MatchKnown(clusters, profile.At(posterior.mean_m), {along, posterior.sigma_m},
                                prediction, map);
   if (match->status == MatchResult::Status::kTooFewMatches) return false;

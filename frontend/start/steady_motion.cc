@@ -1,6 +1,6 @@
 #include "frontend/start/steady_motion.h"
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,7 +13,6 @@
 #include "core/base/parallel.h"
 #include "core/map/voxel_key.h"
 #include "frontend/matching/block_votes.h"
-#include "frontend/start/steady_motion_grid.h"
 
 namespace lamina {
 namespace {
@@ -21,8 +20,6 @@ namespace {
 constexpr double kBlockM = 4.0;
 // Points with which a block counts half.
 constexpr double kHalfPoints = 20.0;
-// Fewer points are no voxel.
-constexpr double kLeastPoints = 5.0;
 
 // Of four grids, in voxels: no two of them share a face.
 constexpr double kShifts[][3] = {
@@ -30,22 +27,6 @@ constexpr double kShifts[][3] = {
 constexpr std::size_t kGrids = std::size(kShifts);
 // As many do where speeds are far apart.
 constexpr std::size_t kCoarseGrids = 2;
-
-// Smallest eigenvalue of the covariance; in closed form, as what counts is far above its rounding.
-double LeastVariance(const PointCluster& cluster) {
-  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
-  solver.computeDirect(cluster.Covariance().Dense(), Eigen::EigenvaluesOnly);
-  return std::max(0.0, solver.eigenvalues()(0));
-}
-
-// The same in the plane of two orthonormal vectors.
-double LeastVariance(const PointCluster& cluster, const Eigen::Vector3d& u,
-                     const Eigen::Vector3d& v) {
-  const Eigen::Matrix3d covariance = cluster.Covariance().Dense();
-  const Eigen::Vector3d along = covariance * u;
-  const double uu = u.dot(along), vv = v.dot(covariance * v), uv = v.dot(along);
-  return std::max(0.0, 0.5 * (uu + vv) - std::hypot(0.5 * (uu - vv), uv));
-}
 
 double Votes(const std::vector<double>& one, const std::vector<double>& other) {
   BlockVotes votes;
@@ -57,9 +38,9 @@ double Votes(const std::vector<double>& one, const std::vector<double>& other) {
 
 SteadyMotionSearch::SteadyMotionSearch(const SteadyMotionOptions& options, const Eigen::Vector3d& u,
                                        const Eigen::Vector3d& axis, std::vector<SteadyScan> scans)
-    : options_(options), u_(u), across_(axis.cross(u).normalized()), scans_(std::move(scans)) {
+    : options_(options), u_(u), scans_(std::move(scans)) {
   ThinOut();
-  ChooseViews(axis);
+  MakeGrids(axis);
   VoxelIndex blocks(256);
   for (const SteadyScan& scan : scans_) {
     for (const PointCluster& cluster : scan.clusters) {
@@ -82,6 +63,7 @@ SteadyMotionSearch::SteadyMotionSearch(const SteadyMotionOptions& options, const
   if (!ranges_m.empty())
     most_speed_m_s_ = std::min(options_.most_speed_m_s,
                                2.0 * UpperMedian(&ranges_m) / std::max(duration_s, 1e-3));
+  if (RaysRepeat()) few_ = Sparse::kTellNothing;
 }
 
 void SteadyMotionSearch::ThinOut() {
@@ -100,7 +82,22 @@ void SteadyMotionSearch::ThinOut() {
   }
 }
 
-void SteadyMotionSearch::ChooseViews(const Eigen::Vector3d& axis) {
+void SteadyMotionSearch::MakeGrids(const Eigen::Vector3d& axis) {
+  const std::vector<char> is_in_space = ChooseViews(axis);
+  // About the axis all is judged in space, whatever is across.
+  constexpr double kAboutAxis = 0.01;
+  const Eigen::Vector3d across = axis.cross(u_);
+  SteadyMotionAxes axes;
+  axes.along = u_;
+  axes.across = across.norm() > kAboutAxis ? across.normalized() : u_.unitOrthogonal();
+  axes.up = axes.along.cross(axes.across);
+  for (const double* shift : kShifts) {
+    grids_.emplace_back(options_.voxel_size_m, options_.noise_m, axes, scans_, is_in_space,
+                        Eigen::Vector3d(shift));
+  }
+}
+
+std::vector<char> SteadyMotionSearch::ChooseViews(const Eigen::Vector3d& axis) const {
   constexpr double kColumnM = 4.0, kGroundM = 0.3, kAlongAxis = 0.7;
   VoxelIndex columns(256);
   std::vector<double> lowest_m, heights_m;
@@ -117,10 +114,12 @@ void SteadyMotionSearch::ChooseViews(const Eigen::Vector3d& axis) {
     }
   }
   const bool upwards = std::abs(axis.dot(u_)) > kAlongAxis;
+  std::vector<char> in_space;
   for (std::size_t i = 0; i < heights_m.size(); ++i) {
     const double ground_m = lowest_m[static_cast<std::size_t>(column_of[i])] + kGroundM;
-    in_space_.push_back(upwards || heights_m[i] < ground_m ? 1 : 0);
+    in_space.push_back(upwards || heights_m[i] < ground_m ? 1 : 0);
   }
+  return in_space;
 }
 
 WayAlong SteadyMotionSearch::WayUnder(const SteadyMotion& motion) const {
@@ -136,64 +135,34 @@ WayAlong SteadyMotionSearch::WayUnder(const SteadyMotion& motion) const {
   return way;
 }
 
-void SteadyMotionSearch::AddGrid(const SteadyMotionSearch& places, const WayAlong& way,
-                                 const Eigen::Vector3d& shift_m, SteadyMotionGrid* grid,
-                                 Evidence* sums) const {
-  const double noise2 = options_.noise_m * options_.noise_m;
-  grid->Begin(block_of_.size());
-  const char* is_in_space = in_space_.data();
-  for (std::size_t k = 0; k < scans_.size(); ++k) {
-    grid->FindVoxels(scans_[k], is_in_space, u_, way.positions_m[k], way.speeds_m_s[k], shift_m,
-                     1.0 / options_.voxel_size_m);
-    grid->AddScan(scans_[k], is_in_space, k);
-    is_in_space += scans_[k].clusters.size();
-  }
-  const std::vector<PointCluster>& voxels = grid->voxels;
-  std::vector<double> sharpness(voxels.size(), 0.0);
-  for (std::size_t v = 0; v < voxels.size(); ++v) {
-    if (grid->shared[v]) sums->shared += voxels[v].count;
-    if (voxels[v].count < kLeastPoints) continue;
-    const double variance =
-        grid->in_space[v] != 0 ? LeastVariance(voxels[v]) : LeastVariance(voxels[v], u_, across_);
-    sharpness[v] = -0.5 * std::log(variance + noise2);
-  }
-  std::size_t place = 0;
-  for (const SteadyScan& scan : scans_) {
-    for (const PointCluster& cluster : scan.clusters) {
-      sums->blocks[static_cast<std::size_t>(places.block_of_[place])] +=
-          cluster.count * sharpness[static_cast<std::size_t>(grid->voxel_of[place])];
-      ++place;
-    }
-  }
-}
-
 SteadyMotionSearch::Evidence SteadyMotionSearch::EvidenceOf(const WayAlong& way, std::size_t grids,
-                                                            SteadyMotionGrid* grid) const {
-  return EvidenceIn(*this, way, grids, grid);
+                                                            Scratch* scratch) const {
+  return EvidenceIn(*this, way, grids, scratch);
 }
 
 SteadyMotionSearch::Evidence SteadyMotionSearch::EvidenceIn(const SteadyMotionSearch& places,
                                                             const WayAlong& way, std::size_t grids,
-                                                            SteadyMotionGrid* grid) const {
+                                                            Scratch* scratch) const {
   Evidence sums;
   sums.blocks.resize(places.block_points_.size(), 0.0);
   for (std::size_t i = 0; i < grids; ++i)
-    AddGrid(places, way, options_.voxel_size_m * Eigen::Vector3d(kShifts[i]), grid, &sums);
+    grids_[i].AddSharpness(way, places.block_of_, places.few_, scratch, &sums);
   for (std::size_t b = 0; b < sums.blocks.size(); ++b)
     sums.blocks[b] /= static_cast<double>(grids) * (places.block_points_[b] + kHalfPoints);
   sums.shared /= static_cast<double>(grids);
+  sums.sparse /= static_cast<double>(grids);
   return sums;
 }
 
 std::vector<SteadyMotionSearch::Evidence> SteadyMotionSearch::CoarseEvidence(
     const std::vector<SteadyMotion>& motions) const {
-  // So many share the memory of a grid: megabytes, which else go back to the system each time.
+  // So many share scratch memory, which else goes back to the system each time.
   constexpr std::size_t kTogether = 8;
   std::vector<Evidence> evidence(motions.size());
   ParallelChunks(motions.size(), kTogether, [&](std::size_t begin, std::size_t end) {
-    SteadyMotionGrid grid;
+    Scratch scratch;
     for (std::size_t i = begin; i < end; ++i)
-      evidence[i] = EvidenceOf(WayUnder(motions[i]), kCoarseGrids, &grid);
+      evidence[i] = EvidenceOf(WayUnder(motions[i]), kCoarseGrids, &scratch);
   });
   return evidence;
 }
@@ -207,12 +176,12 @@ double SteadyMotionSearch::Total(const SteadyMotion& motion,
 
 SteadyMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
   constexpr double kLeastStepMS = 0.05, kAccelerationStepPerS = 8.0;
-  std::array<SteadyMotionGrid, 4> grids;
-  const auto evidence_of = [&](const SteadyMotion& motion, SteadyMotionGrid* grid) {
-    return Total(motion, EvidenceOf(WayUnder(motion), kGrids, grid).blocks);
+  std::array<Scratch, 4> scratch;
+  const auto evidence_of = [&](const SteadyMotion& motion, Scratch* own) {
+    return Total(motion, EvidenceOf(WayUnder(motion), kGrids, own).blocks);
   };
   SteadyMotion best = start;
-  double most = evidence_of(best, grids.data());
+  double most = evidence_of(best, scratch.data());
   for (double step = step_m_s_; step >= kLeastStepMS;) {
     const SteadyMotion from = best;
     const double faster = kAccelerationStepPerS * step;
@@ -224,7 +193,7 @@ SteadyMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
     }};
     std::array<double, 4> evidence{};
     ParallelChunks(beside.size(), 1, [&](std::size_t i, std::size_t) {
-      evidence[i] = evidence_of(beside[i], &grids[i]);
+      evidence[i] = evidence_of(beside[i], &scratch[i]);
     });
     const auto i = static_cast<std::size_t>(
         std::distance(evidence.begin(), std::max_element(evidence.begin(), evidence.end())));
@@ -236,6 +205,15 @@ SteadyMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
     }
   }
   return best;
+}
+
+bool SteadyMotionSearch::RaysRepeat() const {
+  // Of 16 to 64 rings standing leaves 0.2 to 0.7 of what moving does, of rosettes 0.9 to 1.2.
+  constexpr double kVoxelsAside = 5.0, kMuchLess = 0.8;
+  const double duration_s = std::max(1e-3, scans_.back().time_s - scans_.front().time_s);
+  const double aside_m_s = kVoxelsAside * options_.voxel_size_m / duration_s;
+  const std::vector<Evidence> evidence = CoarseEvidence({{}, {aside_m_s, 0.0}, {-aside_m_s, 0.0}});
+  return evidence[0].sparse < kMuchLess * std::min(evidence[1].sparse, evidence[2].sparse);
 }
 
 FoundMotion SteadyMotionSearch::Find() const {
@@ -299,9 +277,9 @@ double SteadyMotionSearch::OpenSpeed(const SteadyMotion& motion,
   constexpr int kNearSteps = 4;
   constexpr double kRefutedSigmas = 2.0;
   const WayAlong way = WayUnder(motion);
-  SteadyMotionGrid grid;
-  const std::vector<double> ours = EvidenceOf(way, kGrids, &grid).blocks;
-  const std::vector<double> ours_coarse = EvidenceOf(way, kCoarseGrids, &grid).blocks;
+  Scratch scratch;
+  const std::vector<double> ours = EvidenceOf(way, kGrids, &scratch).blocks;
+  const std::vector<double> ours_coarse = EvidenceOf(way, kCoarseGrids, &scratch).blocks;
   double open_m_s = 0.0;
   for (const Rival& rival : rivals) {
     const double apart = std::abs(rival.motion.speed_m_s - motion.speed_m_s);
@@ -312,22 +290,23 @@ double SteadyMotionSearch::OpenSpeed(const SteadyMotion& motion,
     const double apart = step_m_s_ * step;
     const SteadyMotion other = {motion.speed_m_s + apart, motion.acceleration_m_s2};
     if (step != 0 &&
-        Votes(ours, EvidenceOf(WayUnder(other), kGrids, &grid).blocks) < kRefutedSigmas)
+        Votes(ours, EvidenceOf(WayUnder(other), kGrids, &scratch).blocks) < kRefutedSigmas)
       open_m_s = std::max(open_m_s, std::abs(apart));
   }
   return open_m_s;
 }
 
 double SteadyMotionSearch::Sharper(const WayAlong& one, const WayAlong& other) const {
-  SteadyMotionGrid grid;
-  return Votes(EvidenceOf(one, kGrids, &grid).blocks, EvidenceOf(other, kGrids, &grid).blocks);
+  Scratch scratch;
+  return Votes(EvidenceOf(one, kGrids, &scratch).blocks,
+               EvidenceOf(other, kGrids, &scratch).blocks);
 }
 
 double SteadyMotionSearch::Sharper(const WayAlong& one, const SteadyMotionSearch& from,
                                    const WayAlong& other) const {
-  SteadyMotionGrid grid;
-  return Votes(EvidenceOf(one, kGrids, &grid).blocks,
-               from.EvidenceIn(*this, other, kGrids, &grid).blocks);
+  Scratch scratch;
+  return Votes(EvidenceOf(one, kGrids, &scratch).blocks,
+               from.EvidenceIn(*this, other, kGrids, &scratch).blocks);
 }
 
 }  // namespace lamina

@@ -22,9 +22,10 @@
 // outline of what stands there, which is thin only where it belongs. The ground has no outline:
 // what lies lowest in its column of 4 m is judged in space, and so is everything if u is the axis.
 // s is the sensor's noise. The logarithm bounds what one voxel can cost, so that corners and
-// foliage do not outweigh walls. Several shifted grids of voxels keep v from being drawn to where
-// the faces of one grid lie. L rises over metres per second to its maximum, where the match of a
-// single scan has a minimum every few decimetres.
+// foliage do not outweigh walls. Voxels of fewer than five points are taken for as thick as 1 m,
+// but as 0.12 m where the rays of a scan are those of the next (RaysRepeat). Several shifted grids
+// of voxels keep v from being drawn to where the faces of one grid lie. L rises over metres per
+// second to its maximum, where the match of a single scan has a minimum every few decimetres.
 //
 // One motion is refuted by another by so many standard deviations of a sum of independent votes:
 //
@@ -35,21 +36,11 @@
 #include <cstdint>
 #include <vector>
 
-#include "core/geometry/point_cluster.h"
 #include "core/geometry/se3.h"
+#include "frontend/start/steady_motion_grid.h"
+#include "frontend/start/steady_scan.h"
 
 namespace lamina {
-
-// One of the scans.
-struct SteadyScan {
-  double time_s = 0.0;
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // where the sensor was, at x = 0
-  // In the world but for the way along u: as if the sensor had been at x = 0 in all scans, and had
-  // stood still along u during each of them.
-  std::vector<PointCluster> clusters;
-  // When each cluster was measured, after time_s. Empty where all are of one instant.
-  std::vector<double> cluster_times_s;
-};
 
 struct SteadyMotionOptions {
   double voxel_size_m = 0.8;
@@ -64,11 +55,6 @@ struct SteadyMotion {
   double speed_m_s = 0.0, acceleration_m_s2 = 0.0;
 };
 
-// Positions along u, metres from that of the first scan, and speeds.
-struct WayAlong {
-  std::vector<double> positions_m, speeds_m_s;
-};
-
 // What a search finds.
 struct FoundMotion {
   SteadyMotion motion;
@@ -76,8 +62,6 @@ struct FoundMotion {
   // refuted by this one.
   double open_speed_m_s = 0.0;
 };
-
-struct SteadyMotionGrid;
 
 // Runs on several threads, with the same bits at any number.
 class SteadyMotionSearch {
@@ -95,23 +79,21 @@ class SteadyMotionSearch {
   double Sharper(const WayAlong& one, const SteadyMotionSearch& from, const WayAlong& other) const;
 
  private:
+  using Scratch = SteadyMotionGrid::Scratch;
+  using Sparse = SteadyMotionGrid::Sparse;
+  using Evidence = SteadyMotionGrid::Evidence;
   // Keeps some of the clusters of scans that have very many. Those kept do not depend on poses.
   void ThinOut();
-  // Decides what is judged in space: all that may be ground, by the lowest point of each column.
-  void ChooseViews(const Eigen::Vector3d& axis);
-  struct Evidence {
-    std::vector<double> blocks;  // L_b of each
-    double shared = 0.0;         // points in voxels that several scans see
-  };
-  // In so many grids, each of which is made in `grid`.
-  Evidence EvidenceOf(const WayAlong& way, std::size_t grids, SteadyMotionGrid* grid) const;
+  // What is judged in space: all that may be ground, by the lowest point of each column.
+  std::vector<char> ChooseViews(const Eigen::Vector3d& axis) const;
+  void MakeGrids(const Eigen::Vector3d& axis);
+  // In so many grids.
+  Evidence EvidenceOf(const WayAlong& way, std::size_t grids, Scratch* scratch) const;
   // By the blocks of `places`, which has the same scans.
   Evidence EvidenceIn(const SteadyMotionSearch& places, const WayAlong& way, std::size_t grids,
-                      SteadyMotionGrid* grid) const;
+                      Scratch* scratch) const;
   // Of each of these motions, in the coarse grids.
   std::vector<Evidence> CoarseEvidence(const std::vector<SteadyMotion>& motions) const;
-  void AddGrid(const SteadyMotionSearch& places, const WayAlong& way,
-               const Eigen::Vector3d& shift_m, SteadyMotionGrid* grid, Evidence* sums) const;
   // L from that of its blocks.
   double Total(const SteadyMotion& motion, const std::vector<double>& blocks) const;
   // Another motion that is possible, and L_b under it in the coarse grids.
@@ -123,13 +105,17 @@ class SteadyMotionSearch {
   double OpenSpeed(const SteadyMotion& motion, const std::vector<Rival>& rivals) const;
   // From a motion to the maximum near by.
   SteadyMotion Climb(const SteadyMotion& start) const;
+  // Whether the rays of the scans are much the same: standing puts most of what is seen sparsely
+  // together, and moving either way does not.
+  bool RaysRepeat() const;
 
   SteadyMotionOptions options_;
-  Eigen::Vector3d u_, across_;  // the plan
+  Eigen::Vector3d u_;
   std::vector<SteadyScan> scans_;
   std::vector<std::int32_t> block_of_;  // of each cluster of each scan
-  std::vector<char> in_space_;          // whether it is judged there, not in the plan
   std::vector<double> block_points_;
+  std::vector<SteadyMotionGrid> grids_;
+  Sparse few_ = Sparse::kBlurred;
   double middle_s_ = 0.0, step_m_s_ = 0.0, most_speed_m_s_ = 0.0;
 };
 

@@ -1,66 +1,188 @@
 #include "frontend/start/steady_motion_grid.h"
 
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
 #include "core/base/processor.h"
+#include "core/map/voxel_key.h"
 
 namespace lamina {
+namespace {
 
-void SteadyMotionGrid::Begin(std::size_t clusters) {
-  if (index.expected_size() < clusters / 4) {
-    index = VoxelIndex(clusters / 4);
-  } else {
-    index.Clear();
+// Fewer points are no voxel.
+constexpr double kLeastPoints = 5.0;
+// How thick these are taken to be where they are to tell nothing: half way, by the logarithm,
+// between what is sharp and 1 m.
+constexpr double kUnknownM = 0.12;
+
+// Smallest eigenvalue of a covariance of the plan.
+double LeastVariance(double xx, double xy, double yy) {
+  const double half = 0.5 * (xx - yy);
+  return 0.5 * (xx + yy) - std::sqrt(half * half + xy * xy);
+}
+
+// Smallest eigenvalue of a covariance: the first root of its characteristic polynomial, which is
+// concave up to there, so that Newton's steps from zero do not pass it. Steps that are none to
+// speak of beside `scale` end it.
+double LeastVariance(double xx, double xy, double yy, double xz, double yz, double zz,
+                     double scale) {
+  constexpr int kMostSteps = 50;
+  constexpr double kTolerance = 1e-6;
+  const double minor = yy * zz - yz * yz;
+  const double trace = xx + yy + zz;
+  const double minors = minor + xx * (yy + zz) - xy * xy - xz * xz;
+  const double determinant = xx * minor - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz);
+  double root = 0.0;
+  for (int i = 0; i < kMostSteps; ++i) {
+    const double value = ((root - trace) * root + minors) * root - determinant;
+    const double slope = (3.0 * root - 2.0 * trace) * root + minors;
+    if (value >= 0.0 || slope <= 0.0) break;
+    const double step = -value / slope;
+    root += step;
+    if (step < kTolerance * scale) break;
   }
-  voxels.clear();
-  first_scan.clear();
-  shared.clear();
-  in_space.clear();
-  voxel_of.clear();
-  voxels.reserve(clusters / 4);
-  voxel_of.reserve(clusters);
+  return root;
+}
+
+}  // namespace
+
+SteadyMotionGrid::SteadyMotionGrid(double voxel_size_m, double noise_m,
+                                   const SteadyMotionAxes& axes,
+                                   const std::vector<SteadyScan>& scans,
+                                   const std::vector<char>& is_in_space,
+                                   const Eigen::Vector3d& shift)
+    : voxel_size_m_(static_cast<float>(voxel_size_m)),
+      inverse_size_(static_cast<float>(1.0 / voxel_size_m)),
+      noise2_(noise_m * noise_m) {
+  Eigen::Matrix3d frame;
+  frame << axes.along.transpose(), axes.across.transpose(), axes.up.transpose();
+  struct Place {
+    VoxelKey column;
+    std::int32_t cluster, scan;
+    std::size_t in_scan;
+    Eigen::Vector3d p;
+  };
+  std::vector<Place> places;
+  for (std::size_t k = 0; k < scans.size(); ++k) {
+    for (std::size_t i = 0; i < scans[k].clusters.size(); ++i) {
+      const Eigen::Vector3d p = frame * scans[k].clusters[i].mean + voxel_size_m * shift;
+      const bool in_space = is_in_space[places.size()] != 0;
+      const VoxelKey column =
+          VoxelKeyOf({in_space ? voxel_size_m : 0.0, p.y(), p.z()}, 1.0 / voxel_size_m);
+      places.push_back(
+          {column, static_cast<std::int32_t>(places.size()), static_cast<std::int32_t>(k), i, p});
+    }
+  }
+  std::stable_sort(places.begin(), places.end(),
+                   [](const Place& a, const Place& b) { return a.column < b.column; });
+  members_.reserve(places.size());
+  for (const Place& place : places) {
+    const SteadyScan& scan = scans[static_cast<std::size_t>(place.scan)];
+    const std::size_t at = members_.size();
+    if (at == 0 || place.column != places[at - 1].column)
+      columns_.push_back({at, at, is_in_space[static_cast<std::size_t>(place.cluster)] != 0});
+    columns_.back().end = at + 1;
+    const Eigen::Vector3d middle = VoxelCentre(place.column, voxel_size_m);
+    const PointCluster& cluster = scan.clusters[place.in_scan];
+    const Eigen::Matrix3f c =
+        (frame * cluster.Covariance().Dense() * frame.transpose()).cast<float>();
+    members_.push_back({static_cast<float>(cluster.count),
+                        static_cast<float>(place.p.y() - middle.y()),
+                        static_cast<float>(place.p.z() - middle.z()), c(0, 0), c(0, 1), c(1, 1),
+                        c(0, 2), c(1, 2), c(2, 2), place.cluster});
+    x_m_.push_back(static_cast<float>(place.p.x()));
+    time_s_.push_back(scan.cluster_times_s.empty()
+                          ? 0.0F
+                          : static_cast<float>(scan.cluster_times_s[place.in_scan]));
+    scan_.push_back(place.scan);
+  }
 }
 
 LAMINA_FOR_EACH_PROCESSOR
-void SteadyMotionGrid::FindVoxels(const SteadyScan& scan, const char* is_in_space,
-                                  const Eigen::Vector3d& u, double way_m, double speed_m_s,
-                                  const Eigen::Vector3d& shift_m, double inverse_size) {
-  constexpr double kApartM = 10000.0;  // farther than anything is seen
-  const Eigen::Vector3d space_shift_m = shift_m - Eigen::Vector3d::Constant(kApartM);
-  const std::size_t count = scan.clusters.size();
-  means_.resize(count);
-  keys_.resize(count);
+void SteadyMotionGrid::FindAlong(const WayAlong& way, Scratch* scratch) const {
+  const std::size_t count = members_.size();
+  const std::vector<float> way_m(way.positions_m.begin(), way.positions_m.end());
+  const std::vector<float> speed_m_s(way.speeds_m_s.begin(), way.speeds_m_s.end());
+  scratch->x_m.resize(count);
+  scratch->along.resize(count);
+  float* const x_m = scratch->x_m.data();
+  std::int32_t* const along = scratch->along.data();
   for (std::size_t i = 0; i < count; ++i) {
-    const double during_m =
-        scan.cluster_times_s.empty() ? 0.0 : speed_m_s * scan.cluster_times_s[i];
-    means_[i] = scan.clusters[i].mean + (way_m + during_m) * u;
-    keys_[i] =
-        VoxelKeyOf(means_[i] + (is_in_space[i] != 0 ? space_shift_m : shift_m), inverse_size);
+    const auto k = static_cast<std::size_t>(scan_[i]);
+    const float x = x_m_[i] + (way_m[k] + speed_m_s[k] * time_s_[i]);
+    const float voxel = std::floor(x * inverse_size_);
+    along[i] = static_cast<std::int32_t>(voxel);
+    x_m[i] = x - (voxel + 0.5F) * voxel_size_m_;
   }
-  auto next = static_cast<std::int32_t>(voxels.size());
-  for (std::size_t i = 0; i < count; ++i) {
-    if (i + kAhead < count) index.Prefetch(keys_[i + kAhead]);
-    const std::int32_t voxel = index.FindOrInsert(keys_[i], next);
-    if (voxel == next) ++next;
-    voxel_of.push_back(voxel);
-  }
-  voxels.resize(static_cast<std::size_t>(next));
 }
 
 LAMINA_FOR_EACH_PROCESSOR
-void SteadyMotionGrid::AddScan(const SteadyScan& scan, const char* is_in_space,
-                               std::size_t number) {
-  first_scan.resize(voxels.size(), number);
-  shared.resize(voxels.size(), 0);
-  in_space.resize(voxels.size(), 0);
-  const std::size_t count = scan.clusters.size();
-  const std::int32_t* const of = voxel_of.data() + (voxel_of.size() - count);
-  for (std::size_t i = 0; i < count; ++i) {
-    if (i + kAhead < count) __builtin_prefetch(&voxels[static_cast<std::size_t>(of[i + kAhead])]);
-    const auto voxel = static_cast<std::size_t>(of[i]);
-    PointCluster moved = scan.clusters[i];
-    moved.mean = means_[i];
-    voxels[voxel] += moved;
-    if (first_scan[voxel] != number) shared[voxel] = 1;
-    in_space[voxel] = is_in_space[i];
+void SteadyMotionGrid::SumVoxels(const Column& column, Scratch* scratch) const {
+  std::int32_t* const along = scratch->along.data();
+  std::int32_t first = along[column.begin], last = first;
+  for (std::size_t i = column.begin; i < column.end; ++i) {
+    first = std::min(first, along[i]);
+    last = std::max(last, along[i]);
+  }
+  scratch->voxel_of.assign(static_cast<std::size_t>(last - first) + 1, kNone);
+  scratch->voxels.clear();
+  for (std::size_t i = column.begin; i < column.end; ++i) {
+    std::int32_t& voxel_of = scratch->voxel_of[static_cast<std::size_t>(along[i] - first)];
+    if (voxel_of == kNone) {
+      voxel_of = static_cast<std::int32_t>(scratch->voxels.size());
+      scratch->voxels.emplace_back().first_scan = scan_[i];
+    }
+    along[i] = voxel_of;
+    Voxel& voxel = scratch->voxels[static_cast<std::size_t>(voxel_of)];
+    voxel.shared = voxel.shared || voxel.first_scan != scan_[i];
+    const Member& m = members_[i];
+    const double n = m.n, x = scratch->x_m[i], y = m.y;
+    voxel.n += n;
+    voxel.x += n * x;
+    voxel.y += n * y;
+    voxel.xx += n * (m.xx + x * x);
+    voxel.xy += n * (m.xy + x * y);
+    voxel.yy += n * (m.yy + y * y);
+    if (!column.in_space) continue;
+    const double z = m.z;
+    voxel.z += n * z;
+    voxel.xz += n * (m.xz + x * z);
+    voxel.yz += n * (m.yz + y * z);
+    voxel.zz += n * (m.zz + z * z);
+  }
+}
+
+double SteadyMotionGrid::SharpnessOf(bool in_space, const Voxel& voxel) const {
+  const double per_point = 1.0 / voxel.n;
+  const double x = per_point * voxel.x, y = per_point * voxel.y, z = per_point * voxel.z;
+  const double xx = per_point * voxel.xx - x * x, xy = per_point * voxel.xy - x * y,
+               yy = per_point * voxel.yy - y * y;
+  const double variance =
+      in_space ? LeastVariance(xx, xy, yy, per_point * voxel.xz - x * z,
+                               per_point * voxel.yz - y * z, per_point * voxel.zz - z * z, noise2_)
+               : LeastVariance(xx, xy, yy);
+  return -0.5 * std::log(std::max(0.0, variance) + noise2_);
+}
+
+void SteadyMotionGrid::AddSharpness(const WayAlong& way, const std::vector<std::int32_t>& block_of,
+                                    Sparse few, Scratch* scratch, Evidence* sums) const {
+  const double sparse =
+      few == Sparse::kBlurred ? 0.0 : -0.5 * std::log(kUnknownM * kUnknownM + noise2_);
+  FindAlong(way, scratch);
+  for (const Column& column : columns_) {
+    SumVoxels(column, scratch);
+    for (Voxel& voxel : scratch->voxels) {
+      if (voxel.shared) sums->shared += voxel.n;
+      if (voxel.n < kLeastPoints) sums->sparse += voxel.n;
+      voxel.sharpness = voxel.n < kLeastPoints ? sparse : SharpnessOf(column.in_space, voxel);
+    }
+    for (std::size_t i = column.begin; i < column.end; ++i) {
+      const Member& m = members_[i];
+      const auto block = static_cast<std::size_t>(block_of[static_cast<std::size_t>(m.cluster)]);
+      sums->blocks[block] +=
+          m.n * scratch->voxels[static_cast<std::size_t>(scratch->along[i])].sharpness;
+    }
   }
 }
 

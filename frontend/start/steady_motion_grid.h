@@ -1,6 +1,8 @@
-// The voxels of one grid in which a steady motion is judged (steady_motion.h).
+// The voxels of one grid in which steady motions are judged (steady_motion.h).
 //
-// Private to frontend/start.
+// All that a motion moves, it moves along u. Where a cluster lies across u, and so its column of
+// voxels along u, is the same for each motion: clusters are sorted by column once, and a motion is
+// judged column by column, with one coordinate to look up, in memory that stays in the cache.
 #pragma once
 
 #include <Eigen/Core>
@@ -8,37 +10,81 @@
 #include <cstdint>
 #include <vector>
 
-#include "core/geometry/point_cluster.h"
-#include "core/map/voxel_key.h"
-#include "frontend/start/steady_motion.h"
+#include "frontend/start/steady_scan.h"
 
 namespace lamina {
 
-// Voxels with what all scans put into them, in the order in which they come up. One
-// after another is filled: memory stays.
-struct SteadyMotionGrid {
-  void Begin(std::size_t clusters);
-  // Voxels of a scan's clusters, moved along u by the way and by the speed times the time of each.
-  // What is judged in space has voxels of its own.
-  void FindVoxels(const SteadyScan& scan, const char* is_in_space, const Eigen::Vector3d& u,
-                  double way_m, double speed_m_s, const Eigen::Vector3d& shift_m,
-                  double inverse_size);
-  // What was found goes into its voxels.
-  void AddScan(const SteadyScan& scan, const char* is_in_space, std::size_t number);
+// Orthonormal; along and across span the plan.
+struct SteadyMotionAxes {
+  Eigen::Vector3d along, across, up;
+};
 
-  VoxelIndex index;
-  std::vector<PointCluster> voxels;
-  std::vector<std::size_t> first_scan;  // of each voxel
-  std::vector<char> shared;             // whether several scans see it
-  std::vector<char> in_space;           // whether it is judged there, not in the plan
-  std::vector<std::int32_t> voxel_of;   // of each cluster of the scans so far
+// Constant once it is made: several threads may use one, each with a scratch of its own.
+class SteadyMotionGrid {
+ public:
+  // `is_in_space`, of each cluster of each scan: whether it is judged there, not in the plan. What
+  // is has voxels of its own. `shift`: of the grid, in voxels.
+  SteadyMotionGrid(double voxel_size_m, double noise_m, const SteadyMotionAxes& axes,
+                   const std::vector<SteadyScan>& scans, const std::vector<char>& is_in_space,
+                   const Eigen::Vector3d& shift);
+
+  // Sums over the points of a voxel, about its middle; z, of those that are judged in space alone.
+  struct Voxel {
+    double n = 0.0, x = 0.0, y = 0.0, z = 0.0;
+    double xx = 0.0, xy = 0.0, yy = 0.0, xz = 0.0, yz = 0.0, zz = 0.0;
+    double sharpness = 0.0;
+    std::int32_t first_scan = 0;
+    bool shared = false;  // whether several scans see it
+  };
+  // Voxels of few points. Blurred: as of 1 m, so that what puts the points of all scans together is
+  // sharper. Rays that are the same in each scan meet a wall along u in the same spots if the
+  // sensor stands, and in others where it moves, whichever is true: then they tell nothing.
+  enum class Sparse { kBlurred, kTellNothing };
+  // Memory that one judgement leaves to the next.
+  struct Scratch {
+    std::vector<float> x_m;              // of each cluster, from the middle of its voxel along u
+    std::vector<std::int32_t> along;     // number of that voxel along u, later in `voxels`
+    std::vector<std::int32_t> voxel_of;  // by number along u
+    std::vector<Voxel> voxels;           // of one column
+  };
+
+  // What several grids say of one way.
+  struct Evidence {
+    std::vector<double> blocks;  // L_b of each
+    double shared = 0.0;         // points in voxels that several scans see
+    double sparse = 0.0;         // points in voxels that hold few
+  };
+  // Adds, under this way, n_i (-1/2 log(lambda_i + s^2)) of each cluster i to the sum of its block.
+  void AddSharpness(const WayAlong& way, const std::vector<std::int32_t>& block_of, Sparse few,
+                    Scratch* scratch, Evidence* sums) const;
 
  private:
-  // So many clusters ahead memory is asked for.
-  static constexpr std::size_t kAhead = 8;
+  static constexpr std::int32_t kNone = -1;
 
-  std::vector<Eigen::Vector3d> means_;  // of the scan at hand
-  std::vector<VoxelKey> keys_;
+  // Clusters [begin, end) of the sorted ones.
+  struct Column {
+    std::size_t begin = 0, end = 0;
+    bool in_space = false;
+  };
+  // A cluster but for where it is along u: position across from the middle of its column, and
+  // covariance.
+  struct Member {
+    float n, y, z, xx, xy, yy, xz, yz, zz;
+    std::int32_t cluster;  // its number among those of all scans
+  };
+
+  void FindAlong(const WayAlong& way, Scratch* scratch) const;
+  // Of one column, into scratch->voxels.
+  void SumVoxels(const Column& column, Scratch* scratch) const;
+  double SharpnessOf(bool in_space, const Voxel& voxel) const;
+
+  float voxel_size_m_, inverse_size_;
+  double noise2_;
+  std::vector<Column> columns_;
+  std::vector<Member> members_;
+  // Of each member: its position along u if the sensor stood still, its scan, and its time in that.
+  std::vector<float> x_m_, time_s_;
+  std::vector<std::int32_t> scan_;
 };
 
 }  // namespace lamina
