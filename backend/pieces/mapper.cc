@@ -59,7 +59,8 @@ bool Mapper::EndsPiece(const MapperScan& scan, const OdometryFrame& frame, bool 
   }
   stretch_.Follow(frame, tracker_.odometry().motion(), *scan.clusters, *map_, window_,
                   open_.NextKeyframe());
-  if (stretch_.over()) {
+  // As long as the start is open, all of its scans together say where they are.
+  if (stretch_.over() && !start_.open()) {
     const double most = options_.backend.restart_after_sigma_m;
     *goes_on = may_restart && most > 0.0 && stretch_.SigmaM() > most;
     if (*goes_on) return true;
