@@ -160,9 +160,8 @@ bool StartTrack::TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& ste
   const auto first_is_left = [&] { return (led().t - poses[0].t).norm() > kAsideM; };
   // Then each round brings them nearer to where they belong, and the first one goes with them.
   if (Apart(known, poses) > kAsideM || first_is_left()) {
-    std::vector<SE3> before;
     for (int round = 0; round < kMostRounds; ++round) {
-      before = poses;
+      const std::vector<SE3> before = poses;
       if (first_is_left()) {
         poses[0] = led();
         if (!SettleBeside(0, u, &poses, &first)) return false;

@@ -91,21 +91,24 @@ TEST(MapperStreet, ACarThatAcceleratesIsFollowedAtAnyDensity) {
   }
 }
 
-TEST(MapperStreet, AStartAtSpeedIsFollowed) {
+// At speed from the first scan on.
+StreetDrive StartAtSpeed(int scans) {
   StreetDrive drive;
   drive.points = 8000;
-  drive.scans = 40;
+  drive.scans = scans;
   drive.way_m = [](double t) { return 15.0 * t; };
+  return drive;
+}
+
+TEST(MapperStreet, AStartAtSpeedIsFollowed) {
+  const StreetDrive drive = StartAtSpeed(40);
   const DriveOutcome outcome = MapStreet(drive, 4);
   EXPECT_EQ(outcome.lost, 0);
   EXPECT_LT(outcome.worst_m, 0.1);
 }
 
 TEST(MapperStreet, AStartAtAKnownVelocityIsTrackedFromTheSecondScan) {
-  StreetDrive drive;
-  drive.points = 8000;
-  drive.scans = 20;
-  drive.way_m = [](double t) { return 15.0 * t; };
+  StreetDrive drive = StartAtSpeed(20);
   const DriveOutcome unknown = MapStreet(drive, 4);
   EXPECT_GT(unknown.lost + unknown.degenerate, 0);
   drive.start_known = true;

@@ -127,7 +127,7 @@ TEST(AdverseLorry, DoesNotHoldWhoSetsOffBesideIt) {
     const Verdict verdict = Tried("lorry-start-vlp16", seed, 60);
     EXPECT_LT(verdict.worst_m, 0.10) << seed;
     EXPECT_EQ(verdict.lost, 0u) << seed;
-    EXPECT_LE(verdict.degenerate, 30u) << seed;
+    EXPECT_LE(verdict.degenerate, seed < 36 ? 22u : 30u) << seed;
   }
 }
 
