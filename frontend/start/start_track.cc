@@ -122,8 +122,7 @@ void StartTrack::Move(const SE3& correction) {
 
 Vector6d StartTrack::Twist(const std::vector<SE3>& poses, std::size_t scan) const {
   if (scan >= poses.size()) return Vector6d::Zero();
-  const double gap_s = SecondsBetween(scans_[scan - 1].stamp_ns, scans_[scan].stamp_ns);
-  return TwistLog(poses[scan - 1].Inverse() * poses[scan]) / gap_s;
+  return TwistLog(poses[scan - 1].Inverse() * poses[scan]) / GapS(scan);
 }
 
 std::vector<SE3> StartTrack::Minima(const std::vector<PointCluster>& clusters,
@@ -180,9 +179,8 @@ void StartTrack::Begin(const OdometryFrame& frame) {
   u_ = LeastFaced(Faced({T_first, T}, 1));
   std::vector<SE3> starts = {T};
   // Along u the sensor may have moved so far to either side of where it was.
-  const double gap_s = SecondsBetween(scans_[0].stamp_ns, scans_[1].stamp_ns);
   for (const SE3& minimum :
-       Minima(clusters, T, map, u_.dot(T_first.t - T.t), reach_m_s_ * gap_s + 0.5 * kScaleM)) {
+       Minima(clusters, T, map, u_.dot(T_first.t - T.t), reach_m_s_ * GapS(1) + 0.5 * kScaleM)) {
     if ((minimum.t - T.t).norm() > kSameM) starts.push_back(minimum);
   }
   if (starts.size() == 1 && !unsure_) return;
@@ -207,8 +205,7 @@ std::vector<StartTrack::Hypothesis> StartTrack::Follow(const Hypothesis& hypothe
   constexpr double kReachM = 0.25;
   std::vector<SE3> poses = hypothesis.poses;
   const std::size_t last = poses.size() - 1;
-  const double gap_s = SecondsBetween(scans_[last].stamp_ns, scans_[last + 1].stamp_ns);
-  poses.push_back(poses[last] * TwistExp(gap_s * Twist(poses, last)));
+  poses.push_back(poses[last] * TwistExp(GapS(last + 1) * Twist(poses, last)));
   const VoxelMap map = MapOf(poses, last + 1);
   const std::vector<PointCluster> clusters =
       DeskewClusters(scans_[last + 1].clusters, Twist(poses, last + 1));
@@ -256,7 +253,7 @@ bool StartTrack::MatchSecond(Hypothesis* hypothesis) const {
 
 void StartTrack::Overrule(const std::vector<SE3>& poses, const std::vector<SE3>& moving,
                           const MatchResult& match) {
-  const bool led_elsewhere = Apart(poses, OwnPoses()) > kAgreesM;
+  const bool led_elsewhere = Apart(poses, OwnPoses()) > kSameWayM;
   open_ = false;
   overruled_ = true;
   for (std::size_t k = 0; k < scans_.size(); ++k) {

@@ -137,6 +137,11 @@ class StartTrack {
   static constexpr double kLikelySigmas = 1.0, kDoubtedSigmas = 2.0;
   // In standard deviations by how much one is better.
   double Better(const Hypothesis& a, const Hypothesis& b) const;
+  // Since the scan before.
+  double GapS(std::size_t scan) const;
+  // Of the change of velocity between the ways to a scan and to the one before it: what the motion
+  // options allow, and what comes of three poses that are wrong by `pose_m`, one sigma each.
+  double ChangeVariance(std::size_t scan, double pose_m) const;
   // U of a way.
   double Unsteadiness(const std::vector<SE3>& poses) const;
   // Whether U is what the motion options lead to expect.

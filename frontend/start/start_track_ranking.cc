@@ -29,23 +29,26 @@ double StartTrack::Better(const Hypothesis& a, const Hypothesis& b) const {
   return std::copysign(std::sqrt(std::abs(squared)), squared);
 }
 
+double StartTrack::GapS(std::size_t scan) const {
+  return SecondsBetween(scans_[scan - 1].stamp_ns, scans_[scan].stamp_ns);
+}
+
+double StartTrack::ChangeVariance(std::size_t scan, double pose_m) const {
+  const double before_s = GapS(scan - 1), after_s = GapS(scan);
+  const double sigma = steady_.acceleration_sigma_m_s2 * 0.5 * (before_s + after_s);
+  return sigma * sigma + pose_m * pose_m *
+                             (std::pow(1.0 / before_s + 1.0 / after_s, 2) +
+                              1.0 / (before_s * before_s) + 1.0 / (after_s * after_s));
+}
+
 double StartTrack::Unsteadiness(const std::vector<SE3>& poses) const {
   // Of a match, along u.
   constexpr double kMatchM = 0.01;
-  const auto speed = [&](std::size_t k) {
-    return u_.dot(poses[k].t - poses[k - 1].t) /
-           SecondsBetween(scans_[k - 1].stamp_ns, scans_[k].stamp_ns);
-  };
+  const auto speed = [&](std::size_t k) { return u_.dot(poses[k].t - poses[k - 1].t) / GapS(k); };
   double sum = 0.0;
   for (std::size_t k = 2; k < poses.size(); ++k) {
-    const double before_s = SecondsBetween(scans_[k - 2].stamp_ns, scans_[k - 1].stamp_ns);
-    const double after_s = SecondsBetween(scans_[k - 1].stamp_ns, scans_[k].stamp_ns);
     const double change = speed(k) - speed(k - 1);
-    const double sigma = steady_.acceleration_sigma_m_s2 * 0.5 * (before_s + after_s);
-    const double noise2 = kMatchM * kMatchM *
-                          (std::pow(1.0 / before_s + 1.0 / after_s, 2) +
-                           1.0 / (before_s * before_s) + 1.0 / (after_s * after_s));
-    sum += 2.0 * std::log1p(change * change / (sigma * sigma + noise2));
+    sum += 2.0 * std::log1p(change * change / ChangeVariance(k, kMatchM));
   }
   return sum;
 }

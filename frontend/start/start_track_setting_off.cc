@@ -27,8 +27,7 @@ bool StartTrack::SettingOff(const std::vector<SE3>& poses) const {
   // ... and one that has become so fast has left what set off with it behind.
   constexpr double kMostMS = 5.0;
   const auto slower_than = [&](double most_m_s, std::size_t k) {
-    const double gap_s = SecondsBetween(scans_[k - 1].stamp_ns, scans_[k].stamp_ns);
-    return (poses[k].t - poses[k - 1].t).norm() < most_m_s * gap_s;
+    return (poses[k].t - poses[k - 1].t).norm() < most_m_s * GapS(k);
   };
   return slower_than(kAtRestMS, 1) && slower_than(kMostMS, scans_.size() - 1);
 }
@@ -66,6 +65,11 @@ void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
   if (near && is_way(poses) && rough.sharper < kDoubtedSigmas)
     return SameWay(poses, own) ? Clear() : TakeBest();
   if (Apart(own, fine.poses) <= kAgreesM && Apart(own, rough.poses) <= kAgreesM) {
+    // What went along for a while may have drawn it aside by less than ways may differ.
+    if (fine.refutes && fine.told && fine.apart_m > kSameWayM &&
+        TakeSettled(fine.poses, fine.poses, fine.along)) {
+      return;
+    }
     // It may as well have set off with all that holds it, which is then seen from a moving sensor.
     return stands && !again_ && fine.open_speed_m_s > kKnownMS ? GiveUp() : Clear();
   }

@@ -132,14 +132,12 @@ bool StartTrack::SettleOthers(const Eigen::Vector3d& u, std::vector<SE3>* poses,
 }
 
 bool StartTrack::Leaps(const std::vector<SE3>& poses) const {
-  constexpr double kSigmas = 3.0;
+  // Of a pose that has settled.
+  constexpr double kSigmas = 3.0, kPoseM = 0.03;
   for (std::size_t k = 2; k < poses.size(); ++k) {
-    const double before_s = SecondsBetween(scans_[k - 2].stamp_ns, scans_[k - 1].stamp_ns);
-    const double after_s = SecondsBetween(scans_[k - 1].stamp_ns, scans_[k].stamp_ns);
     const Eigen::Vector3d change =
-        (poses[k].t - poses[k - 1].t) / after_s - (poses[k - 1].t - poses[k - 2].t) / before_s;
-    if (change.norm() > kSigmas * steady_.acceleration_sigma_m_s2 * 0.5 * (before_s + after_s))
-      return true;
+        (poses[k].t - poses[k - 1].t) / GapS(k) - (poses[k - 1].t - poses[k - 2].t) / GapS(k - 1);
+    if (change.norm() > kSigmas * std::sqrt(ChangeVariance(k, kPoseM))) return true;
   }
   return false;
 }
@@ -154,8 +152,7 @@ bool StartTrack::TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& ste
   MatchResult match, first;
   if (!SettleOthers(u, &poses, &match)) return false;
   const auto led = [&] {
-    const double gap_s = SecondsBetween(scans_[0].stamp_ns, scans_[1].stamp_ns);
-    return poses.size() > 2 ? poses[1] * TwistExp(-gap_s * Twist(poses, 2)) : poses[0];
+    return poses.size() > 2 ? poses[1] * TwistExp(-GapS(1) * Twist(poses, 2)) : poses[0];
   };
   const auto first_is_left = [&] { return (led().t - poses[0].t).norm() > kAsideM; };
   // Then each round brings them nearer to where they belong, and the first one goes with them.

@@ -175,7 +175,7 @@ double SteadyMotionSearch::Total(const SteadyMotion& motion,
 }
 
 SteadyMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
-  constexpr double kLeastStepMS = 0.05, kAccelerationStepPerS = 8.0;
+  constexpr double kLeastStepMS = 0.0125, kAccelerationStepPerS = 8.0;
   std::array<Scratch, 4> scratch;
   const auto evidence_of = [&](const SteadyMotion& motion, Scratch* own) {
     return Total(motion, EvidenceOf(WayUnder(motion), kGrids, own).blocks);
