@@ -5,18 +5,28 @@
 //
 //     z = sum_b v_b / sqrt(sum_b v_b^2),    v_b = D_b / sqrt(1 + D_b^2),
 //
-// standard deviations of a sum of independent votes. Blocks are cubes of kTogetherM.
+// standard deviations of a sum of independent votes. Blocks are cubes of 4 m.
 #pragma once
 
 #include <Eigen/Core>
 #include <cmath>
+#include <vector>
+
+#include "core/map/voxel_key.h"
 
 namespace lamina {
 
+// Of the block in which p lies.
+inline VoxelKey BlockAround(const Eigen::Vector3d& p) {
+  constexpr double kTogetherM = 4.0;
+  return VoxelKeyOf(p, 1.0 / kTogetherM);
+}
+
+// Information, 1/m^2, with which a block has half its vote: that of a residual of 5 cm.
+constexpr double kHalfVoteInformation = 400.0;
+
 class BlockVotes {
  public:
-  static constexpr double kTogetherM = 4.0;
-
   // Of one block: D_b, positive where the first explanation is better.
   void Add(double difference) {
     const double vote = difference / std::hypot(1.0, difference);
@@ -28,6 +38,24 @@ class BlockVotes {
 
  private:
   double sum_ = 0.0, squares_ = 0.0;
+};
+
+// The D_b of clusters that come one by one.
+class BlockDifferences {
+ public:
+  void Add(const Eigen::Vector3d& p, double difference) {
+    index_.Gather(BlockAround(p), &differences_) += difference;
+  }
+  // z.
+  double Sigmas() const {
+    BlockVotes votes;
+    for (const double difference : differences_) votes.Add(difference);
+    return votes.Sigmas();
+  }
+
+ private:
+  VoxelIndex index_{64};
+  std::vector<double> differences_;
 };
 
 // Where the blocks that a scan meets would have the sensor, in the world, if each had one vote,

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/map/voxel_key.h"
+#include "frontend/matching/block_votes.h"
 #include "frontend/matching/degeneracy.h"
 #include "frontend/matching/line_of_sight.h"
 #include "frontend/matching/map_residuals.h"
@@ -13,9 +13,6 @@ namespace lamina {
 namespace {
 
 constexpr double kKappa = 2.0;
-constexpr double kProfileBlockM = 4.0;
-// Information, 1/m^2, with which a block counts half: that of a residual of 5 cm.
-constexpr double kHalfInformation = 400.0;
 constexpr double kKernelSigma = 2.0;
 constexpr double kMostPoints = 4.0;
 // Clusters of a block that make half an edge, and frames that a plane needs to have one.
@@ -129,13 +126,13 @@ DirectionProfile::Loss DirectionProfile::LossAt(const std::vector<PointCluster>&
     const double weight = SightWeight(*surface, normal_lidar, cluster.mean) * counting *
                           std::min(cluster.count, kMostPoints) * kKernelSigma * kKernelSigma *
                           inverse_scale2;
-    Block& block = index.Gather(VoxelKeyOf(cluster.mean, 1.0 / kProfileBlockM), &blocks);
+    Block& block = index.Gather(BlockAround(cluster.mean), &blocks);
     block.weight += weight;
     block.loss += weight * (0.5 - KernelFit(*surface, p, inverse_scale2));
   }
   Loss sum;
   for (const Block& block : blocks) {
-    const double counts = block.weight / (block.weight + kHalfInformation);
+    const double counts = block.weight / (block.weight + kHalfVoteInformation);
     sum.blocks += counts;
     sum.loss += kKappa * counts * block.loss / block.weight;
   }
@@ -178,7 +175,7 @@ std::vector<double> DirectionProfile::EdgeLosses(double from_m, double to_m, int
   std::vector<std::vector<double>> fits;  // F of each block at each place
   for (const PointCluster& cluster : clusters_) {
     if (Breadth2(cluster) < kBroadM * kBroadM) continue;
-    std::vector<double>& fit = index.Gather(VoxelKeyOf(cluster.mean, 1.0 / kProfileBlockM), &fits);
+    std::vector<double>& fit = index.Gather(BlockAround(cluster.mean), &fits);
     if (fit.empty()) fit.assign(places, 0.0);
     MovedCluster moved(cluster, map_, direction_, floor2_);
     for (std::size_t k = 0; k < places; ++k) fit[k] -= moved.Misfit(at[k].R, at[k].t);

@@ -198,11 +198,6 @@ bool MapResiduals::IsDropped(VoxelMap::NodeId id) const {
   return std::binary_search(dropped_.begin(), dropped_.end(), id);
 }
 
-VoxelKey MapResiduals::BlockAround(const Eigen::Vector3d& p) {
-  constexpr double kTogetherM = 4.0;
-  return VoxelKeyOf(p, 1.0 / kTogetherM);
-}
-
 std::vector<MapResiduals::Block> MapResiduals::Blocks(const SE3& T, double kernel_sigma) {
   Associate(T, T.R());
   const RowSettings settings = SettingsAt(T, kernel_sigma);
@@ -254,14 +249,12 @@ Matrix6d MapResiduals::SurfaceScatter(const SE3& T, double kernel_sigma, VoxelKe
 }
 
 BlockStep MapResiduals::StepOf(const std::vector<Block>& blocks) {
-  // Information, 1/m^2, with which a block has half its vote: that of a residual of 5 cm.
-  constexpr double kHalfInformation = 400.0;
-  Eigen::Matrix3d H = 0.5 * kHalfInformation * Eigen::Matrix3d::Identity();
+  Eigen::Matrix3d H = 0.5 * kHalfVoteInformation * Eigen::Matrix3d::Identity();
   Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
   Eigen::Vector3d g = Eigen::Vector3d::Zero();
   for (const Block& block : blocks) {
     const Eigen::Matrix3d H_b = block.sums.H().bottomRightCorner<3, 3>();
-    const double vote = kHalfInformation / (kHalfInformation + H_b.trace());
+    const double vote = kHalfVoteInformation / (kHalfVoteInformation + H_b.trace());
     const Eigen::Vector3d g_b = vote * block.sums.g().tail<3>();
     H += vote * H_b;
     g += g_b;

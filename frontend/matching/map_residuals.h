@@ -116,7 +116,6 @@ class MapResiduals {
   };
   std::vector<Block> Blocks(const SE3& T, double kernel_sigma);
   static BlockStep StepOf(const std::vector<Block>& blocks);
-  static VoxelKey BlockAround(const Eigen::Vector3d& p);
   // Sum of g g' over the surfaces that a block's clusters meet, g being the gradient of a surface's
   // own. At the pose of the last At.
   Matrix6d SurfaceScatter(const SE3& T, double kernel_sigma, VoxelKey block) const;

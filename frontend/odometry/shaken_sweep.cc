@@ -6,7 +6,6 @@
 
 #include "core/base/angle.h"
 #include "core/base/parallel.h"
-#include "core/map/voxel_key.h"
 #include "frontend/matching/block_votes.h"
 #include "frontend/matching/degeneracy.h"
 #include "frontend/matching/map_residuals.h"
@@ -39,22 +38,18 @@ bool ClearlyBetter(const Explanation& ours, const Explanation& theirs,
   const auto evidence = [](double fit) {
     return fit > PlaneScore::kNone ? fit - MatchResult::kChanceFit : 0.0;
   };
-  VoxelIndex index(256);
-  std::vector<double> differences;
+  BlockDifferences differences;
   double sum = 0.0;
   int met = 0;
   for (std::size_t i = 0; i < timed.size(); ++i) {
     const double a = our_score.Of(ours.deskewed[i]), b = their_score.Of(theirs.deskewed[i]);
     if (!(std::max(a, b) > PlaneScore::kNone)) continue;
     const double difference = evidence(a) - evidence(b);
-    index.Gather(VoxelKeyOf(timed[i].points.mean, 1.0 / BlockVotes::kTogetherM), &differences) +=
-        difference;
+    differences.Add(timed[i].points.mean, difference);
     sum += difference;
     ++met;
   }
-  BlockVotes votes;
-  for (const double difference : differences) votes.Add(difference);
-  return met > 0 && sum > kLeastGain * met && votes.Sigmas() > kLeastSigmas;
+  return met > 0 && sum > kLeastGain * met && differences.Sigmas() > kLeastSigmas;
 }
 
 // Seconds between the clusters' times.

@@ -3,28 +3,22 @@
 #include <utility>
 #include <vector>
 
-#include "core/map/voxel_key.h"
 #include "frontend/matching/block_votes.h"
 #include "frontend/start/start_track.h"
 
 namespace lamina {
 
 double StartTrack::Better(const Hypothesis& a, const Hypothesis& b) const {
-  VoxelIndex index(64);
-  std::vector<double> differences;
+  BlockDifferences differences;
   std::size_t i = 0;
   for (std::size_t k = 1; k < scans_.size(); ++k) {
     for (const TimedCluster& cluster : scans_[k].clusters) {
-      if (a.fits[i] >= 0.0F && b.fits[i] >= 0.0F) {
-        index.Gather(VoxelKeyOf(cluster.points.mean, 1.0 / BlockVotes::kTogetherM), &differences) +=
-            static_cast<double>(a.fits[i] - b.fits[i]);
-      }
+      if (a.fits[i] >= 0.0F && b.fits[i] >= 0.0F)
+        differences.Add(cluster.points.mean, static_cast<double>(a.fits[i] - b.fits[i]));
       ++i;
     }
   }
-  BlockVotes votes;
-  for (const double difference : differences) votes.Add(difference);
-  const double z = votes.Sigmas();
+  const double z = differences.Sigmas();
   const double squared = z * std::abs(z) + Unsteadiness(b.poses) - Unsteadiness(a.poses);
   return std::copysign(std::sqrt(std::abs(squared)), squared);
 }

@@ -17,7 +17,6 @@
 namespace lamina {
 namespace {
 
-constexpr double kBlockM = 4.0;
 // Points with which a block counts half.
 constexpr double kHalfPoints = 20.0;
 
@@ -45,24 +44,23 @@ SteadyMotionSearch::SteadyMotionSearch(const SteadyMotionOptions& options, const
   for (const SteadyScan& scan : scans_) {
     for (const PointCluster& cluster : scan.clusters) {
       const std::int32_t block = blocks.FindOrInsert(
-          VoxelKeyOf(cluster.mean, 1.0 / kBlockM), static_cast<std::int32_t>(block_points_.size()));
+          BlockAround(cluster.mean), static_cast<std::int32_t>(block_points_.size()));
       block_of_.push_back(block);
       if (static_cast<std::size_t>(block) == block_points_.size()) block_points_.push_back(0.0);
       block_points_[static_cast<std::size_t>(block)] += cluster.count;
     }
   }
-  const double duration_s = scans_.back().time_s - scans_.front().time_s;
+  duration_s_ = std::max(1e-3, scans_.back().time_s - scans_.front().time_s);
   middle_s_ = 0.5 * (scans_.front().time_s + scans_.back().time_s);
   // L has its maximum over speeds by which the last scan is a voxel off.
   constexpr double kStepVoxels = 0.44;
-  step_m_s_ = kStepVoxels * options_.voxel_size_m / std::max(duration_s, 1e-3);
+  step_m_s_ = kStepVoxels * options_.voxel_size_m / duration_s_;
   // Scans that are farther apart than they see have nothing in common.
   std::vector<double> ranges_m;
   for (const PointCluster& cluster : scans_.front().clusters)
     ranges_m.push_back((cluster.mean - scans_.front().centre).norm());
   if (!ranges_m.empty())
-    most_speed_m_s_ = std::min(options_.most_speed_m_s,
-                               2.0 * UpperMedian(&ranges_m) / std::max(duration_s, 1e-3));
+    most_speed_m_s_ = std::min(options_.most_speed_m_s, 2.0 * UpperMedian(&ranges_m) / duration_s_);
   if (RaysRepeat()) few_ = Sparse::kTellNothing;
 }
 
@@ -210,8 +208,7 @@ SteadyMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
 bool SteadyMotionSearch::RaysRepeat() const {
   // Of 16 to 64 rings standing leaves 0.2 to 0.7 of what moving does, of rosettes 0.9 to 1.2.
   constexpr double kVoxelsAside = 5.0, kMuchLess = 0.8;
-  const double duration_s = std::max(1e-3, scans_.back().time_s - scans_.front().time_s);
-  const double aside_m_s = kVoxelsAside * options_.voxel_size_m / duration_s;
+  const double aside_m_s = kVoxelsAside * options_.voxel_size_m / duration_s_;
   const std::vector<Evidence> evidence = CoarseEvidence({{}, {aside_m_s, 0.0}, {-aside_m_s, 0.0}});
   return evidence[0].sparse < kMuchLess * std::min(evidence[1].sparse, evidence[2].sparse);
 }
@@ -242,12 +239,11 @@ FoundMotion SteadyMotionSearch::Find() const {
     most = total;
   }
   // A sensor that sets off ends at twice its mean speed.
-  const double duration_s = scans_.back().time_s - scans_.front().time_s;
-  const double most_mean_m_s = 0.5 * kMostFromRest * options_.acceleration_sigma_m_s2 * duration_s;
+  const double most_mean_m_s = 0.5 * kMostFromRest * options_.acceleration_sigma_m_s2 * duration_s_;
   const auto most_off = static_cast<int>(std::min(most_mean_m_s, most_speed_m_s_) / step_m_s_);
   const auto from_rest = [&](std::size_t i) {
     const double mean_m_s = step_m_s_ * (static_cast<int>(i) - most_off);
-    return SteadyMotion{mean_m_s, 2.0 * mean_m_s / duration_s};
+    return SteadyMotion{mean_m_s, 2.0 * mean_m_s / duration_s_};
   };
   SteadyMotion start = steady[best];
   std::vector<SteadyMotion> setting_off;

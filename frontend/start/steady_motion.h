@@ -116,7 +116,7 @@ class SteadyMotionSearch {
   std::vector<double> block_points_;
   std::vector<SteadyMotionGrid> grids_;
   Sparse few_ = Sparse::kBlurred;
-  double middle_s_ = 0.0, step_m_s_ = 0.0, most_speed_m_s_ = 0.0;
+  double middle_s_ = 0.0, duration_s_ = 0.0, step_m_s_ = 0.0, most_speed_m_s_ = 0.0;
 };
 
 }  // namespace lamina

@@ -119,11 +119,11 @@ TEST(AdverseCarPark, EachBlockHasOneVote) {
 
 // A lorry sets off beside a sensor of 16 rings, whose planes would have both stand. Starts are
 // overruled, or given up as neither is told from the other: what they called tracked before that,
-// up to 0.7 m off, is called degenerate then. In the last two the lorry goes on alongside, 13 to 26
-// m from where the sensor would be if it stood: rays that repeat in each scan are no evidence of
-// that.
+// up to 0.7 m off, is called degenerate then. In the third it draws scans aside by 0.15 m, which is
+// less than two ways differ. In the last two the lorry goes on alongside, 13 to 26 m from where the
+// sensor would be if it stood: rays that repeat in each scan are no evidence of that.
 TEST(AdverseLorry, DoesNotHoldWhoSetsOffBesideIt) {
-  for (const int seed : {1, 9, 36, 50}) {
+  for (const int seed : {1, 9, 23, 36, 50}) {
     const Verdict verdict = Tried("lorry-start-vlp16", seed, 60);
     EXPECT_LT(verdict.worst_m, 0.10) << seed;
     EXPECT_EQ(verdict.lost, 0u) << seed;
@@ -231,6 +231,13 @@ TEST(AdverseShake, APoseThatIsTakenBackMovesNothing) {
 // that nor a hypothesis that agrees with it is believed before more scans have told.
 TEST(AdverseStart, WhatAllScansDoubtIsNotBelieved) {
   EXPECT_LT(Tried("carpark-mid360", 22, 60).worst_m, 0.2);
+}
+
+// At 15 m/s the steady motion is found to a centimetre, and sparse scans settle to 3 cm about it.
+// Refused for that, it was followed by a start at a tenth of the speed, 10 m off and called
+// tracked.
+TEST(AdverseStart, ScansMaySettleAsWellAsTheyAreKnown) {
+  EXPECT_LT(Tried("brake-5000", 64).worst_m, 0.1);
 }
 
 // From rest along a row of like bays, which decimetres see as well at half the speed; and on foot,
