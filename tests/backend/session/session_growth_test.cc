@@ -30,7 +30,7 @@ class SessionGrowthTest : public SessionTest {
 TEST_F(SessionGrowthTest, TheFileOfTheTilesIsAtMostTwiceWhatIsAliveLapAfterLap) {
   mapping_.mapper.map.budget_mb = 1.0;
   mapping_.mapper.map.depth = 2;
-  constexpr int kLaps = 4, kScans = 160, kFirstWholeLap = 3, kStep = 5;
+  constexpr int kLaps = 4, kScans = 80, kFirstWholeLap = 3, kStep = 5;
   constexpr std::int64_t kConstant = 1 << 20;
   const Recording recording = Laps(kLaps, kScans, 64.0);
   SessionSetup setup = Setup("session");
