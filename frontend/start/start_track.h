@@ -40,11 +40,13 @@
 // (steady_motion.h), once by the sensor's noise and once by decimetres. The first is the more
 // exact; but scans from one place have their points on the same lines of everything, which makes
 // edges, foliage and cars look as sharp as walls, and to decimetres they hardly do. A way from
-// which neither differs is right, but for one that stands where setting off would be as sharp. So
-// is one that does not stand, if the exact motion is near it and no sharper, and the other does not
-// doubt it. One that both refute is overruled, if they agree on what it is instead. All else is not
-// told yet, and the start is given up: the next one begins with a sensor that moves, of which two
-// scans show what stands and what goes along as two minima.
+// which neither differs is right, if not to the centimetre: scans that what goes along has drawn
+// aside settle on the exact motion where that refutes them. A way that stands where setting off
+// would be as sharp is not told, though neither differs. Right is also one that does not stand, if
+// the exact motion is near it and no sharper, and the other does not doubt it. One that both refute
+// is overruled, if they agree on what it is instead. All else is not told yet, and the start is
+// given up: the next one begins with a sensor that moves, of which two scans show what stands and
+// what goes along as two minima.
 #pragma once
 
 #include <cstdint>
