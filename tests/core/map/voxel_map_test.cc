@@ -6,6 +6,7 @@
 
 #include "tests/core/map/voxel_map_fixture.h"
 #include "tests/support/memory_voxel_store.h"
+#include "tests/support/sanitizers.h"
 #include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
@@ -14,11 +15,7 @@ namespace {
 using Kind = Surface::Kind;
 using NodeId = VoxelMap::NodeId;
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr int kManyPerSide = 60;  // 216 000 voxels: sanitizers multiply memory and time
-#else
-constexpr int kManyPerSide = 127;  // 2 048 383 voxels
-#endif
+constexpr int kManyPerSide = kSanitized ? 60 : 127;  // 216 000 or 2 048 383 voxels
 
 // Nothing is a plane.
 VoxelMapOptions NoPlanes() {

@@ -13,6 +13,7 @@
 
 #include "io/map/map_io.h"
 #include "tests/support/program/run_helpers.h"
+#include "tests/support/sanitizers.h"
 
 namespace lamina {
 namespace {
@@ -65,11 +66,7 @@ TEST_F(RunCommandTest, FrameTableHasALineForEachScan) {
 // What the program that starts it has in memory is no part of the run's.
 TEST_F(RunCommandTest, PeakMemoryIsThatOfTheRunAlone) {
   const std::string scans = WriteRecording("street", Street(2));
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)  // they multiply memory
-  constexpr std::size_t kOurs = 1'500'000'000;
-#else
-  constexpr std::size_t kOurs = 400'000'000;
-#endif
+  constexpr std::size_t kOurs = kSanitized ? 1'500'000'000 : 400'000'000;
   const std::vector<char> memory(kOurs, 1);
   Run(scans);
   EXPECT_EQ(memory.back(), 1);

@@ -9,6 +9,7 @@
 
 #include "tests/support/files/small_disk.h"
 #include "tests/support/program/watch_scenes.h"
+#include "tests/support/sanitizers.h"
 #include "tools/watch/files.h"
 
 namespace lamina {
@@ -261,9 +262,9 @@ TEST_F(WatchFilesTest, TwentyThousandFilesAtOnceEnd) {
   rusage usage{};
   ASSERT_EQ(wait4(child, &status, 0, &usage), child);
   EXPECT_EQ(status, 0) << Bytes(Path("stderr")).substr(0, 2000);
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // they multiply memory
-  EXPECT_LT(usage.ru_maxrss, 150 * 1024) << "kB";
-#endif
+  if (!kSanitized) {
+    EXPECT_LT(usage.ru_maxrss, 150 * 1024) << "kB";
+  }
   EXPECT_EQ(TimesMapped(Path("session/session.db")).size(), kFiles);
   EXPECT_EQ(Summary("session")["skipped_scans"], kFiles);
   EXPECT_THAT(FilesIn("session/rejected"), SizeIs(2 * kFiles));
