@@ -119,11 +119,11 @@ TEST(AdverseCarPark, EachBlockHasOneVote) {
 
 // A lorry sets off beside a sensor of 16 rings, whose planes would have both stand. Starts are
 // overruled, or given up as neither is told from the other: what they called tracked before that,
-// up to 0.7 m off, is called degenerate then. In the third it draws scans aside by 0.15 m, which is
-// less than two ways differ. In the last two the lorry goes on alongside, 13 to 26 m from where the
-// sensor would be if it stood: rays that repeat in each scan are no evidence of that.
+// up to 0.7 m off, is called degenerate then. In the fourth it draws scans aside by 0.15 m, which
+// is less than two ways differ. In the last two the lorry goes on alongside, 13 to 26 m from where
+// the sensor would be if it stood: rays that repeat in each scan are no evidence of that.
 TEST(AdverseLorry, DoesNotHoldWhoSetsOffBesideIt) {
-  for (const int seed : {1, 9, 23, 36, 50}) {
+  for (const int seed : {1, 9, 14, 23, 36, 50}) {
     const Verdict verdict = Tried("lorry-start-vlp16", seed, 60);
     EXPECT_LT(verdict.worst_m, 0.10) << seed;
     EXPECT_EQ(verdict.lost, 0u) << seed;
