@@ -296,6 +296,10 @@ bool Odometry::Believed(const OdometryFrame& frame, const SearchedScan& scan,
   if (vouched && (motion_.clock_trusted() || !doubtful)) return true;
   if (match.status != MatchResult::Status::kConverged) return false;
   if (match.fit() < std::max(kLeastFit, usual_fit)) return false;
+  // Of all the places about where a lost scan may be, some fit by chance.
+  constexpr double kFoundFit = 0.9;
+  if (lost_ && !WithinReach(prediction) && match.fit() < kFoundFit * MedianOf(recent_fits_))
+    return false;
   if (gap && !StoodStill(match)) {
     // Beyond the reach of the search there may be a better place, unless the scan after a gap meets
     // as much of the map as scans did before: where the sensor has not been, the map has less. One
