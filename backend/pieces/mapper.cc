@@ -74,8 +74,7 @@ bool Mapper::EndsPiece(const MapperScan& scan, const OdometryFrame& frame, bool 
 bool Mapper::FollowStart(const MapperScan& scan, OdometryFrame* frame) {
   // Only as long as all that the scans have left can be taken back.
   const bool whole = !window_.full() && open_.size() == start_.scans().size();
-  // Ways are told apart by how steady they are.
-  if (!whole || frame->sweep.of_scan) start_.Clear();
+  if (!whole) start_.Clear();
   if (!start_.open()) return false;
   start_.Add(*frame, scan.stamp_made_up, *scan.clusters);
   const bool overruled = start_.overruled();

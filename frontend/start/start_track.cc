@@ -44,6 +44,7 @@ StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& ma
 
 void StartTrack::Clear() {
   open_ = overruled_ = told_ = unsure_ = doubted_ = given_up_ = false;
+  sparse_ = shaken_ = false;
   scans_.clear();
   hypotheses_.clear();
 }
@@ -56,6 +57,10 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
   }
   scans_.push_back({frame.stamp_ns, clusters, frame.T_world_lidar, Vector6d::Zero()});
   if (scans_.size() == 1) return;
+  if (scans_.size() == 2) sparse_ = ToldByBeams(frame.match);
+  // Ways are told apart by how steady they are. What looks shaken may be a match drawn aside.
+  if (frame.sweep.of_scan && !sparse_) return Clear();
+  shaken_ = shaken_ || frame.sweep.of_scan;
   all_tracked_ = all_tracked_ && frame.status == OdometryFrame::Status::kTracked;
   if (told_) return Trust();
   if (frame.open_m > std::max(open_m_, open_sigma_m_)) {
@@ -276,6 +281,14 @@ void StartTrack::Overrule(const std::vector<SE3>& poses, const std::vector<SE3>&
 void StartTrack::Decide() {
   const bool last = scans_.size() >= kMostScans;
   const bool many = last || scans_.size() == kManyScans;
+  if (sparse_) {
+    if (many && TakeByBeams()) return;
+    if (shaken_ && last) return Clear();
+    if (shaken_ || !many) {
+      if (!hypotheses_.empty()) Rank();
+      return;
+    }
+  }
   if (unsure_ && many) {
     if (TakeSteady(&doubted_)) return;
     if (doubted_ && last) return GiveUp();
@@ -358,7 +371,7 @@ Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
 
 void StartTrack::Archive(StateArchive& a) {
   a(&open_, &overruled_, &told_, &unsure_, &all_tracked_, &open_m_, &open_along_, &scans_,
-    &hypotheses_, &without_planes_, &u_, &again_, &doubted_);
+    &hypotheses_, &without_planes_, &u_, &again_, &doubted_, &sparse_, &shaken_);
 }
 
 }  // namespace lamina

@@ -47,6 +47,11 @@
 // is overruled, if they agree on what it is instead. All else is not told yet, and the start is
 // given up: the next one begins with a sensor that moves, of which two scans show what stands and
 // what goes along as two minima.
+//
+// Where scans of few points, no two of the same rays, meet few planes of one another, as among
+// trees, matches are drawn to where lines lie on lines. There the beams tell the motion from scan
+// to scan (beam_agreement.h), and then each scan finds its place in the map of all others. If the
+// beams agree clearly better about that way than about odometry's, it is taken.
 #pragma once
 
 #include <cstdint>
@@ -205,6 +210,21 @@ class StartTrack {
                     MatchResult* match) const;
   // Whether the velocity changes at once by what no sensor does.
   bool Leaps(const std::vector<SE3>& poses) const;
+  // Whether the second scan meets few planes of the first, and has other rays: rings that go with
+  // the sensor agree on the ground, and best where it stands.
+  bool ToldByBeams(const MatchResult& second) const;
+  // Mean over the pairs of scans that follow one another (beam_agreement.h), the later one so far
+  // aside in the frame of the sensor.
+  double Agreement(const std::vector<SE3>& poses,
+                   const Eigen::Vector3d& aside = Eigen::Vector3d::Zero()) const;
+  // Whether beams agree less to every side of poses. On ground and walls along the way they do not.
+  bool BeamsTell(const std::vector<SE3>& poses, double agreement) const;
+  // Each scan where its beams agree best with those of the one before.
+  std::vector<SE3> PosesByBeams() const;
+  // Brings each pose but the first to the map that all others make, in rounds.
+  bool SettleAll(std::vector<SE3>* poses, MatchResult* match) const;
+  // Closes with the poses that beams agree on, where odometry's are refuted by them.
+  bool TakeByBeams();
   // All but the first; the match of the last.
   bool SettleOthers(const Eigen::Vector3d& u, std::vector<SE3>* poses, MatchResult* match) const;
   // The steady motion along one direction, beside the way that poses have.
@@ -258,6 +278,8 @@ class StartTrack {
   // Whether a match left the way open, whether all scans so far were tracked, and whether many of
   // them together speak against odometry's way: then only all may tell another.
   bool unsure_ = false, all_tracked_ = true, doubted_ = false;
+  bool sparse_ = false;  // ToldByBeams
+  bool shaken_ = false;  // some scan looked so
   // By how much at most, and along which direction.
   double open_m_ = 0.0;
   Eigen::Vector3d open_along_ = Eigen::Vector3d::Zero();

@@ -84,6 +84,7 @@ class StartTrackTest : public testing::Test {
     frame.T_world_lidar.t.x() += off_m;
     frame.match.status = MatchResult::Status::kConverged;
     frame.match.T_world_lidar = frame.T_world_lidar;
+    frame.match.clusters = frame.match.matched = 1000;
     return frame;
   }
   // By how much the first van goes on less than the street.

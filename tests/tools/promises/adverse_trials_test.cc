@@ -194,6 +194,17 @@ TEST(AdverseForest, WalksOnBetweenPlanesOfItsOwnBeams) {
   EXPECT_EQ(verdict.lost, 0u);
 }
 
+// Lines that lie on lines fit best: matches turned the sensor along with its pattern, a degree a
+// scan, or found nothing.
+TEST(AdverseForest, IsNotTurnedAlongWithThePatternOfItsBeams) {
+  for (const int seed : {2, 5, 6}) {
+    const Verdict verdict = Tried("forest-mid360", seed, 30);
+    EXPECT_LT(verdict.worst_m, 0.1) << seed;
+    EXPECT_LT(verdict.worst_deg, 0.7) << seed;
+    EXPECT_LE(verdict.lost, 8u) << seed;
+  }
+}
+
 // Two scans of such a sensor share few planes that face the way, and matches settle on any speed,
 // or turn a scan about. Eight of them together show which steady motion they were taken in.
 TEST(AdverseStart, ASteadyMotionIsFoundWhereMatchesMislead) {
