@@ -51,7 +51,8 @@
 // Where scans of few points, no two of the same rays, meet few planes of one another, as among
 // trees, matches are drawn to where lines lie on lines. There the beams tell the motion from scan
 // to scan (beam_agreement.h), and then each scan finds its place in the map of all others. If the
-// beams agree clearly better about that way than about odometry's, it is taken.
+// beams agree clearly better about that way than about odometry's, and less to every side of it, it
+// is taken.
 #pragma once
 
 #include <cstdint>
@@ -210,8 +211,8 @@ class StartTrack {
                     MatchResult* match) const;
   // Whether the velocity changes at once by what no sensor does.
   bool Leaps(const std::vector<SE3>& poses) const;
-  // Whether the second scan meets few planes of the first, and has other rays: rings that go with
-  // the sensor agree on the ground, and best where it stands.
+  // Whether the second scan meets few planes of the first, and repeats few of its rays: rings that
+  // go with the sensor agree on the ground, and best where it stands.
   bool ToldByBeams(const MatchResult& second) const;
   // Mean over the pairs of scans that follow one another (beam_agreement.h), the later one so far
   // aside in the frame of the sensor.

@@ -16,8 +16,10 @@ constexpr double kRangeSigmas = 3.0;
 }  // namespace
 
 bool StartTrack::ToldByBeams(const MatchResult& second) const {
-  // Scans that repeat their rays have 0.9 and more of them beside one another, others below 0.3.
-  constexpr double kSparse = 0.3, kRepeated = 0.5;
+  // Of a Mid-360 among trees and in streets 0.03 of the rays lie beside those before, of 16 rings
+  // and of an Avia 0.4 and more, of 2000 rays of a sensor that begins anywhere in its first step
+  // 0.16.
+  constexpr double kSparse = 0.3, kRepeated = 0.1;
   if (second.overlap() >= kSparse) return false;
   const auto at_rest = [&](std::size_t k) {
     return DeskewClusters(scans_[k].clusters, Vector6d(Vector6d::Zero()));
