@@ -279,7 +279,8 @@ bool Odometry::Believed(const OdometryFrame& frame, const SearchedScan& scan,
   // What fits no better than chance fits badly, whatever went before: also where the prediction
   // vouches for it, if so few meet planes that the scan may be of another place.
   constexpr double kLeastFit = 0.65, kMeetsAll = 0.9, kMeetsFew = 0.4;
-  const double usual_fit = options_.doubtful_fit_ratio * MedianOf(recent_fits_);
+  const double recent_fit = MedianOf(recent_fits_);
+  const double usual_fit = options_.doubtful_fit_ratio * recent_fit;
   if (match.inlier_share < kMeetsFew * recent && match.fit() < std::min(kLeastFit, usual_fit))
     return false;
   // There is nothing before a start: what its second scan meets of the first one fits, unless that
@@ -298,8 +299,7 @@ bool Odometry::Believed(const OdometryFrame& frame, const SearchedScan& scan,
   if (match.fit() < std::max(kLeastFit, usual_fit)) return false;
   // Of all the places about where a lost scan may be, some fit by chance.
   constexpr double kFoundFit = 0.9;
-  if (lost_ && !WithinReach(prediction) && match.fit() < kFoundFit * MedianOf(recent_fits_))
-    return false;
+  if (lost_ && !WithinReach(prediction) && match.fit() < kFoundFit * recent_fit) return false;
   if (gap && !StoodStill(match)) {
     // Beyond the reach of the search there may be a better place, unless the scan after a gap meets
     // as much of the map as scans did before: where the sensor has not been, the map has less. One

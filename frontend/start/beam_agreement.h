@@ -13,8 +13,6 @@
 // is a share: how many beams come to lie on one another, which is what the pattern decides, does
 // not count. In a forest it is 0.4 to 0.6 at the right pose and below 0.2 where lines lie on lines.
 // Its maximum is blunt, 0.5 deg and 5 cm wide. n_0 keeps a few from deciding.
-//
-// Private to frontend/start.
 #pragma once
 
 #include <Eigen/Core>
@@ -33,7 +31,8 @@ class BeamAgreement {
   BeamAgreement(const std::vector<PointCluster>& clusters, double range_sigma_m);
 
   // Share of another scan's points that have a beam beside them, at its pose in the frame of the
-  // first one. At the identity nearly 1 where a scan repeats the rays of the one before.
+  // first one. At the identity it says how many rays of one scan the other repeats, as far as means
+  // of clusters show it.
   double Beside(const std::vector<PointCluster>& clusters, const SE3& T_first_other) const;
   // A in [0, 1] of another scan, deskewed.
   double Of(const std::vector<PointCluster>& clusters, const SE3& T_first_other) const;

@@ -65,6 +65,7 @@
 #include "frontend/matching/scan_matcher.h"
 #include "frontend/odometry/odometry.h"
 #include "frontend/scan/scan_clusters.h"
+#include "frontend/start/beam_agreement.h"
 #include "frontend/start/steady_motion.h"
 
 namespace lamina {
@@ -214,15 +215,23 @@ class StartTrack {
   // Whether the second scan meets few planes of the first, and repeats few of its rays: rings that
   // go with the sensor agree on the ground, and best where it stands.
   bool ToldByBeams(const MatchResult& second) const;
-  // Mean over the pairs of scans that follow one another (beam_agreement.h), the later one so far
-  // aside in the frame of the sensor.
-  double Agreement(const std::vector<SE3>& poses,
-                   const Eigen::Vector3d& aside = Eigen::Vector3d::Zero()) const;
-  // Whether beams agree less to every side of poses. On ground and walls along the way they do not.
-  bool BeamsTell(const std::vector<SE3>& poses, double agreement) const;
+  // Of a scan, deskewed by this motion.
+  BeamAgreement BeamsOf(std::size_t scan, const Vector6d& twist) const;
+  // Two scans that follow one another, deskewed by the motion that poses have.
+  struct BeamPair {
+    BeamAgreement before;
+    std::vector<PointCluster> clusters;
+    SE3 T_before_this;
+  };
+  std::vector<BeamPair> BeamPairs(const std::vector<SE3>& poses) const;
+  // Mean over the pairs (beam_agreement.h), the later scan so far aside in the frame of the sensor.
+  static double Agreement(const std::vector<BeamPair>& pairs,
+                          const Eigen::Vector3d& aside = Eigen::Vector3d::Zero());
+  // Whether beams agree less to every side. On ground and walls along the way they do not.
+  static bool BeamsTell(const std::vector<BeamPair>& pairs, double agreement);
   // Each scan where its beams agree best with those of the one before.
   std::vector<SE3> PosesByBeams() const;
-  // Brings each pose but the first to the map that all others make, in rounds.
+  // Brings each pose to the map that all others make, in rounds; the match of the last.
   bool SettleAll(std::vector<SE3>* poses, MatchResult* match) const;
   // Closes with the poses that beams agree on, where odometry's are refuted by them.
   bool TakeByBeams();

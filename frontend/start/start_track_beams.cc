@@ -4,7 +4,6 @@
 #include <cstddef>
 #include <vector>
 
-#include "frontend/start/beam_agreement.h"
 #include "frontend/start/start_track.h"
 
 namespace lamina {
@@ -15,33 +14,41 @@ constexpr double kRangeSigmas = 3.0;
 
 }  // namespace
 
+BeamAgreement StartTrack::BeamsOf(std::size_t scan, const Vector6d& twist) const {
+  return {DeskewClusters(scans_[scan].clusters, twist), kRangeSigmas * steady_.noise_m};
+}
+
 bool StartTrack::ToldByBeams(const MatchResult& second) const {
   // Of a Mid-360 among trees and in streets 0.03 of the rays lie beside those before, of 16 rings
   // and of an Avia 0.4 and more, of 2000 rays of a sensor that begins anywhere in its first step
   // 0.16.
   constexpr double kSparse = 0.3, kRepeated = 0.1;
   if (second.overlap() >= kSparse) return false;
-  const auto at_rest = [&](std::size_t k) {
-    return DeskewClusters(scans_[k].clusters, Vector6d(Vector6d::Zero()));
-  };
-  const BeamAgreement first(at_rest(0), kRangeSigmas * steady_.noise_m);
-  return first.Beside(at_rest(1), SE3()) < kRepeated;
+  const Vector6d rest = Vector6d::Zero();
+  return BeamsOf(0, rest).Beside(DeskewClusters(scans_[1].clusters, rest), SE3()) < kRepeated;
 }
 
-double StartTrack::Agreement(const std::vector<SE3>& poses, const Eigen::Vector3d& aside) const {
-  double sum = 0.0;
+std::vector<StartTrack::BeamPair> StartTrack::BeamPairs(const std::vector<SE3>& poses) const {
+  std::vector<BeamPair> pairs;
   for (std::size_t k = 1; k < poses.size(); ++k) {
-    const BeamAgreement before(
-        DeskewClusters(scans_[k - 1].clusters, Twist(poses, std::max<std::size_t>(k - 1, 1))),
-        kRangeSigmas * steady_.noise_m);
-    SE3 T_before_this = poses[k - 1].Inverse() * poses[k];
-    T_before_this.t += aside;
-    sum += before.Of(DeskewClusters(scans_[k].clusters, Twist(poses, k)), T_before_this);
+    pairs.push_back({BeamsOf(k - 1, Twist(poses, std::max<std::size_t>(k - 1, 1))),
+                     DeskewClusters(scans_[k].clusters, Twist(poses, k)),
+                     poses[k - 1].Inverse() * poses[k]});
   }
-  return sum / static_cast<double>(poses.size() - 1);
+  return pairs;
 }
 
-bool StartTrack::BeamsTell(const std::vector<SE3>& poses, double agreement) const {
+double StartTrack::Agreement(const std::vector<BeamPair>& pairs, const Eigen::Vector3d& aside) {
+  double sum = 0.0;
+  for (const BeamPair& pair : pairs) {
+    SE3 T = pair.T_before_this;
+    T.t += aside;
+    sum += pair.before.Of(pair.clusters, T);
+  }
+  return sum / static_cast<double>(pairs.size());
+}
+
+bool StartTrack::BeamsTell(const std::vector<BeamPair>& pairs, double agreement) {
   // Among trees it is 0.1 of the agreement so far aside, in streets 0.5 to 0.7 along the way.
   // Trunks and walls let beams slide upwards, 0.4, but few sensors leave the ground.
   constexpr double kAsideM = 0.3, kMostAcross = 0.3, kMostUp = 0.6;
@@ -49,11 +56,11 @@ bool StartTrack::BeamsTell(const std::vector<SE3>& poses, double agreement) cons
   for (int i = 0; i < kDirections; ++i) {
     const double azimuth = 2.0 * M_PI * i / kDirections;
     const Eigen::Vector3d aside(kAsideM * std::cos(azimuth), kAsideM * std::sin(azimuth), 0.0);
-    if (Agreement(poses, aside) > kMostAcross * agreement) return false;
+    if (Agreement(pairs, aside) > kMostAcross * agreement) return false;
   }
   const Eigen::Vector3d up(0.0, 0.0, kAsideM);
-  return Agreement(poses, up) <= kMostUp * agreement &&
-         Agreement(poses, -up) <= kMostUp * agreement;
+  return Agreement(pairs, up) <= kMostUp * agreement &&
+         Agreement(pairs, -up) <= kMostUp * agreement;
 }
 
 std::vector<SE3> StartTrack::PosesByBeams() const {
@@ -64,9 +71,10 @@ std::vector<SE3> StartTrack::PosesByBeams() const {
     const double gap_s = GapS(k);
     double most = -1.0;
     Vector6d best = twist;
+    BeamAgreement before = BeamsOf(k - 1, twist);
     const auto climb = [&](const Vector6d& from) {
-      const BeamAgreement before(DeskewClusters(scans_[k - 1].clusters, k == 1 ? from : twist),
-                                 kRangeSigmas * steady_.noise_m);
+      // The first scan is deskewed by the motion to the second.
+      if (k == 1) before = BeamsOf(0, from);
       const std::vector<PointCluster> clusters = DeskewClusters(scans_[k].clusters, from);
       const SE3 T = before.Climb(clusters, TwistExp(gap_s * from));
       const double agreement = before.Of(clusters, T);
@@ -75,7 +83,7 @@ std::vector<SE3> StartTrack::PosesByBeams() const {
       best = TwistLog(T) / gap_s;
     };
     climb(twist);
-    climb(Vector6d::Zero());
+    if (k > 1) climb(Vector6d::Zero());
     climb(Twist(own, k));
     if (AnyTimed(scans_[k].clusters)) climb(Vector6d(best));
     twist = best;
@@ -111,11 +119,12 @@ bool StartTrack::TakeByBeams() {
   // in some of its scans has less, and what settles on that has, too.
   constexpr double kLeastAgreement = 0.3, kRefuted = 0.85, kKept = 0.8;
   std::vector<SE3> poses = PosesByBeams();
-  const double found = Agreement(poses), own = Agreement(OwnPoses());
-  if (found < kLeastAgreement || own >= kRefuted * found || !BeamsTell(poses, found)) return false;
+  const std::vector<BeamPair> pairs = BeamPairs(poses);
+  const double found = Agreement(pairs), own = Agreement(BeamPairs(OwnPoses()));
+  if (found < kLeastAgreement || own >= kRefuted * found || !BeamsTell(pairs, found)) return false;
   MatchResult match;
   if (!SettleAll(&poses, &match)) return false;
-  const double settled = Agreement(poses);
+  const double settled = Agreement(BeamPairs(poses));
   if (settled < kKept * found || own >= kRefuted * settled || Leaps(poses)) return false;
   Overrule(poses, poses, match);
   // Its planes are those of all scans, and no lines of two lie on one another in them.
