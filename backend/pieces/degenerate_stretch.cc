@@ -11,9 +11,9 @@
 namespace lamina {
 namespace {
 
-// A pose that is open by less is in the right minimum: in generated streets the next one was as
-// near as 0.25 m.
-constexpr double kMinimumM = 0.1;
+// In generated streets the next minimum was as near as this. A pose that is open by less than
+// kMinimumM is in the right one.
+constexpr double kNextMinimumM = 0.25, kMinimumM = 0.1, kLikelySigmas = 2.0;
 
 // Information in a match's covariance (scaled) but for the prediction's share.
 Matrix6d MeasuredInformation(const MatchResult& match) {
@@ -25,19 +25,41 @@ Matrix6d MeasuredInformation(const MatchResult& match) {
          solver.eigenvectors().transpose();
 }
 
-// Whether there are other minima beside the one that a match has found, along the direction that
-// is open most or along the one that the match knows least.
-bool MayBeElsewhere(const OdometryFrame& frame, const std::vector<PointCluster>& deskewed,
-                    const VoxelMap& map, const ScanMatcherOptions& options,
-                    const Vector6d& most_open) {
-  constexpr double kBesideM = 0.5;
-  const auto open = [&](const Vector6d& v) {
-    const DirectionProfile profile(deskewed, map, frame.T_world_lidar, v, options.noise_floor_m);
-    const DirectionProfile::Posterior posterior = profile.With(0.0, kBesideM);
-    return std::hypot(posterior.mean_m, posterior.sigma_m) > options.max_direction_sigma_m;
-  };
-  return open(most_open) || open(frame.match.weakest_direction);
-}
+// Where a match may be instead of where it is.
+class MinimaBeside {
+ public:
+  MinimaBeside(const OdometryFrame& frame, const std::vector<PointCluster>& deskewed,
+               const VoxelMap& map, const ScanMatcherOptions& options)
+      : frame_(frame), deskewed_(deskewed), map_(map), options_(options) {}
+
+  // Along the direction that is open most, or along the one that the match knows least.
+  bool InMap(const Vector6d& most_open) const {
+    constexpr double kBesideM = 0.5;
+    return IsOpen(ProfileOf(most_open, nullptr), kBesideM) ||
+           IsOpen(ProfileOf(frame_.match.weakest_direction, nullptr), kBesideM);
+  }
+  // Among older planes alone, along a direction that is open by so much.
+  bool AmongOlder(const Vector6d& direction, double open_m, const PlanesInstead& older) const {
+    // A profile of fewer blocks is flat, whatever clusters say that face the direction slightly.
+    constexpr double kFewBlocks = 0.5;
+    const DirectionProfile profile = ProfileOf(direction, older);
+    return profile.Blocks() >= kFewBlocks && IsOpen(profile, open_m);
+  }
+
+ private:
+  DirectionProfile ProfileOf(const Vector6d& v, const PlanesInstead& instead) const {
+    return {deskewed_, map_, frame_.T_world_lidar, v, options_.noise_floor_m, instead};
+  }
+  bool IsOpen(const DirectionProfile& profile, double within_m) const {
+    const DirectionProfile::Posterior posterior = profile.With(0.0, within_m);
+    return std::hypot(posterior.mean_m, posterior.sigma_m) > options_.max_direction_sigma_m;
+  }
+
+  const OdometryFrame& frame_;
+  const std::vector<PointCluster>& deskewed_;
+  const VoxelMap& map_;
+  const ScanMatcherOptions& options_;
+};
 
 }  // namespace
 
@@ -100,11 +122,19 @@ void DegenerateStretch::Compare(const OdometryFrame& frame,
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(Matrix6d(covariance_.topLeftCorner<6, 6>()));
   const Matrix6d& directions = solver.eigenvectors();
   const std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.sweep);
-  if (SigmaM() > kMinimumM && MayBeElsewhere(frame, deskewed, map, o, directions.col(5))) return;
   OlderPlanes older(map, window, first_keyframe_);
+  const PlanesInstead planes = [&](VoxelMap::NodeId surface) { return older.Of(surface); };
+  if (SigmaM() > kMinimumM) {
+    const Vector6d most_open = directions.col(5);
+    const MinimaBeside minima(frame, deskewed, map, o);
+    if (minima.InMap(most_open)) return;
+    // The stretch has made most of what the map shows: that has its minimum where the stretch has
+    // put it. Where the next one is in reach, older planes alone must have theirs there as well.
+    if (kLikelySigmas * SigmaM() > kNextMinimumM && minima.AmongOlder(most_open, SigmaM(), planes))
+      return;
+  }
   const DirectionEvidence evidence =
-      matcher_.EvidenceOf([&](VoxelMap::NodeId surface) { return older.Of(surface); }, deskewed,
-                          frame.T_world_lidar, map, directions);
+      matcher_.EvidenceOf(planes, deskewed, frame.T_world_lidar, map, directions);
   Matrix6d information = Matrix6d::Zero();
   for (int k = 0; k < 6; ++k) {
     // Fewer clusters may all be wrong, as in a match.

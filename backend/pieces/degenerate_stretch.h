@@ -16,7 +16,8 @@
 // prediction's share, M = C^-1 - (prior information); along directions that what is older than the
 // stretch determines (older_planes.h) it tells of x' as well. Where x is open by more than a
 // minimum is wide, the match may have found a wrong one: then it tells of x' only if the profile
-// (direction_profile.h) shows no other beside it.
+// (direction_profile.h) shows no other beside it, neither in the map nor, where another is in
+// reach, among the older planes alone.
 #pragma once
 
 #include <cstdint>

@@ -23,6 +23,13 @@ constexpr double kEdgeStepM = 0.05;
 // A column or a ring alone is a line, which is met again where the sensor takes the next one.
 constexpr double kBroadM = 0.05;
 
+// The plane around p, or what stands in for it; null if there is none.
+WeightedPlane PlaneIn(const VoxelMap& map, const PlanesInstead& instead, const Eigen::Vector3d& p) {
+  if (!instead) return {PlaneAt(map, p), 1.0};
+  const VoxelMap::NodeId surface = map.CanHold(p) ? map.FindSurface(p) : VoxelMap::kNoNode;
+  return surface == VoxelMap::kNoNode ? WeightedPlane() : instead(surface);
+}
+
 // Of a residual with this scaled row, along the direction, per weight.
 double CountingAlong(const Surface& surface, const Eigen::Vector3d& normal_lidar,
                      const Eigen::Vector3d& mu, const Vector6d& direction) {
@@ -60,9 +67,9 @@ double Breadth2(const PointCluster& cluster) {
 // are looked up, and what they make of the cluster is worked out, once for each leaf.
 class MovedCluster {
  public:
-  MovedCluster(const PointCluster& cluster, const VoxelMap& map, const Vector6d& direction,
-               double floor2)
-      : cluster_(cluster), map_(map), direction_(direction), floor2_(floor2) {}
+  MovedCluster(const PointCluster& cluster, const VoxelMap& map, const PlanesInstead& instead,
+               const Vector6d& direction, double floor2)
+      : cluster_(cluster), map_(map), instead_(instead), direction_(direction), floor2_(floor2) {}
 
   // 1 - c (1 - rho) on a plane that has edges and does not face the direction, else 0.
   double Misfit(const Eigen::Matrix3d& R, const Eigen::Vector3d& t) {
@@ -78,7 +85,7 @@ class MovedCluster {
 
  private:
   void Meet(const Eigen::Matrix3d& R, const Eigen::Vector3d& p) {
-    plane_ = PlaneAt(map_, p);
+    plane_ = PlaneIn(map_, instead_, p).plane;
     if (plane_ == nullptr) return;
     const Eigen::Vector3d normal_lidar = R.transpose() * plane_->normal.cast<double>();
     if (plane_->frames < kEdgeFrames ||
@@ -92,6 +99,7 @@ class MovedCluster {
 
   const PointCluster& cluster_;
   const VoxelMap& map_;
+  const PlanesInstead& instead_;
   const Vector6d& direction_;
   double floor2_;
   bool any_ = false;
@@ -117,13 +125,13 @@ DirectionProfile::Loss DirectionProfile::LossAt(const std::vector<PointCluster>&
   std::vector<Block> blocks;
   for (const PointCluster& cluster : clusters) {
     const Eigen::Vector3d p = R * cluster.mean + T.t;
-    const Surface* surface = PlaneAt(map_, p);
+    const auto [surface, share] = PlaneIn(map_, instead_, p);
     if (surface == nullptr) continue;
     const Eigen::Vector3d normal_lidar = R.transpose() * surface->normal.cast<double>();
     const double counting = CountingAlong(*surface, normal_lidar, cluster.mean, direction_);
     if (counting == 0.0) continue;
     const double inverse_scale2 = InverseScale2(cluster, *surface, normal_lidar, floor2_);
-    const double weight = SightWeight(*surface, normal_lidar, cluster.mean) * counting *
+    const double weight = share * SightWeight(*surface, normal_lidar, cluster.mean) * counting *
                           std::min(cluster.count, kMostPoints) * kKernelSigma * kKernelSigma *
                           inverse_scale2;
     Block& block = index.Gather(BlockAround(cluster.mean), &blocks);
@@ -149,7 +157,7 @@ std::vector<PointCluster> DirectionProfile::Facing(double from_m, double to_m) c
   std::vector<PointCluster> facing;
   for (const PointCluster& cluster : clusters_) {
     const bool faces = std::any_of(places.begin(), places.end(), [&](const SE3& T) {
-      const Surface* surface = PlaneAt(map_, T * cluster.mean);
+      const Surface* surface = PlaneIn(map_, instead_, T * cluster.mean).plane;
       if (surface == nullptr) return false;
       const Eigen::Vector3d normal_lidar =
           T.q.conjugate() * Eigen::Vector3d(surface->normal.cast<double>());
@@ -177,7 +185,7 @@ std::vector<double> DirectionProfile::EdgeLosses(double from_m, double to_m, int
     if (Breadth2(cluster) < kBroadM * kBroadM) continue;
     std::vector<double>& fit = index.Gather(BlockAround(cluster.mean), &fits);
     if (fit.empty()) fit.assign(places, 0.0);
-    MovedCluster moved(cluster, map_, direction_, floor2_);
+    MovedCluster moved(cluster, map_, instead_, direction_, floor2_);
     for (std::size_t k = 0; k < places; ++k) fit[k] -= moved.Misfit(at[k].R, at[k].t);
   }
   // As many of them as the pose has parameters are fitted, whatever it is.

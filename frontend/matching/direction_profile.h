@@ -32,23 +32,27 @@
 // with the errors of generated scenes.
 #pragma once
 
+#include <utility>
 #include <vector>
 
 #include "core/geometry/point_cluster.h"
 #include "core/geometry/se3.h"
 #include "core/map/voxel_map.h"
+#include "frontend/matching/planes_instead.h"
 
 namespace lamina {
 
-// Refers to its arguments, which must not change. Thread-safe.
+// Refers to its arguments, which must not change. Thread-safe, as far as `instead` is.
 class DirectionProfile {
  public:
   // About a pose, along a unit vector of the scaled tangent. `noise_floor_m` as in
-  // ScanMatcherOptions.
+  // ScanMatcherOptions. `instead`: of the planes that stand in for the map's, if there are any.
   DirectionProfile(const std::vector<PointCluster>& clusters, const VoxelMap& map,
-                   const SE3& T_world_lidar, const Vector6d& direction, double noise_floor_m)
+                   const SE3& T_world_lidar, const Vector6d& direction, double noise_floor_m,
+                   PlanesInstead instead = nullptr)
       : clusters_(clusters),
         map_(map),
+        instead_(std::move(instead)),
         T_world_lidar_(T_world_lidar),
         direction_(direction),
         floor2_(noise_floor_m * noise_floor_m) {}
@@ -77,6 +81,7 @@ class DirectionProfile {
 
   const std::vector<PointCluster>& clusters_;
   const VoxelMap& map_;
+  PlanesInstead instead_;
   SE3 T_world_lidar_;
   Vector6d direction_;
   double floor2_;

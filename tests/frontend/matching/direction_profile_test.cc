@@ -102,6 +102,31 @@ TEST_F(DirectionProfileTest, EdgesOfPlanesTellWhereNoneFacesIt) {
   }
 }
 
+TEST_F(DirectionProfileTest, PlanesThatStandInForTheMapsHaveAMinimumOfTheirOwn) {
+  const World world = WithBoards({-17.2, -13.1, -9.2, -5.1, 5.2, 9.1, 13.2, 17.1}, 0.0);
+  Map(world);
+  const auto scan = Scan(world);
+  constexpr double kOlderM = -0.2;
+  Surface older;
+  const auto profile = [&](const PlanesInstead& instead) {
+    return DirectionProfile(scan, map_, SE3(), Vector6d::Unit(3), kNoiseFloorM, instead);
+  };
+  const auto moved = [&](double weight) {
+    return [&, weight](VoxelMap::NodeId surface) {
+      if (map_.kind(surface) != Surface::Kind::kPlane) return WeightedPlane();
+      older = map_.plane(surface);
+      older.mean.x() += kOlderM;
+      return WeightedPlane{&older, weight};
+    };
+  };
+  EXPECT_NEAR(profile(moved(1.0)).With(0.0, 0.3).mean_m, kOlderM, 0.03);
+  // What counts less says less, and what is none nothing.
+  EXPECT_LT(profile(moved(1e-3)).Blocks(), 0.5 * profile(moved(1.0)).Blocks());
+  const auto none = profile([](VoxelMap::NodeId) { return WeightedPlane(); });
+  EXPECT_EQ(none.Blocks(), 0.0);
+  EXPECT_GT(none.With(0.0, 0.3).sigma_m, 0.25);
+}
+
 TEST_F(DirectionProfileTest, PlanesOfFewFramesEndNowhere) {
   const World world = WithSteps();
   Map(world, 2);
