@@ -84,6 +84,10 @@ bool MotionModel::uneven() const {
 Matrix6d MotionModel::VelocityChange(double dt) const {
   double turn = kDegree * options_.turn_acceleration_sigma_deg_s2 * dt;
   double way = options_.acceleration_sigma_m_s2 * dt;
+  if (!moving_known()) {
+    turn = kDegree * options_.start_turn_sigma_deg_s;
+    way = options_.start_speed_sigma_m_s;
+  }
   if (uneven()) {
     turn = std::hypot(turn, uneven_rad_ / dt);
     way = std::hypot(way, uneven_m_ / dt);

@@ -56,7 +56,8 @@ class MotionModel {
   Matrix6d Drift(StampNs stamp_ns) const;
 
   // By how much the velocity may differ from the last one a step of dt later: covariance, tangent,
-  // per second. Without recorded stamps that is what steps have differed by of late.
+  // per second. Without recorded stamps that is what steps have differed by of late; before a
+  // motion is known, any that a start may have.
   Matrix6d VelocityChange(double dt) const;
 
   // A pose that was found, with its covariance. `follows`: the motion from the last one to it is

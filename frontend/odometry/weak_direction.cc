@@ -154,14 +154,15 @@ void Odometry::DoubtUnbridged(const PosePrediction& prediction,
 void Odometry::DoubtWeakest(const DirectionProfile& profile, const Vector6d& direction,
                             OdometryFrame* frame) const {
   MatchResult* const match = &frame->match;
-  // What planes hold better was the right minimum in generated scenes, all but those of few points.
+  // What planes hold better was the right minimum in generated scenes, all but those of few points
+  // and those of a sensor of which stamps do not tell how far it may have come.
   constexpr double kDoubtfulM = 0.006;
+  const double least_m = motion_.clock_trusted() ? kDoubtfulM : kWellKnownM;
   const DirectionProfile::Posterior posterior = profile.With(0.0, kBesideM);
   const double sigma_m = std::hypot(posterior.sigma_m, posterior.mean_m);
   frame->open_m = sigma_m;
   Widen(sigma_m, direction, match);
-  const bool doubtful =
-      match->worst_sigma_m > kDoubtfulM || IsDivided(*match, motion_.moving_known());
+  const bool doubtful = match->worst_sigma_m > least_m || IsDivided(*match, motion_.moving_known());
   if (sigma_m > options_.matcher.max_direction_sigma_m && doubtful && match->degenerate == 0) {
     match->degenerate = 1;
     match->degenerate_directions.col(0) = direction;

@@ -120,6 +120,15 @@ TEST(MotionModel, SetDownSomewhereItIsExpectedThere) {
   EXPECT_GT(WaySigma(model, 5), 5.0);
 }
 
+TEST(MotionModel, BeforeAMotionIsKnownTheVelocityIsAnyOfAStart) {
+  MotionModel model{MotionOptions()};
+  model.Accept(0, SE3(), false);
+  const auto speed_sigma = [&] { return std::sqrt(model.VelocityChange(0.1)(3, 3)); };
+  EXPECT_NEAR(speed_sigma(), MotionOptions().start_speed_sigma_m_s, 1e-9);
+  model.Accept(kPeriodNs, Along(1.5), true);
+  EXPECT_NEAR(speed_sigma(), 0.1 * MotionOptions().acceleration_sigma_m_s2, 1e-9);
+}
+
 TEST(MotionModel, WithoutRecordedStampsTheVelocityChangesByWhatStepsHave) {
   MotionModel model = Driving();
   const auto speed_sigma = [&] { return std::sqrt(model.VelocityChange(0.1)(3, 3)); };

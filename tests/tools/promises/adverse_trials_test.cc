@@ -186,6 +186,13 @@ TEST(AdverseRooms, AreFoundAgainAfterAGapAndNotTurnedAbout) {
 // scan meets a third of what the ones before did, and what it meets it does not fit.
 TEST(AdverseJump, IsNoticedWithoutStamps) { EXPECT_LT(Tried("jump-untimed", 22).worst_m, 0.1); }
 
+// The second scan lies 0.75 m off in another minimum, which planes hold to 5 mm.
+TEST(AdversePicked, WithoutStampsAMinimumBesideIsDoubted) {
+  const Verdict verdict = Tried("picked-untimed", 5, 14);
+  EXPECT_LT(verdict.worst_m, 0.1);
+  EXPECT_LE(verdict.lost, 10u);
+}
+
 // In foliage the sheets that beams sweep are planes which move along with the sensor: with this
 // seed they had it stand still while it walked.
 TEST(AdverseForest, WalksOnBetweenPlanesOfItsOwnBeams) {
