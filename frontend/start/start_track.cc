@@ -45,6 +45,7 @@ StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& ma
 void StartTrack::Clear() {
   open_ = overruled_ = told_ = unsure_ = doubted_ = given_up_ = false;
   sparse_ = shaken_ = false;
+  clocked_ = true;
   scans_.clear();
   hypotheses_.clear();
 }
@@ -53,8 +54,9 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
                      const std::vector<TimedCluster>& clusters) {
   if (!scans_.empty()) {
     const double gap_s = SecondsBetween(scans_.back().stamp_ns, frame.stamp_ns);
-    if (stamp_made_up || gap_s <= 0.0 || gap_s > kMostGapS) return Clear();
+    if (gap_s <= 0.0 || gap_s > kMostGapS) return Clear();
   }
+  clocked_ = clocked_ && !stamp_made_up;
   scans_.push_back({frame.stamp_ns, clusters, frame.T_world_lidar, Vector6d::Zero()});
   if (scans_.size() == 1) return;
   if (scans_.size() == 2) sparse_ = ToldByBeams(frame.match);
@@ -72,7 +74,7 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
   constexpr double kMostlyWay = 0.7;
   unsure_ = open_along_.norm() > kMostlyWay;
   if (scans_.size() == 2) {
-    Begin(frame);
+    if (clocked_) Begin(frame);
   } else {
     std::vector<Hypothesis> followed;
     for (const Hypothesis& hypothesis : hypotheses_) {
@@ -299,7 +301,8 @@ void StartTrack::Decide() {
   if (unsure_ && last && 2 * without_planes_ >= scans_.size()) return Clear();
   if (unsure_ && last && SettingOff(OwnPoses())) return CheckSettingOff(OwnPoses());
   if (hypotheses_.empty()) {
-    if (unsure_ && last) return GiveUp();
+    // Steps that no clock tells may be uneven, and then no steady motion explains them.
+    if (unsure_ && last) return clocked_ ? GiveUp() : Clear();
     if (!unsure_) Trust();
     return;
   }
@@ -371,7 +374,7 @@ Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
 
 void StartTrack::Archive(StateArchive& a) {
   a(&open_, &overruled_, &told_, &unsure_, &all_tracked_, &open_m_, &open_along_, &scans_,
-    &hypotheses_, &without_planes_, &u_, &again_, &doubted_, &sparse_, &shaken_);
+    &hypotheses_, &without_planes_, &u_, &again_, &doubted_, &sparse_, &shaken_, &clocked_);
 }
 
 }  // namespace lamina

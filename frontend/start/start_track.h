@@ -33,6 +33,10 @@
 // There a way counts only if it is steady; otherwise, after all scans, the start is given up: no
 // map is to begin with them.
 //
+// Without recorded stamps steps may be even or not, and ways are not told apart by how steady they
+// are. There a steady motion only speaks against odometry's way where it makes a sharper map, as of
+// a sensor that the sheets of its own rings hold where it stood; otherwise that way is kept.
+//
 // Where everything about sets off together with the sensor, all of that may be held for what
 // stands: two scans have no other minimum, and each scan more is held where the ones before were.
 // So the way of a sensor that stands or sets off is asked about once more when all scans are there,
@@ -288,6 +292,7 @@ class StartTrack {
   // Whether a match left the way open, whether all scans so far were tracked, and whether many of
   // them together speak against odometry's way: then only all may tell another.
   bool unsure_ = false, all_tracked_ = true, doubted_ = false;
+  bool clocked_ = true;  // stamps are recorded
   bool sparse_ = false;  // ToldByBeams
   bool shaken_ = false;  // some scan looked so
   // By how much at most, and along which direction.
