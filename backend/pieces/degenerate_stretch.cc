@@ -122,17 +122,16 @@ void DegenerateStretch::Compare(const OdometryFrame& frame,
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(Matrix6d(covariance_.topLeftCorner<6, 6>()));
   const Matrix6d& directions = solver.eigenvectors();
   const std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.sweep);
+  const Vector6d most_open = directions.col(5);
+  const double open_m = SigmaM();
+  const MinimaBeside minima(frame, deskewed, map, o);
+  if (open_m > kMinimumM && minima.InMap(most_open)) return;
   OlderPlanes older(map, window, first_keyframe_);
   const PlanesInstead planes = [&](VoxelMap::NodeId surface) { return older.Of(surface); };
-  if (SigmaM() > kMinimumM) {
-    const Vector6d most_open = directions.col(5);
-    const MinimaBeside minima(frame, deskewed, map, o);
-    if (minima.InMap(most_open)) return;
-    // The stretch has made most of what the map shows: that has its minimum where the stretch has
-    // put it. Where the next one is in reach, older planes alone must have theirs there as well.
-    if (kLikelySigmas * SigmaM() > kNextMinimumM && minima.AmongOlder(most_open, SigmaM(), planes))
-      return;
-  }
+  // The stretch has made most of what the map shows: that has its minimum where the stretch has put
+  // it. Where the next one is in reach, older planes alone must have theirs there as well.
+  if (kLikelySigmas * open_m > kNextMinimumM && minima.AmongOlder(most_open, open_m, planes))
+    return;
   const DirectionEvidence evidence =
       matcher_.EvidenceOf(planes, deskewed, frame.T_world_lidar, map, directions);
   Matrix6d information = Matrix6d::Zero();

@@ -89,7 +89,7 @@ Eigen::Matrix3d StartTrack::Faced(const std::vector<SE3>& poses, std::size_t sca
   const VoxelMap map = MapOf(poses, scans);
   Eigen::Matrix3d faced = Eigen::Matrix3d::Zero();
   const std::size_t last = scans_.size() - 1;
-  for (const PointCluster& cluster : DeskewClusters(scans_[last].clusters, Twist(poses, last))) {
+  for (const PointCluster& cluster : Deskewed(last, poses)) {
     const Surface* plane = PlaneAt(map, poses[last] * cluster.mean);
     if (plane == nullptr) continue;
     const Eigen::Vector3d normal = plane->normal.cast<double>();
@@ -107,9 +107,7 @@ VoxelMap StartTrack::MapOf(const std::vector<SE3>& poses, std::size_t scans,
   VoxelMap map(map_options_);
   for (std::size_t k = 0; k < scans; ++k) {
     if (k == without) continue;
-    const std::vector<PointCluster> clusters =
-        DeskewClusters(scans_[k].clusters, Twist(poses, std::max<std::size_t>(k, 1)));
-    for (const PointCluster& cluster : clusters) {
+    for (const PointCluster& cluster : Deskewed(k, poses)) {
       const PointCluster moved = cluster.Moved(poses[k]);
       if (map.CanHold(moved.mean))
         map.AddWindow(map.LeafAt(moved.mean), moved, static_cast<std::int64_t>(k));
@@ -130,6 +128,11 @@ void StartTrack::Move(const SE3& correction) {
 Vector6d StartTrack::Twist(const std::vector<SE3>& poses, std::size_t scan) const {
   if (scan >= poses.size()) return Vector6d::Zero();
   return TwistLog(poses[scan - 1].Inverse() * poses[scan]) / GapS(scan);
+}
+
+std::vector<PointCluster> StartTrack::Deskewed(std::size_t scan,
+                                               const std::vector<SE3>& poses) const {
+  return DeskewClusters(scans_[scan].clusters, Twist(poses, std::max<std::size_t>(scan, 1)));
 }
 
 std::vector<SE3> StartTrack::Minima(const std::vector<PointCluster>& clusters,
@@ -181,8 +184,7 @@ void StartTrack::Begin(const OdometryFrame& frame) {
   const SE3& T_first = scans_[0].T_world_lidar;
   const SE3& T = frame.match.T_world_lidar;
   const VoxelMap map = MapOf({T_first, T}, 1);
-  const std::vector<PointCluster> clusters =
-      DeskewClusters(scans_[1].clusters, Twist({T_first, T}, 1));
+  const std::vector<PointCluster> clusters = Deskewed(1, {T_first, T});
   u_ = LeastFaced(Faced({T_first, T}, 1));
   std::vector<SE3> starts = {T};
   // Along u the sensor may have moved so far to either side of where it was.
@@ -214,8 +216,7 @@ std::vector<StartTrack::Hypothesis> StartTrack::Follow(const Hypothesis& hypothe
   const std::size_t last = poses.size() - 1;
   poses.push_back(poses[last] * TwistExp(GapS(last + 1) * Twist(poses, last)));
   const VoxelMap map = MapOf(poses, last + 1);
-  const std::vector<PointCluster> clusters =
-      DeskewClusters(scans_[last + 1].clusters, Twist(poses, last + 1));
+  const std::vector<PointCluster> clusters = Deskewed(last + 1, poses);
   std::vector<SE3> starts = {poses.back()};
   for (const SE3& minimum : Minima(clusters, poses.back(), map, 0.0, kReachM)) {
     if ((minimum.t - starts.front().t).norm() > kSameWayM) starts.push_back(minimum);
@@ -250,8 +251,7 @@ bool StartTrack::MatchSecond(Hypothesis* hypothesis) const {
   const int rounds = AnyTimed(scans_[1].clusters) ? 3 : 1;
   for (int round = 0; round < rounds; ++round) {
     const VoxelMap map = MapOf(hypothesis->poses, 1);
-    const std::vector<PointCluster> clusters =
-        DeskewClusters(scans_[1].clusters, Twist(hypothesis->poses, 1));
+    const std::vector<PointCluster> clusters = Deskewed(1, hypothesis->poses);
     hypothesis->fits.clear();
     if (!Match(map, clusters, hypothesis)) return false;
   }

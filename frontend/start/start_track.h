@@ -161,6 +161,8 @@ class StartTrack {
   bool Steady(const std::vector<SE3>& poses) const;
   // Body twist at a scan, per second, from the motion since the one before.
   Vector6d Twist(const std::vector<SE3>& poses, std::size_t scan) const;
+  // A scan by that twist; the first by that of the second.
+  std::vector<PointCluster> Deskewed(std::size_t scan, const std::vector<SE3>& poses) const;
   // Of the first so many scans, or all of them but one.
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
   VoxelMap MapOf(const std::vector<SE3>& poses, std::size_t scans,
@@ -219,8 +221,8 @@ class StartTrack {
   // Whether the second scan meets few planes of the first, and repeats few of its rays: rings that
   // go with the sensor agree on the ground, and best where it stands.
   bool ToldByBeams(const MatchResult& second) const;
-  // Of a scan, deskewed by this motion.
-  BeamAgreement BeamsOf(std::size_t scan, const Vector6d& twist) const;
+  // Of a scan, deskewed.
+  BeamAgreement BeamsOf(const std::vector<PointCluster>& clusters) const;
   // Two scans that follow one another, deskewed by the motion that poses have.
   struct BeamPair {
     BeamAgreement before;

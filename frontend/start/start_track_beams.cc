@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <utility>
 #include <vector>
 
 #include "frontend/start/start_track.h"
@@ -14,8 +15,8 @@ constexpr double kRangeSigmas = 3.0;
 
 }  // namespace
 
-BeamAgreement StartTrack::BeamsOf(std::size_t scan, const Vector6d& twist) const {
-  return {DeskewClusters(scans_[scan].clusters, twist), kRangeSigmas * steady_.noise_m};
+BeamAgreement StartTrack::BeamsOf(const std::vector<PointCluster>& clusters) const {
+  return {clusters, kRangeSigmas * steady_.noise_m};
 }
 
 bool StartTrack::ToldByBeams(const MatchResult& second) const {
@@ -25,15 +26,17 @@ bool StartTrack::ToldByBeams(const MatchResult& second) const {
   constexpr double kSparse = 0.3, kRepeated = 0.1;
   if (second.overlap() >= kSparse) return false;
   const Vector6d rest = Vector6d::Zero();
-  return BeamsOf(0, rest).Beside(DeskewClusters(scans_[1].clusters, rest), SE3()) < kRepeated;
+  const auto at_rest = [&](std::size_t k) { return DeskewClusters(scans_[k].clusters, rest); };
+  return BeamsOf(at_rest(0)).Beside(at_rest(1), SE3()) < kRepeated;
 }
 
 std::vector<StartTrack::BeamPair> StartTrack::BeamPairs(const std::vector<SE3>& poses) const {
   std::vector<BeamPair> pairs;
+  std::vector<PointCluster> before = Deskewed(0, poses);
   for (std::size_t k = 1; k < poses.size(); ++k) {
-    pairs.push_back({BeamsOf(k - 1, Twist(poses, std::max<std::size_t>(k - 1, 1))),
-                     DeskewClusters(scans_[k].clusters, Twist(poses, k)),
-                     poses[k - 1].Inverse() * poses[k]});
+    std::vector<PointCluster> clusters = Deskewed(k, poses);
+    pairs.push_back({BeamsOf(before), clusters, poses[k - 1].Inverse() * poses[k]});
+    before = std::move(clusters);
   }
   return pairs;
 }
@@ -71,10 +74,10 @@ std::vector<SE3> StartTrack::PosesByBeams() const {
     const double gap_s = GapS(k);
     double most = -1.0;
     Vector6d best = twist;
-    BeamAgreement before = BeamsOf(k - 1, twist);
+    BeamAgreement before = BeamsOf(DeskewClusters(scans_[k - 1].clusters, twist));
     const auto climb = [&](const Vector6d& from) {
       // The first scan is deskewed by the motion to the second.
-      if (k == 1) before = BeamsOf(0, from);
+      if (k == 1) before = BeamsOf(DeskewClusters(scans_[0].clusters, from));
       const std::vector<PointCluster> clusters = DeskewClusters(scans_[k].clusters, from);
       const SE3 T = before.Climb(clusters, TwistExp(gap_s * from));
       const double agreement = before.Of(clusters, T);
@@ -103,9 +106,8 @@ bool StartTrack::SettleAll(std::vector<SE3>* poses, MatchResult* match) const {
     const std::vector<SE3> before = *poses;
     for (std::size_t k = 0; k < poses->size(); ++k) {
       const VoxelMap map = MapOf(*poses, poses->size(), k);
-      const Vector6d twist = Twist(*poses, std::max<std::size_t>(k, 1));
       prediction.T_world_lidar = (*poses)[k];
-      *match = matcher_.Match(DeskewClusters(scans_[k].clusters, twist), prediction, map);
+      *match = matcher_.Match(Deskewed(k, *poses), prediction, map);
       if (match->status == MatchResult::Status::kTooFewMatches) return false;
       (*poses)[k] = match->T_world_lidar;
     }

@@ -194,8 +194,7 @@ bool StartTrack::TakeSteady(bool* doubted) {
 bool StartTrack::SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,
                               MatchResult* match) const {
   const VoxelMap map = MapOf(*poses, poses->size(), scan);
-  const std::vector<PointCluster> clusters =
-      DeskewClusters(scans_[scan].clusters, Twist(*poses, std::max<std::size_t>(scan, 1)));
+  const std::vector<PointCluster> clusters = Deskewed(scan, *poses);
   SE3& T = (*poses)[scan];
   Vector6d along = Vector6d::Zero();
   along.tail<3>() = u;
