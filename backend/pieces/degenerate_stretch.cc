@@ -89,6 +89,17 @@ void DegenerateStretch::Follow(const OdometryFrame& frame, const MotionModel& mo
   T_world_lidar_ = frame.T_world_lidar;
 }
 
+void DegenerateStretch::StartOver(StampNs stamp_ns, const SE3& T_world_lidar, double gap_s,
+                                  double sigma_m, std::int64_t next_keyframe) {
+  Begin(next_keyframe);
+  any_ = true;
+  stamp_ns_ = stamp_ns;
+  T_world_lidar_ = T_world_lidar;
+  // The velocity is that of the last two.
+  covariance_.diagonal().segment<3>(3).setConstant(sigma_m * sigma_m);
+  covariance_.diagonal().segment<3>(9).setConstant(2.0 * sigma_m * sigma_m / (gap_s * gap_s));
+}
+
 void DegenerateStretch::Move(const OdometryFrame& frame, const MotionModel& motion,
                              const Matrix6d& measured) {
   constexpr double kLeastS = 1e-3;

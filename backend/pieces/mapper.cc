@@ -119,6 +119,12 @@ void Mapper::StartOver(OdometryFrame* frame) {
     if (IsKeyframe(scan.T_world_lidar)) AddKeyframe(taken, scan.clusters);
     open_.Set(k, scan.T_world_lidar, scan.twist);
   }
+  if (start_.told_by_all() && stretch_.open()) {
+    const StartTrack::Scan& before = *(start_.scans().end() - 2);
+    stretch_.StartOver(before.stamp_ns, before.T_world_lidar,
+                       SecondsBetween(before.stamp_ns, taken.stamp_ns), StartTrack::kToldM,
+                       open_.NextKeyframe());
+  }
   taken.match = start_.match();
   taken.searched = true;
   *frame = taken;

@@ -43,7 +43,7 @@ StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& ma
 }
 
 void StartTrack::Clear() {
-  open_ = overruled_ = told_ = unsure_ = doubted_ = given_up_ = false;
+  open_ = overruled_ = told_ = told_by_all_ = unsure_ = doubted_ = given_up_ = false;
   sparse_ = shaken_ = false;
   clocked_ = true;
   scans_.clear();

@@ -106,6 +106,10 @@ class StartTrack {
   // the newest. What holds it along the way (MatchResult::degenerate_information), if anything, is
   // to hold all.
   bool overruled() const { return overruled_; }
+  // Whether that one was told by all scans together, as the one motion that they explain, and not
+  // as what was left of several; and what that leaves open of each pose, a standard deviation.
+  bool told_by_all() const { return told_by_all_; }
+  static constexpr double kToldM = 0.05;
   // Once closed: whether no way explains the scans. What they made of a map is of no use.
   bool given_up() const { return given_up_; }
   // Whether nothing so far tells the way along the direction that a match left open: odometry's
@@ -205,7 +209,7 @@ class StartTrack {
   // the fewest planes face, as most sensors travel so. Where matches have turned scans of few
   // points wrongly, from no turn at all. False if it is no sharper than as odometry has them, or
   // says too little; `doubted`: what odometry has is none of the ways they may have gone, or
-  // another one is likelier.
+  // another one is likelier, perhaps not known well enough yet.
   bool TakeSteady(bool* doubted);
   // Closes with these poses, brought to the map of all others each, and the twists of `steady`.
   // Scans that find themselves far from it settle in rounds. False, and nothing changes, if one of
@@ -265,10 +269,14 @@ class StartTrack {
     std::vector<SE3> poses;   // moved where a steady motion that is told refutes them
     std::vector<SE3> moving;  // under the steady motions that are told
     bool moved = false;
-    bool refuted = false;  // by motions of which none is told from the others
-    bool doubted = false;  // a motion is likelier than poses that it neither refutes nor shares
+    bool refuted = false;      // by motions of which none is told from the others
+    bool doubted = false;      // a motion is likelier than poses that it neither refutes nor shares
+    bool ahead_known = false;  // the speed along the first direction is told
     Eigen::Vector3d known = Eigen::Vector3d::Zero();  // the last direction whose speed is told
+    double open_speed_m_s = 0.0;  // the largest that the motions by which they moved leave open
   };
+  // How far the first and the last scan may be from where that puts them.
+  double OpenM(const SteadyWay& way) const;
   SteadyWay FindSteady(const std::vector<SE3>& from,
                        const std::vector<Eigen::Vector3d>& directions) const;
   // Straight ahead, across the sensor's vertical axis, without a turn. False if that is not
@@ -286,10 +294,11 @@ class StartTrack {
   double reach_m_s_, open_sigma_m_;
   SteadyMotionOptions steady_;
   bool open_ = true, overruled_ = false;
-  bool told_ = false;        // of several ways odometry's is left
-  bool given_up_ = false;    // not archived: who asks does so at once
-  bool again_ = false;       // after one that was given up
-  std::vector<Scan> scans_;  // poses and twists: once closed
+  bool told_ = false;         // of several ways odometry's is left
+  bool told_by_all_ = false;  // not archived: who asks does so at once
+  bool given_up_ = false;     // not archived: who asks does so at once
+  bool again_ = false;        // after one that was given up
+  std::vector<Scan> scans_;   // poses and twists: once closed
   std::vector<Hypothesis> hypotheses_;
   // Whether a match left the way open, whether all scans so far were tracked, and whether many of
   // them together speak against odometry's way: then only all may tell another.

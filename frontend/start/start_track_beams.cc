@@ -129,6 +129,7 @@ bool StartTrack::TakeByBeams() {
   const double settled = Agreement(BeamPairs(poses));
   if (settled < kKept * found || own >= kRefuted * settled || Leaps(poses)) return false;
   Overrule(poses, poses, match);
+  told_by_all_ = true;
   // Its planes are those of all scans, and no lines of two lie on one another in them.
   match_.degenerate_directions.setZero();
   return true;

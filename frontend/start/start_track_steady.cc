@@ -14,9 +14,6 @@ namespace {
 // By how much a steady motion has to make the map sharper to be taken in the place of another one.
 constexpr double kRefutedSigmas = 3.0;
 
-// What a steady motion leaves open of a pose.
-constexpr double kOpenOfSteadyM = 0.05;
-
 // The direction at right angles to `without` that the fewest planes face.
 Eigen::Vector3d LeastAcross(const Eigen::Matrix3d& faced, const Eigen::Vector3d& without) {
   const Eigen::Matrix3d none = without * without.transpose();
@@ -97,13 +94,19 @@ StartTrack::SteadyWay StartTrack::FindSteady(const std::vector<SE3>& from,
     way.doubted = way.doubted ||
                   (!steady.refutes && steady.apart_m > kAgreesM && steady.sharper > kDoubtedSigmas);
     if (!steady.told || !(steady.refutes || agrees)) continue;
+    way.ahead_known = way.ahead_known || u == directions.front();
     way.moving = steady.poses;
     way.known = u;
     if (!steady.refutes) continue;
     way.poses = steady.poses;
     way.moved = true;
+    way.open_speed_m_s = std::max(way.open_speed_m_s, steady.open_speed_m_s);
   }
   return way;
+}
+
+double StartTrack::OpenM(const SteadyWay& way) const {
+  return 0.5 * way.open_speed_m_s * SecondsBetween(scans_.front().stamp_ns, scans_.back().stamp_ns);
 }
 
 bool StartTrack::FindStraight(const std::vector<SE3>& other, std::vector<SE3>* poses) const {
@@ -145,7 +148,7 @@ bool StartTrack::Leaps(const std::vector<SE3>& poses) const {
 bool StartTrack::TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& steady,
                              const Eigen::Vector3d& u) {
   // From where scans find themselves farther than this, the motion was not known as well as that.
-  constexpr double kAsideM = 3.0 * kOpenOfSteadyM;
+  constexpr double kAsideM = 3.0 * kToldM;
   constexpr int kMostRounds = 5;
   constexpr double kSettledM = 0.02;
   const std::vector<SE3> known = poses;
@@ -171,6 +174,7 @@ bool StartTrack::TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& ste
   u_ = u;
   // Twists of a steady motion are steadier than those from pose to pose.
   Overrule(poses, steady, match);
+  told_by_all_ = true;
   return true;
 }
 
@@ -180,11 +184,15 @@ bool StartTrack::TakeSteady(bool* doubted) {
   const Eigen::Vector3d up = own.back().q * Eigen::Vector3d::UnitZ();
   const SteadyWay way = FindSteady(own, {LeastAcross(Faced(own, own.size()), up), open});
   *doubted = way.refuted || way.doubted;
-  const bool settled = !way.moved && !way.doubted && way.known == open;
+  const bool settled = !way.moved && !way.doubted && way.ahead_known && way.known == open;
   std::vector<SE3> straight;
   const bool is_straight = !settled && FindStraight(way.poses, &straight);
   const std::vector<SE3>& poses = is_straight ? straight : way.poses;
   if (!(is_straight || settled || way.moved) || !Parted(poses)) return false;
+  if (scans_.size() < kMostScans && !is_straight && OpenM(way) > kAgreesM) {
+    *doubted = true;  // more scans tell it better
+    return false;
+  }
   // A motion that its scans do not settle on is none to go by, and others are no better.
   const bool taken = TakeSettled(poses, is_straight ? straight : way.moving, open);
   *doubted = *doubted || !taken;
@@ -199,10 +207,10 @@ bool StartTrack::SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::v
   Vector6d along = Vector6d::Zero();
   along.tail<3>() = u;
   const DirectionProfile profile(clusters, map, T, along, steady_.noise_m);
-  const DirectionProfile::Posterior posterior = profile.With(0.0, kOpenOfSteadyM);
+  const DirectionProfile::Posterior posterior = profile.With(0.0, kToldM);
   PosePrediction prediction;
   prediction.T_world_lidar = T;
-  prediction.covariance.diagonal().setConstant(kOpenOfSteadyM * kOpenOfSteadyM);
+  prediction.covariance.diagonal().setConstant(kToldM * kToldM);
   *match = matcher_.MatchKnown(clusters, profile.At(posterior.mean_m), {along, posterior.sigma_m},
                                prediction, map);
   if (match->status == MatchResult::Status::kTooFewMatches) return false;
