@@ -46,6 +46,7 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
     map_->Refresh();
     open_.Add(scan, frame);
     stretch_.Widen(&frame.match);
+    if (start_.follows_given_up()) frame.match.degenerate = std::max(1, frame.match.degenerate);
   }
   MoveToStamp(scan.middle_ns, &frame);
   return result;

@@ -86,6 +86,8 @@ class StartTrack {
 
   // Before the first scan: these follow a start that was given up.
   void FollowGivenUp() { again_ = true; }
+  // Whether they are such ones, and nothing tells yet that odometry does better with them.
+  bool follows_given_up() const { return open_ && again_; }
 
   // The next scan, and what odometry made of it. The first has no match. The second gives the
   // hypotheses about its match; scans that are far apart in time, or made-up stamps, give none.
