@@ -91,8 +91,8 @@ void DegenerateStretch::Follow(const OdometryFrame& frame, const MotionModel& mo
 
 void DegenerateStretch::StartOver(StampNs stamp_ns, const SE3& T_world_lidar, double gap_s,
                                   double sigma_m, std::int64_t next_keyframe) {
+  if (!open_) return;
   Begin(next_keyframe);
-  any_ = true;
   stamp_ns_ = stamp_ns;
   T_world_lidar_ = T_world_lidar;
   // The velocity is that of the last two.

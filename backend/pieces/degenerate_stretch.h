@@ -45,11 +45,10 @@ class DegenerateStretch {
 
   // The scans so far have poses anew, which all of them together have told: the newest of them, and
   // by how much each may be wrong, a standard deviation along each axis. From here on what has been
-  // mapped is what these have made.
+  // mapped is what these have made. A stretch that there is begins anew with that.
   void StartOver(StampNs stamp_ns, const SE3& T_world_lidar, double gap_s, double sigma_m,
                  std::int64_t next_keyframe);
 
-  bool open() const { return open_; }
   // By how much the newest pose may be wrong against what was mapped before, along the direction
   // that is known least: a standard deviation. 0 if there is no stretch.
   double SigmaM() const;

@@ -46,6 +46,7 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
     map_->Refresh();
     open_.Add(scan, frame);
     stretch_.Widen(&frame.match);
+    // Not before: no stretch is to begin with these.
     if (start_.follows_given_up()) frame.match.degenerate = std::max(1, frame.match.degenerate);
   }
   MoveToStamp(scan.middle_ns, &frame);
@@ -120,7 +121,7 @@ void Mapper::StartOver(OdometryFrame* frame) {
     if (IsKeyframe(scan.T_world_lidar)) AddKeyframe(taken, scan.clusters);
     open_.Set(k, scan.T_world_lidar, scan.twist);
   }
-  if (start_.told_by_all() && stretch_.open()) {
+  if (start_.told_by_all()) {
     const StartTrack::Scan& before = *(start_.scans().end() - 2);
     stretch_.StartOver(before.stamp_ns, before.T_world_lidar,
                        SecondsBetween(before.stamp_ns, taken.stamp_ns), StartTrack::kToldM,
