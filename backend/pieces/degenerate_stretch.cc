@@ -105,6 +105,9 @@ void DegenerateStretch::Move(const OdometryFrame& frame, const MotionModel& moti
   constexpr double kLeastS = 1e-3;
   const double dt = std::max(kLeastS, SecondsBetween(stamp_ns_, frame.stamp_ns));
   covariance_.block<6, 6>(6, 6) += TimesArm(motion.VelocityChange(dt));
+  // The way that the pose has been moved by, against what was known of the velocity, may be wrong.
+  const Vector6d surprise = frame.surprise_m / dt * frame.match.weakest_direction;
+  covariance_.block<6, 6>(6, 6) += surprise * surprise.transpose();
   if (frame.status == OdometryFrame::Status::kTracked) Learn(6, dt * dt * measured);
   const SE3 T_last_this = T_world_lidar_.Inverse() * frame.T_world_lidar;
   Matrix12d F = Matrix12d::Identity();

@@ -87,6 +87,7 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
   if (frame.status == OdometryFrame::Status::kLost && frame.searched)
     ReturnToPrediction(clusters, prediction, map, passes, &deskewed, &frame);
   DoubtUnbridged(prediction, deskewed, map, &frame);
+  DoubtSurprising(prediction, &frame);
   return frame;
 }
 

@@ -74,6 +74,9 @@ struct OdometryFrame {
   // Standard deviation along the direction that the match knows least, where few surfaces face it
   // and the motion before tells no more (direction_profile.h); 0 elsewhere.
   double open_m = 0.0;
+  // How far the match has left its prediction along that direction, where this is more than both
+  // explain; 0 elsewhere.
+  double surprise_m = 0.0;
 };
 
 // Not thread-safe; deterministic.
@@ -208,6 +211,9 @@ class Odometry {
   // along the direction in its covariance. Degenerate where that is much.
   void DoubtWeakest(const DirectionProfile& profile, const Vector6d& direction,
                     OdometryFrame* frame) const;
+  // A match that has left a prediction along the direction that it knows least by more than both
+  // explain, as things make it that move along, stays as well, and is degenerate there.
+  void DoubtSurprising(const PosePrediction& prediction, OdometryFrame* frame) const;
   // How often a scan is deskewed again.
   int DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const;
   // Status and pose of a frame that was matched.

@@ -14,6 +14,10 @@ namespace {
 // What is known better than this, or more blocks face, has no second minimum near by.
 constexpr double kWellKnownM = 0.003, kManyBlocks = 20.0;
 
+// What planes hold better was the right minimum in generated scenes, all but those of few points
+// and those of a sensor of which stamps do not tell how far it may have come.
+constexpr double kDoubtfulM = 0.006;
+
 // What lies farther off a search would have found.
 constexpr double kBesideM = 0.5;
 
@@ -66,6 +70,12 @@ double SigmaAlong(const Matrix6d& covariance, const Vector6d& v) {
 void Widen(double sigma_m, const Vector6d& direction, MatchResult* match) {
   const Vector6d along = DividedByArm(Vector6d(sigma_m * direction));
   match->covariance += along * along.transpose();
+}
+
+void MakeDegenerate(const Vector6d& direction, MatchResult* match) {
+  if (match->degenerate > 0) return;
+  match->degenerate = 1;
+  match->degenerate_directions.col(0) = direction;
 }
 
 }  // namespace
@@ -154,19 +164,32 @@ void Odometry::DoubtUnbridged(const PosePrediction& prediction,
 void Odometry::DoubtWeakest(const DirectionProfile& profile, const Vector6d& direction,
                             OdometryFrame* frame) const {
   MatchResult* const match = &frame->match;
-  // What planes hold better was the right minimum in generated scenes, all but those of few points
-  // and those of a sensor of which stamps do not tell how far it may have come.
-  constexpr double kDoubtfulM = 0.006;
   const double least_m = motion_.clock_trusted() ? kDoubtfulM : kWellKnownM;
   const DirectionProfile::Posterior posterior = profile.With(0.0, kBesideM);
   const double sigma_m = std::hypot(posterior.sigma_m, posterior.mean_m);
   frame->open_m = sigma_m;
   Widen(sigma_m, direction, match);
   const bool doubtful = match->worst_sigma_m > least_m || IsDivided(*match, motion_.moving_known());
-  if (sigma_m > options_.matcher.max_direction_sigma_m && doubtful && match->degenerate == 0) {
-    match->degenerate = 1;
-    match->degenerate_directions.col(0) = direction;
-  }
+  if (sigma_m > options_.matcher.max_direction_sigma_m && doubtful)
+    MakeDegenerate(direction, match);
+}
+
+void Odometry::DoubtSurprising(const PosePrediction& prediction, OdometryFrame* frame) const {
+  MatchResult* const match = &frame->match;
+  if (frame->status != OdometryFrame::Status::kTracked || lost_ || !motion_.moving_known() ||
+      !motion_.clock_trusted() || motion_.Gap(frame->stamp_ns) > options_.vouched_gap_s ||
+      match->worst_sigma_m <= kDoubtfulM)
+    return;
+  // What is nearer surprises in no case: sensors are jolted.
+  constexpr double kLeastM = 0.1;
+  const Vector6d v = match->weakest_direction;
+  const Vector6d off = TimesArm(LocalDelta(match->T_world_lidar, prediction.T_world_lidar));
+  const double off_m = std::abs(v.dot(off));
+  const double sigma_m = SigmaAlong(prediction.covariance + match->covariance, v);
+  if (off_m <= std::max(kLeastM, options_.max_prediction_sigmas * sigma_m)) return;
+  frame->surprise_m = off_m;
+  Widen(off_m, v, match);
+  MakeDegenerate(v, match);
 }
 
 }  // namespace lamina
