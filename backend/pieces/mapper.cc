@@ -47,7 +47,7 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
     open_.Add(scan, frame);
     stretch_.Widen(&frame.match);
     // Not before: no stretch is to begin with these.
-    if (start_.follows_given_up()) frame.match.degenerate = std::max(1, frame.match.degenerate);
+    if (start_.unproven()) frame.match.degenerate = std::max(1, frame.match.degenerate);
   }
   MoveToStamp(scan.middle_ns, &frame);
   return result;

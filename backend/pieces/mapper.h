@@ -60,10 +60,8 @@ class Mapper {
 
   // Where a stretch of degenerate scans is over: the keyframes that determine one another again.
   std::vector<WindowFrame> SettledFrames() const;
-  // The first scans come after those of another mapper, which gave up a start or did not.
-  void StartAfter(const Mapper& before) {
-    if (before.start_given_up()) start_.FollowGivenUp();
-  }
+  // The first scans come after those of another mapper, which lost them or gave up a start.
+  void StartAfter(const Mapper& before) { start_.FollowPiece(before.start_given_up()); }
   // Whether no motion explains the scans so far: the poses of all of them are chance.
   bool start_given_up() const { return start_.given_up(); }
   // The next scan follows the last one of another mapper, in the same world, and the map of this

@@ -374,7 +374,8 @@ Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
 
 void StartTrack::Archive(StateArchive& a) {
   a(&open_, &overruled_, &told_, &unsure_, &all_tracked_, &open_m_, &open_along_, &scans_,
-    &hypotheses_, &without_planes_, &u_, &again_, &doubted_, &sparse_, &shaken_, &clocked_);
+    &hypotheses_, &without_planes_, &u_, &follows_, &again_, &doubted_, &sparse_, &shaken_,
+    &clocked_);
 }
 
 }  // namespace lamina

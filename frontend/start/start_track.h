@@ -84,10 +84,15 @@ class StartTrack {
   // Whether there is more than one hypothesis, or the way is open.
   bool contested() const { return open_ && (unsure_ || !hypotheses_.empty()); }
 
-  // Before the first scan: these follow a start that was given up.
-  void FollowGivenUp() { again_ = true; }
-  // Whether they are such ones, and nothing tells yet that odometry does better with them.
-  bool follows_given_up() const { return open_ && again_; }
+  // Before the first scan: these follow others whose map they were lost to, or whose start was
+  // given up.
+  void FollowPiece(bool given_up) {
+    follows_ = true;
+    again_ = given_up;
+  }
+  // Whether they follow such ones, and nothing tells yet that odometry does better with them: the
+  // sensor may be in motion, and what moves along hides that.
+  bool unproven() const { return open_ && follows_; }
 
   // The next scan, and what odometry made of it. The first has no match. The second gives the
   // hypotheses about its match; scans that are far apart in time, or made-up stamps, give none.
@@ -299,7 +304,8 @@ class StartTrack {
   bool told_ = false;         // of several ways odometry's is left
   bool told_by_all_ = false;  // not archived: who asks does so at once
   bool given_up_ = false;     // not archived: who asks does so at once
-  bool again_ = false;        // after one that was given up
+  bool follows_ = false;      // after others
+  bool again_ = false;        // after a start that was given up
   std::vector<Scan> scans_;   // poses and twists: once closed
   std::vector<Hypothesis> hypotheses_;
   // Whether a match left the way open, whether all scans so far were tracked, and whether many of

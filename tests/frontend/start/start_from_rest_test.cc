@@ -87,7 +87,7 @@ TEST_F(StartFromRestTest, StandingIsGivenUpOnlyOnce) {
     };
     given_up += gives_up(StartTrack(options_, map_)) ? 1 : 0;
     StartTrack again(options_, map_);
-    again.FollowGivenUp();
+    again.FollowPiece(/*given_up=*/true);
     EXPECT_FALSE(gives_up(again)) << rate;
   }
   EXPECT_GE(given_up, 1);
