@@ -12,12 +12,13 @@
 //     v' = v + a dt,    x' = F x + v' dt,
 //
 // a dt being what the velocity may differ by (MotionModel::VelocityChange) and F what a turned pose
-// makes of the way to the next one. A match tells of v' dt what its covariance says without the
-// prediction's share, M = C^-1 - (prior information); along directions that what is older than the
-// stretch determines (older_planes.h) it tells of x' as well. Where x is open by more than a
-// minimum is wide, the match may have found a wrong one: then it tells of x' only if the profile
-// (direction_profile.h) shows no other beside it, neither in the map nor, where another is in
-// reach, among the older planes alone.
+// makes of the way to the next one. Where a match has left its prediction by s along u, more than
+// both explain (OdometryFrame::surprise_m), v' is open by s/dt along u as well. A match tells of v'
+// dt what its covariance says without the prediction's share, M = C^-1 - (prior information); along
+// directions that what is older than the stretch determines (older_planes.h) it tells of x' as
+// well. Where x is open by more than a minimum is wide, the match may have found a wrong one: then
+// it tells of x' only if the profile (direction_profile.h) shows no other beside it, neither in the
+// map nor, where another is in reach, among the older planes alone.
 #pragma once
 
 #include <cstdint>

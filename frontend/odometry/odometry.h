@@ -40,7 +40,8 @@ struct OdometryOptions {
   double doubtful_fit_ratio = 0.85;
   // ... or less of the scan than this meets one.
   double min_overlap = 0.25;
-  // Standard deviations from the prediction beyond which it does not.
+  // Standard deviations from the prediction beyond which it does not, and beyond which a match is
+  // degenerate along the direction that it knows least.
   double max_prediction_sigmas = 4.5;
   // After a gap longer than this it does not, either, ...
   double vouched_gap_s = 0.5;
