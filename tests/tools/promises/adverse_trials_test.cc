@@ -15,14 +15,19 @@
 namespace lamina {
 namespace {
 
-// What a shipped promise comes to with one seed; with `frames`, over no more than these; with
+// What a promise comes to with one seed.
+Verdict Tried(const Promise& promise, int seed) {
+  return JudgeTrial(MapTrial(promise, seed, {}).frames, promise);
+}
+
+// What a shipped one comes to with one seed; with `frames`, over no more than these; with
 // `more`, options that the row does not have.
 Verdict Tried(const std::string& name, int seed, int frames = 0, const std::string& more = "") {
   for (Promise& promise : ReadPromises(ShippedPromises())) {
     if (promise.name != name) continue;
     if (!more.empty()) promise.synth.push_back(more);
     if (frames > 0) promise.synth.push_back(fmt::format("--frames {}", frames));
-    return JudgeTrial(MapTrial(promise, seed, {}).frames, promise);
+    return Tried(promise, seed);
   }
   throw std::invalid_argument("no promise of the name " + name);
 }
@@ -89,7 +94,7 @@ TEST(AdversePicked, KeyframesAmongTreesAreTracked) {
 TEST(AdversePicked, BeginsAnewAfterAFirstScanThatNothingIsFoundIn) {
   Promise promise = Within(0.1);
   promise.synth = {"--scene pavement --profile picked --sensor os1 --frames 12"};
-  const Verdict verdict = JudgeTrial(MapTrial(promise, 1, {}).frames, promise);
+  const Verdict verdict = Tried(promise, 1);
   EXPECT_LT(verdict.lost, 8u) << verdict.broken;
 }
 
@@ -137,10 +142,10 @@ TEST(AdverseLorry, DoesNotHoldWhoSetsOffBesideIt) {
 // sharply. No sensor moves so: such a match is not believed where it knows least, and those after
 // it only once they agree with what was mapped before.
 TEST(AdverseLorry, AMatchThatLeavesASteadyMotionIsDoubted) {
-  Promise promise;
+  Promise promise = Within(0.1);
   promise.synth = {"--scene lorry --sensor mid360 --sweep --frames 40 --noise 0.02"};
   promise.config = "handheld";
-  const Verdict verdict = JudgeTrial(MapTrial(promise, 6, {}).frames, promise);
+  const Verdict verdict = Tried(promise, 6);
   EXPECT_LT(verdict.worst_m, 0.10);
   EXPECT_GE(verdict.judged, 8u);
 }
@@ -312,7 +317,7 @@ TEST(AdverseStart, AWayThatIsAsSharpAsASteadyMotionIsKept) {
   glass.config = "handheld";
   for (Promise& promise : {std::ref(bays), std::ref(glass)}) {
     promise.synth.push_back("--profile start --sweep --noise 0.02 --frames 20");
-    const Verdict verdict = JudgeTrial(MapTrial(promise, 1, {}).frames, promise);
+    const Verdict verdict = Tried(promise, 1);
     EXPECT_TRUE(verdict.kept) << promise.synth[0] << ": " << verdict.broken;
     EXPECT_EQ(verdict.pieces, 1u) << promise.synth[0];
   }
