@@ -247,7 +247,7 @@ void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedClu
   // Of what only lacks certainty no direction is held: the mapper takes it as it is.
   const bool tracked = frame.odometry.status == OdometryFrame::Status::kTracked;
   if (tracked && match.worst_sigma_m > options_.mapper.odometry.max_tracked_sigma_m)
-    match.degenerate = std::max(1, match.degenerate);
+    match.MakeDegenerate();
   const LoopTrack* const track = loops_ == nullptr ? nullptr : loops_->Find(recording->piece);
   if (track != nullptr) report->T_map_world = track->T_map_world();
   report->keyframe = frame.keyframe;

@@ -169,8 +169,7 @@ double DegenerateStretch::SigmaM() const {
 void DegenerateStretch::Widen(MatchResult* match) const {
   if (!open_) return;
   match->covariance += DividedByArm(Matrix6d(covariance_.topLeftCorner<6, 6>()));
-  if (SigmaM() > matcher_.options().max_direction_sigma_m)
-    match->degenerate = std::max(1, match->degenerate);
+  if (SigmaM() > matcher_.options().max_direction_sigma_m) match->MakeDegenerate();
 }
 
 void DegenerateStretch::Archive(StateArchive& a) {

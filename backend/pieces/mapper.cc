@@ -1,6 +1,5 @@
 #include "backend/pieces/mapper.h"
 
-#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -47,7 +46,7 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
     open_.Add(scan, frame);
     stretch_.Widen(&frame.match);
     // Not before: no stretch is to begin with these.
-    if (start_.unproven()) frame.match.degenerate = std::max(1, frame.match.degenerate);
+    if (start_.unproven()) frame.match.MakeDegenerate();
   }
   MoveToStamp(scan.middle_ns, &frame);
   return result;
@@ -85,12 +84,8 @@ bool Mapper::FollowStart(const MapperScan& scan, OdometryFrame* frame) {
     start_.Clear();
   }
   frame->match.covariance += start_.Spread(frame->T_world_lidar);
-  MatchResult& match = frame->match;
-  if (start_.unsettled() && frame->status == OdometryFrame::Status::kTracked &&
-      match.degenerate == 0) {
-    match.degenerate = 1;
-    match.degenerate_directions.col(0) = match.weakest_direction;
-  }
+  if (start_.unsettled() && frame->status == OdometryFrame::Status::kTracked)
+    frame->match.MakeDegenerate(frame->match.weakest_direction);
   return overruled;
 }
 

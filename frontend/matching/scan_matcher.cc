@@ -269,6 +269,12 @@ class Descent {
 
 }  // namespace
 
+void MatchResult::MakeDegenerate(const Vector6d& direction) {
+  if (degenerate > 0) return;
+  degenerate = 1;
+  degenerate_directions.col(0) = direction;
+}
+
 ScanMatcherOptions WithNarrowKernel(ScanMatcherOptions options) {
   options.kernel_start_sigma = options.kernel_end_sigma;
   return options;

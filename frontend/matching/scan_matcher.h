@@ -49,6 +49,7 @@
 // away (BlockStep; translation alone), with a standard deviation by how v_s G_s scatter.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -164,6 +165,11 @@ struct MatchResult {
   // What the covariance has from the prediction: its information along the directions that are
   // held (scaled tangent, 1/m^2).
   Matrix6d prior_information = Matrix6d::Zero();
+
+  // Makes it degenerate for other reasons than its planes: with no direction that is held, ...
+  void MakeDegenerate() { degenerate = std::max(1, degenerate); }
+  // ... or, if it is not degenerate yet, with this one (a unit vector of the scaled tangent).
+  void MakeDegenerate(const Vector6d& direction);
 };
 
 // How much better one of two poses fits the map, in standard deviations of the sum over the

@@ -72,12 +72,6 @@ void Widen(double sigma_m, const Vector6d& direction, MatchResult* match) {
   match->covariance += along * along.transpose();
 }
 
-void MakeDegenerate(const Vector6d& direction, MatchResult* match) {
-  if (match->degenerate > 0) return;
-  match->degenerate = 1;
-  match->degenerate_directions.col(0) = direction;
-}
-
 }  // namespace
 
 void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
@@ -171,7 +165,7 @@ void Odometry::DoubtWeakest(const DirectionProfile& profile, const Vector6d& dir
   Widen(sigma_m, direction, match);
   const bool doubtful = match->worst_sigma_m > least_m || IsDivided(*match, motion_.moving_known());
   if (sigma_m > options_.matcher.max_direction_sigma_m && doubtful)
-    MakeDegenerate(direction, match);
+    match->MakeDegenerate(direction);
 }
 
 void Odometry::DoubtSurprising(const PosePrediction& prediction, OdometryFrame* frame) const {
@@ -189,7 +183,7 @@ void Odometry::DoubtSurprising(const PosePrediction& prediction, OdometryFrame* 
   if (off_m <= std::max(kLeastM, options_.max_prediction_sigmas * sigma_m)) return;
   frame->surprise_m = off_m;
   Widen(off_m, v, match);
-  MakeDegenerate(v, match);
+  match->MakeDegenerate(v);
 }
 
 }  // namespace lamina
