@@ -46,6 +46,10 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
     open_.Add(scan, frame);
     stretch_.Widen(&frame.match);
     // Not before: no stretch is to begin with these.
+    if (!frame.elsewhere.isZero()) {
+      frame.match.covariance += frame.elsewhere * frame.elsewhere.transpose();
+      frame.match.MakeDegenerate(TimesArm(frame.elsewhere).normalized());
+    }
     if (start_.unproven()) frame.match.MakeDegenerate();
   }
   MoveToStamp(scan.middle_ns, &frame);

@@ -31,13 +31,21 @@ class PlaneScore {
 
   // In [0, 1]; kNone where there is no plane.
   double Of(const PointCluster& cluster) const {
+    const Surface* plane = PlaneOf(cluster);
+    return plane == nullptr ? kNone : On(*plane, cluster);
+  }
+
+  // The plane around the cluster; null if there is none.
+  const Surface* PlaneOf(const PointCluster& cluster) const {
+    return PlaneAt(map_, R_ * cluster.mean + t_);
+  }
+
+  // In [0, 1], as if this plane extended as far as the cluster.
+  double On(const Surface& plane, const PointCluster& cluster) const {
     const Eigen::Vector3d p = R_ * cluster.mean + t_;
-    const Surface* surface = PlaneAt(map_, p);
-    if (surface == nullptr) return kNone;
-    const Eigen::Vector3d normal = surface->normal.cast<double>();
-    const double distance = normal.dot(p - surface->mean);
-    return SightWeight(*surface, normal, p - t_) *
-           GemanMcClureWeight(distance * distance * inverse2_);
+    const Eigen::Vector3d normal = plane.normal.cast<double>();
+    const double distance = normal.dot(p - plane.mean);
+    return SightWeight(plane, normal, p - t_) * GemanMcClureWeight(distance * distance * inverse2_);
   }
 
  private:

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <utility>
 
 #include "core/base/angle.h"
@@ -34,6 +35,12 @@ bool TurnedAway(const std::vector<SE3>& dense, const SE3& T_world_lidar) {
 bool MayHaveTurnedAbout(const PosePrediction& prediction) {
   constexpr double kLikelySigmas = 3.0;
   return kLikelySigmas * SigmaRad(prediction) > 0.5 * M_PI;
+}
+
+// U = 2 log(1 + s^2) of a pose that is s standard deviations from its prediction.
+double Unlikeliness(const PosePrediction& prediction, const SE3& T_world_lidar) {
+  const Vector6d delta = LocalDelta(prediction.T_world_lidar, T_world_lidar);
+  return 2.0 * std::log1p(delta.dot(prediction.covariance.ldlt().solve(delta)));
 }
 
 // Half-way between the outermost of the values, single ones beyond them left aside.
@@ -261,6 +268,52 @@ bool PoseSearch::Unique(const SearchedScan& scan, const PoseHypotheses& hypothes
       return false;
   }
   return true;
+}
+
+PoseHypotheses PoseSearch::Turned(const SearchedScan& scan) const {
+  constexpr double kSigmas = 2.0;
+  PoseHypotheses turned;
+  if (kSigmas * SigmaRad(scan.prediction) <= kDescentRad) return turned;
+  turned.dense = turned.coarse = AllRound({scan.prediction.T_world_lidar});
+  Descend(scan, &turned);
+  return turned;
+}
+
+Vector6d PoseSearch::Elsewhere(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+                               const MatchResult& best) const {
+  constexpr std::size_t kRivals = 6;
+  constexpr double kClearSigmas = 2.0;
+  const auto apart = [&](const SE3& T) { return Apart(T, best.T_world_lidar); };
+  // A map that the sensor has just begun is no measure of how well a place fits.
+  SearchedScan young = scan;
+  young.starting = true;
+  PoseHypotheses all = Turned(young);
+  std::vector<SE3> rivals;
+  if (!all.dense.empty()) rivals = TurnedByQuarters(scan.clusters, best.T_world_lidar);
+  all.dense.insert(all.dense.begin(), hypotheses.dense.begin(), hypotheses.dense.end());
+  all.coarse.insert(all.coarse.begin(), hypotheses.coarse.begin(), hypotheses.coarse.end());
+  const std::vector<SE3> others = Starts(young, all, kRivals, apart);
+  rivals.insert(rivals.end(), others.begin(), others.end());
+  const double own = Unlikeliness(scan.prediction, best.T_world_lidar);
+  const auto clear_of = [&](const MatchResult& r) {
+    if (r.status == MatchResult::Status::kTooFewMatches || !apart(r.T_world_lidar))
+      return std::numeric_limits<double>::infinity();
+    const double z = matcher_->CompareBlocks(scan.clusters, best.T_world_lidar, r.T_world_lidar,
+                                             scan.map, kCompareScale * options_.score_scale_m);
+    return z * std::abs(z) + Unlikeliness(scan.prediction, r.T_world_lidar) - own;
+  };
+  double least = kClearSigmas * kClearSigmas;
+  Vector6d elsewhere = Vector6d::Zero();
+  // A part of the clusters tells which rivals are none; where it stops, all may lead on.
+  for (const MatchResult& part : MatchFrom(scan, Part(scan.clusters), rivals)) {
+    if (clear_of(part) >= least) continue;
+    const MatchResult r = MatchFrom(scan, scan.clusters, {part.T_world_lidar})[0];
+    const double clear = clear_of(r);
+    if (clear >= least) continue;
+    least = clear;
+    elsewhere = LocalDelta(best.T_world_lidar, r.T_world_lidar);
+  }
+  return elsewhere;
 }
 
 }  // namespace lamina

@@ -49,13 +49,26 @@ class PoseSearch {
   // other one, and no hypothesis would show it.
   bool Unique(const SearchedScan& scan, const PoseHypotheses& hypotheses,
               const MatchResult& best) const;
+  // Another place that explains what the scan meets about as well as the match does, of those that
+  // the hypotheses, at minima, lead to, and of all headings that the prediction leaves open:
+  // tangent from the match to the likeliest; zero if the match is told from all of them. Each block
+  // of space has one vote (ScanMatcher::CompareBlocks, z), and each place costs what its distance
+  // from the prediction does, s standard deviations, U = 2 log(1 + s^2). Told from a rival, z' and
+  // U', is what has z |z| + U' - U > 2^2. Unlike in Unique, seeing more of the map says nothing:
+  // that it does where the sensor has been before, in all that repeats, and beside what moves
+  // along.
+  Vector6d Elsewhere(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+                     const MatchResult& best) const;
+  // Brings the coarse hypotheses to the minima near them.
+  void Descend(const SearchedScan& scan, PoseHypotheses* hypotheses) const;
 
  private:
   // Every how many-th cluster is scored.
   std::size_t Stride(std::size_t clusters) const;
   // For coarse hypotheses: a wide kernel throughout, and few steps.
   static ScanMatcherOptions Coarse(ScanMatcherOptions options);
-  void Descend(const SearchedScan& scan, PoseHypotheses* hypotheses) const;
+  // Where other headings are within what the prediction leaves open, these, at minima.
+  PoseHypotheses Turned(const SearchedScan& scan) const;
   // Every Stride-th cluster.
   std::vector<PointCluster> Part(const std::vector<PointCluster>& clusters) const;
   // The `most` best of the dense and of the coarse hypotheses each, of those that are wanted and

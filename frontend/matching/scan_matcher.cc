@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "core/base/angle.h"
+#include "frontend/matching/block_votes.h"
 #include "frontend/matching/map_residuals.h"
 #include "frontend/matching/plane_score.h"
 
@@ -373,6 +374,26 @@ FitDifference ScanMatcher::Compare(const std::vector<PointCluster>& clusters, co
   if (squares > 0.0) result.evidence_sigmas = sum / std::sqrt(squares);
   if (!clusters.empty()) result.evidence = sum / static_cast<double>(clusters.size());
   return result;
+}
+
+double ScanMatcher::CompareBlocks(const std::vector<PointCluster>& clusters, const SE3& ours,
+                                  const SE3& theirs, const VoxelMap& map, double scale_m) const {
+  constexpr double kNoPlane = 0.5;
+  const PlaneScore our_score(ours, map, scale_m), their_score(theirs, map, scale_m);
+  const auto fit = [&](const PlaneScore& score, const Surface* plane, const Surface* other,
+                       const PointCluster& cluster) {
+    if (plane != nullptr) return score.On(*plane, cluster);
+    return std::max(kNoPlane, score.On(*other, cluster));
+  };
+  BlockDifferences differences;
+  for (const PointCluster& cluster : clusters) {
+    const Surface* our_plane = our_score.PlaneOf(cluster);
+    const Surface* their_plane = their_score.PlaneOf(cluster);
+    if (our_plane == nullptr && their_plane == nullptr) continue;
+    differences.Add(cluster.mean, fit(our_score, our_plane, their_plane, cluster) -
+                                      fit(their_score, their_plane, our_plane, cluster));
+  }
+  return differences.Sigmas();
 }
 
 }  // namespace lamina

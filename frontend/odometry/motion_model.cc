@@ -75,6 +75,13 @@ PosePrediction MotionModel::Predict(StampNs stamp_ns) const {
   return prediction;
 }
 
+PosePrediction MotionModel::PredictAsAtStart(StampNs stamp_ns) const {
+  MotionModel start = *this;
+  start.velocity_.setZero();
+  start.velocity_known_ = false;
+  return start.Predict(stamp_ns);
+}
+
 bool MotionModel::uneven() const {
   // By so much the steps of one sensor differ that speeds up and turns.
   constexpr double kEven = 0.25;

@@ -46,6 +46,8 @@ class MotionModel {
   explicit MotionModel(const MotionOptions& options) : options_(options) {}
 
   PosePrediction Predict(StampNs stamp_ns) const;
+  // The same as if the motion so far was not known: all that a start leaves open.
+  PosePrediction PredictAsAtStart(StampNs stamp_ns) const;
   // Seconds since the last pose; 0 if the clock was interrupted or runs backwards.
   double Gap(StampNs stamp_ns) const;
   // Body twist during a scan at that time, per second; zero where nothing is known of it.

@@ -185,7 +185,14 @@ void Odometry::Judge(const SearchedScan& scan, const PoseHypotheses& hypotheses,
                      OdometryFrame* frame) const {
   frame->T_world_lidar = frame->match.T_world_lidar;
   frame->status = OdometryFrame::Status::kTracked;
-  if (!Believed(*frame, scan, [&] { return search_.Unique(scan, hypotheses, frame->match); })) {
+  bool searched = false;
+  const auto unique = [&] {
+    searched = true;
+    return search_.Unique(scan, hypotheses, frame->match);
+  };
+  if (Believed(*frame, scan, unique)) {
+    frame->elsewhere = Elsewhere(scan, hypotheses, *frame, searched);
+  } else {
     frame->status = OdometryFrame::Status::kLost;
     frame->T_world_lidar = frame->T_world_predicted;
   }
@@ -322,6 +329,7 @@ void Odometry::Accept(const OdometryFrame& frame) {
   if (!follows) accelerations_ = RecentAccelerations(options_.motion);
   if (!frame.acceleration.covariance.isZero()) accelerations_.Add(frame.acceleration);
   lost_ = false;
+  elsewhere_ = frame.elsewhere;
   if (tracked) {
     recent_inliers_.push_back(frame.match.inlier_share);
     recent_fits_.push_back(frame.match.fit());
@@ -338,6 +346,7 @@ void Odometry::StartOver() {
   accelerations_ = RecentAccelerations(options_.motion);
   recent_inliers_.clear();
   recent_fits_.clear();
+  elsewhere_.setZero();
   lost_ = false;
 }
 
@@ -358,7 +367,7 @@ void Odometry::StartAt(const SE3& T_world_lidar) {
 }
 
 void Odometry::Archive(StateArchive& a) {
-  a(&motion_, &accelerations_, &recent_inliers_, &recent_fits_, &lost_);
+  a(&motion_, &accelerations_, &recent_inliers_, &recent_fits_, &lost_, &elsewhere_);
 }
 
 }  // namespace lamina

@@ -78,7 +78,14 @@ struct OdometryFrame {
   // How far the match has left its prediction along that direction, where this is more than both
   // explain; 0 elsewhere.
   double surprise_m = 0.0;
+  // Where another place explains the scan about as well (PoseSearch::Elsewhere), or no scan has
+  // been told from all others since one of which that is true: tangent from the pose to that place.
+  // Zero where there is none.
+  Vector6d elsewhere = Vector6d::Zero();
 };
+
+// At a start, scans farther apart leave more open than matching from a prediction can bridge.
+inline constexpr double kMostStartGapS = 0.25;
 
 // Not thread-safe; deterministic.
 class Odometry {
@@ -220,6 +227,10 @@ class Odometry {
   // Status and pose of a frame that was matched.
   void Judge(const SearchedScan& scan, const PoseHypotheses& hypotheses,
              OdometryFrame* frame) const;
+  // Where a frame that is believed may be instead; `searched`: that it is believed because no rival
+  // was found.
+  Vector6d Elsewhere(const SearchedScan& scan, const PoseHypotheses& hypotheses,
+                     const OdometryFrame& frame, bool searched) const;
 
   OdometryOptions options_;
   ScanMatcher matcher_, narrow_matcher_;
@@ -230,7 +241,8 @@ class Odometry {
   ShakenSweep shaken_;
   bool may_be_shaken_ = false;  // at the start of a map; not archived: set anew for each scan
   std::deque<double> recent_inliers_, recent_fits_;
-  bool lost_ = false;  // since the last accepted frame
+  bool lost_ = false;                      // since the last accepted frame
+  Vector6d elsewhere_ = Vector6d::Zero();  // of the last accepted frame
 };
 
 }  // namespace lamina

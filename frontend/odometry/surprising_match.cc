@@ -61,6 +61,7 @@ void Odometry::ReturnToPrediction(const std::vector<TimedCluster>& clusters,
   near.T_world_predicted = frame->T_world_predicted;
   near.sweep = motion_.Twist(frame->stamp_ns);
   near.searched = true;
+  near.elsewhere = elsewhere_;
   DeskewClusters(clusters, near.sweep, deskewed);
   near.match = narrow_matcher_.Match(*deskewed, prediction, map);
   if (!vouched(near.match)) return;

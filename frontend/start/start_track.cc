@@ -15,8 +15,6 @@ namespace {
 // Half the distance at which two minima are told apart.
 constexpr double kScaleM = 0.06;
 constexpr double kSameM = 0.1;
-// Scans farther apart leave more open than matching from a prediction can bridge.
-constexpr double kMostGapS = 0.25;
 
 // How much a cluster at p that meets this plane counts along u, as far as it fits.
 double FitAlong(const Surface& plane, const Eigen::Vector3d& p, const Eigen::Vector3d& u) {
@@ -54,7 +52,7 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
                      const std::vector<TimedCluster>& clusters) {
   if (!scans_.empty()) {
     const double gap_s = SecondsBetween(scans_.back().stamp_ns, frame.stamp_ns);
-    if (gap_s <= 0.0 || gap_s > kMostGapS) return Clear();
+    if (gap_s <= 0.0 || gap_s > kMostStartGapS) return Clear();
   }
   clocked_ = clocked_ && !stamp_made_up;
   scans_.push_back({frame.stamp_ns, clusters, frame.T_world_lidar, Vector6d::Zero()});

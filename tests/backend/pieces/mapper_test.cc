@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <string>
+#include <utility>
 
 #include "core/base/error.h"
 #include "tests/support/scenes/random_rooms.h"
@@ -244,6 +245,25 @@ TEST(Mapper, OptionsThatSwitchBundleAdjustmentOffAreRefused) {
   EXPECT_EQ(complaint(15, 14, true), "");
   EXPECT_EQ(complaint(3, 2, true), "");
   EXPECT_EQ(complaint(2, 40, false), "");
+}
+
+// A second leaves the heading in a square room open by quarter turns.
+TEST(Mapper, WhereAScanMayBeInsteadIsInItsCovarianceAndMakesItDegenerate) {
+  for (const auto& [room, open] : {std::pair{World::Square(), true}, {World::Room(), false}}) {
+    const MapperOptions options;
+    VoxelMap map(options.map);
+    Mapper mapper(options, &map, 0);
+    Draws draws(1);
+    RegisteredScan last;
+    for (int i = 0; i < 2; ++i) {
+      std::vector<TimedCluster> clusters =
+          ScanFrom(SE3(), room.Sample(3000, 0.005, &draws), options.map.LeafSize());
+      last = mapper.Process({i, i * StampNs{1000000000}, false, &clusters, 0});
+    }
+    ASSERT_EQ(last.odometry.status, OdometryFrame::Status::kTracked);
+    EXPECT_EQ(last.odometry.match.degenerate > 0, open);
+    EXPECT_EQ(std::sqrt(last.odometry.match.covariance(2, 2)) > 1.0, open);  // rad
+  }
 }
 
 }  // namespace

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "core/base/angle.h"
 #include "tests/support/scenes/random_rooms.h"
 
@@ -26,6 +28,9 @@ struct MatchedScan {
     PoseHypotheses hypotheses;
     hypotheses.dense = dense;
     return search.Unique({clusters, prediction, map, false}, hypotheses, match);
+  }
+  bool Distinct() const {
+    return search.Elsewhere({clusters, prediction, map, true}, PoseHypotheses(), match).isZero();
   }
 
   SE3 truth;
@@ -65,6 +70,24 @@ TEST(PoseSearchTest, AMatchThatWasTurnedHasARivalWhereTheRoomComesUponItself) {
     MatchedScan scan(room, SE3(ExpSO3(0.6 * Eigen::Vector3d::UnitZ()), {0.9, -0.7, 0.1}));
     scan.prediction.T_world_lidar = Turned(scan.truth, 60.0);
     EXPECT_EQ(scan.Unique(TurnsAbout(PoseSearchOptions{}, {scan.truth})), unique);
+  }
+}
+
+// A room whose walls are a square tells no quarter turn, unless the motion before it does.
+TEST(PoseSearchTest, AMatchIsDistinctFromOtherHeadingsByWhatIsSeenOrByTheMotion) {
+  const World square = World::Square(), room = World::Room();
+  struct Case {
+    const World& room;
+    double turn_sigma_deg;
+    bool distinct;
+  };
+  for (const Case& c :
+       {Case{square, 60.0, false}, Case{square, 5.0, true}, Case{room, 60.0, true}}) {
+    MatchedScan scan(c.room, SE3(Eigen::Quaterniond::Identity(), {0.2, -0.1, 0.1}));
+    ASSERT_EQ(scan.match.status, MatchResult::Status::kConverged);
+    scan.prediction.covariance.diagonal().head<3>().setConstant(
+        std::pow(Radians(c.turn_sigma_deg), 2));
+    EXPECT_EQ(scan.Distinct(), c.distinct) << c.turn_sigma_deg;
   }
 }
 

@@ -174,6 +174,36 @@ TEST(ScanMatcher, SheetsOfABeamThatMoveAlongWithTheSensorDoNotHoldIt) {
   }
 }
 
+// Of a sensor that has gone on by 4 m the map has half of the ground, and all of what faces the
+// way. Where it stood before the map has all of the ground.
+TEST(ScanMatcher, GroundBeyondTheMapHasNoVoteForWhereTheSensorWas) {
+  constexpr double kWayM = 4.0;
+  Draws draws(3);
+  const auto seen_from = [&](double x) {
+    Points points;
+    for (int i = 0; i < 6000; ++i) {
+      points.emplace_back(x + draws.Uniform(-4.0, 4.0), draws.Uniform(-4.0, 4.0),
+                          -1.5 + draws.Normal(0.01));
+    }
+    for (int i = 0; i < 400; ++i) {
+      points.emplace_back(6.0 + draws.Normal(0.01), draws.Uniform(-6.0, 6.0),
+                          draws.Uniform(-1.0, 1.0));
+    }
+    return points;
+  };
+  VoxelMap map{VoxelMapOptions()};
+  const double leaf_m = map.options().LeafSize();
+  for (const PointCluster& c : Untimed(ScanFrom(SE3(), seen_from(0.0), leaf_m)))
+    map.AddWindow(map.LeafAt(c.mean), c, 0);
+  map.Refresh();
+  const SE3 truth(Eigen::Quaterniond::Identity(), Eigen::Vector3d(kWayM, 0.0, 0.0));
+  const std::vector<PointCluster> scan = Untimed(ScanFrom(truth, seen_from(kWayM), leaf_m));
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  const double sigmas = matcher.CompareBlocks(scan, truth, SE3(), map, 0.3);
+  EXPECT_GT(sigmas, 1.0);
+  EXPECT_NEAR(matcher.CompareBlocks(scan, SE3(), truth, map, 0.3), -sigmas, 1e-9);
+}
+
 // Mean squared error of matched poses over their covariance, as a share of 6, in a world with noise
 // and with errors along every axis that all points of a 4 m cube have in common.
 double NeesPerDof(const World& world, double cube_sigma_m) {

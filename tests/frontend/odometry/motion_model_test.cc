@@ -92,6 +92,17 @@ TEST(MotionModel, BeforeAnyMotionTheSpeedIsUnknown) {
   EXPECT_LT(WaySigma(model, 2 * kPeriodNs), 0.1);
 }
 
+TEST(MotionModel, AsAtAStartThePredictionIsTheLastPoseAndAllThatAStartLeavesOpen) {
+  const MotionModel driving = Driving();
+  MotionModel start{MotionOptions()};
+  start.Accept(10 * kPeriodNs, Along(15.0), false);
+  const PosePrediction expected = start.Predict(20 * kPeriodNs);
+  const PosePrediction prediction = driving.PredictAsAtStart(20 * kPeriodNs);
+  EXPECT_EQ(prediction.T_world_lidar.t, expected.T_world_lidar.t);
+  EXPECT_EQ(prediction.covariance, expected.covariance);
+  EXPECT_GT(driving.Predict(20 * kPeriodNs).T_world_lidar.t.x(), 20.0);
+}
+
 TEST(MotionModel, AnAssumedVelocityMovesThePredictionAndIsNoBetterKnown) {
   MotionModel model{MotionOptions()};
   model.Accept(0, Along(0.0), false);

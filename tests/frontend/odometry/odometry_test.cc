@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <utility>
+
 #include "tests/support/scenes/random_rooms.h"
 
 namespace lamina {
@@ -116,6 +118,31 @@ TEST_F(OdometryTest, AtAStartWhatFitsByChanceIsLost) {
   const auto elsewhere = BuildScanClusters(StillPoints(draws_.Cloud(8000, {0, 0, 0}, 8.0)), 0.8);
   EXPECT_EQ(odometry_.Register(kScanPeriodNs, elsewhere, map_).status, Status::kLost);
   EXPECT_EQ(odometry_.Register(2 * kScanPeriodNs, Scan(SE3()), map_).status, Status::kTracked);
+}
+
+// A second leaves quarter turns open, which a square room does not tell. Nor does it later, where
+// the heading of the scan before is one of four: what follows is ambiguous as well.
+TEST_F(OdometryTest, AfterAGapAtAStartAPoseThatAnotherOneEqualsIsAmbiguous) {
+  for (const auto& [world, ambiguous] :
+       {std::pair{World::Square(), true}, {World::Room(), false}}) {
+    VoxelMap map{VoxelMapOptions()};
+    FillMap(world, 5, 3000, 0.005, &draws_, &map);
+    Odometry odometry{OdometryOptions()};
+    const auto register_at = [&, &world = world](StampNs stamp_ns) {
+      const OdometryFrame frame = odometry.Register(
+          stamp_ns, ScanFrom(SE3(), world.Sample(2000, 0.005, &draws_), map.options().LeafSize()),
+          map);
+      odometry.Accept(frame);
+      return frame;
+    };
+    EXPECT_TRUE(register_at(0).elsewhere.isZero());
+    for (const StampNs stamp_ns : {10 * kScanPeriodNs, 20 * kScanPeriodNs}) {
+      const OdometryFrame frame = register_at(stamp_ns);
+      EXPECT_EQ(frame.status, Status::kTracked);
+      EXPECT_EQ(!frame.elsewhere.isZero(), ambiguous);
+      EXPECT_EQ(frame.elsewhere.head<3>().norm() > 1.5, ambiguous);  // rad
+    }
+  }
 }
 
 TEST_F(OdometryTest, CorrectionMovesTheStartOfThePrediction) {

@@ -56,6 +56,15 @@ class World {
              {{0, 4.3, 0}, {5, 0, 0}, {0, 0, 1.5}},
              {{0, 0, -1.4}, {5, 0, 0}, {0, 4.3, 0}}}};
   }
+  // A closed room that every quarter turn about its middle brings upon itself.
+  static World Square() {
+    World square{{{{0, 0, -1.4}, {4.5, 0, 0}, {0, 4.5, 0}}}};
+    for (const double side_m : {-4.5, 4.5}) {
+      square.facets.push_back({{side_m, 0, 0}, {0, 4.5, 0}, {0, 0, 1.5}});
+      square.facets.push_back({{0, side_m, 0}, {4.5, 0, 0}, {0, 0, 1.5}});
+    }
+    return square;
+  }
   // A closed room without symmetry.
   static World Room() {
     World room = Corner();
