@@ -31,24 +31,29 @@ class PlaneScore {
 
   // In [0, 1]; kNone where there is no plane.
   double Of(const PointCluster& cluster) const {
-    const Surface* plane = PlaneOf(cluster);
-    return plane == nullptr ? kNone : On(*plane, cluster);
+    const Eigen::Vector3d p = InMap(cluster);
+    const Surface* plane = PlaneAt(map_, p);
+    return plane == nullptr ? kNone : Fit(*plane, p);
   }
 
   // The plane around the cluster; null if there is none.
   const Surface* PlaneOf(const PointCluster& cluster) const {
-    return PlaneAt(map_, R_ * cluster.mean + t_);
+    return PlaneAt(map_, InMap(cluster));
   }
 
   // In [0, 1], as if this plane extended as far as the cluster.
   double On(const Surface& plane, const PointCluster& cluster) const {
-    const Eigen::Vector3d p = R_ * cluster.mean + t_;
+    return Fit(plane, InMap(cluster));
+  }
+
+ private:
+  Eigen::Vector3d InMap(const PointCluster& cluster) const { return R_ * cluster.mean + t_; }
+  double Fit(const Surface& plane, const Eigen::Vector3d& p) const {
     const Eigen::Vector3d normal = plane.normal.cast<double>();
     const double distance = normal.dot(p - plane.mean);
     return SightWeight(plane, normal, p - t_) * GemanMcClureWeight(distance * distance * inverse2_);
   }
 
- private:
   Eigen::Matrix3d R_;
   Eigen::Vector3d t_;
   const VoxelMap& map_;
