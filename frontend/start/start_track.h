@@ -52,6 +52,12 @@
 // given up: the next one begins with a sensor that moves, of which two scans show what stands and
 // what goes along as two minima.
 //
+// So may the way of a sensor in motion be that of what goes along with it, where that fills a
+// narrow view: two scans show what stands as a second minimum only if the two lie far enough apart,
+// and if it is not much less. So that way is asked about as well, with few scans, with many and
+// with all: where a steady motion refutes it to the sensor's noise and to decimetres, it is
+// doubted, and with the last scan overruled.
+//
 // Where scans of few points, no two of the same rays, meet few planes of one another, as among
 // trees, matches are drawn to where lines lie on lines. There the beams tell the motion from scan
 // to scan (beam_agreement.h), and then each scan finds its place in the map of all others. If the
@@ -146,8 +152,9 @@ class StartTrack {
     void Archive(StateArchive& a) { a(&poses, &fits); }
   };
   static constexpr std::size_t kMostHypotheses = 6;
-  // So many scans are enough where they tell a steady motion, and at the latest it is decided.
-  static constexpr std::size_t kManyScans = 8, kMostScans = 13;
+  // So many scans may speak against a way, so many are enough where they tell a steady motion, and
+  // at the latest it is decided.
+  static constexpr std::size_t kFewScans = 5, kManyScans = 8, kMostScans = 13;
   // Ways that nowhere differ by more are one.
   static constexpr double kSameWayM = 0.05;
   static bool SameWay(const std::vector<SE3>& a, const std::vector<SE3>& b);
@@ -155,6 +162,8 @@ class StartTrack {
   static double Apart(const std::vector<SE3>& a, const std::vector<SE3>& b);
   // A steady motion is a way if it differs from it by less ...
   static constexpr double kAgreesM = 0.15;
+  // Two ways that are one may differ by as much, each being found to half of that.
+  static constexpr double kAlikeM = 2.0 * kAgreesM;
   // ... and tells it if its speed is known so well: nothing is open any more.
   static constexpr double kKnownMS = 1.0;
   // One way is likelier than another, or makes it doubtful, by so many standard deviations.
@@ -198,16 +207,21 @@ class StartTrack {
   // Sorts the hypotheses, the best first, and drops what is refuted and what is another's double.
   void Rank();
   void Decide();
-  // Odometry's way is the only one left: closes, or waits for CheckSettingOff.
+  // Odometry's way is the only one left: closes, or waits to be checked with all scans.
   void Trust();
-  // Whether the sensor stands, or was at rest when it started, by these poses, and has just set
-  // off.
+  // Whether the sensor is so slow, by these poses, that it may be what goes along with it that
+  // looks at rest: what is faster has left that behind.
+  bool Slow(const std::vector<SE3>& poses) const;
+  // Whether it also stands, or was at rest when it started, and has just set off.
   bool SettingOff(const std::vector<SE3>& poses) const;
   // Closes, if all scans together agree that the sensor set off like that, which is odometry's way
   // or the best hypothesis; or like odometry has it; or with the steady motion that they agree on
   // instead. Gives up if they do not, but once: what had set off moves by then, and what is at rest
   // still, among much that moves, stands.
   void CheckSettingOff(const std::vector<SE3>& poses);
+  // Doubts odometry's way where a steady motion refutes it. The last scan closes: with that motion
+  // in its place, or with odometry's way.
+  void CheckGoingAlong(const std::vector<SE3>& own, bool last);
   // Closes with the best hypothesis.
   void TakeBest();
   void GiveUp();
@@ -266,8 +280,11 @@ class StartTrack {
   };
   SteadyAlong FindAlong(const std::vector<SE3>& from, const Eigen::Vector3d& u,
                         double most_speed_m_s, double noise_m) const;
-  // The same along the direction that the fewest planes face, of a sensor that was at rest.
-  SteadyAlong FindFromRest(const std::vector<SE3>& from, double noise_m) const;
+  // The same along the direction that the fewest planes face.
+  SteadyAlong FindAhead(const std::vector<SE3>& from, double noise_m) const;
+  // By surfaces as sharp as the sensor's noise, and as sharp as decimetres: whether both say that
+  // the poses' way is wrong, and agree on what it is instead.
+  static bool Refute(const SteadyAlong& fine, const SteadyAlong& rough);
   // Whether the sensor has left behind, by these poses, what may have set off with it, or all scans
   // tell the two apart.
   bool Parted(const std::vector<SE3>& poses) const;

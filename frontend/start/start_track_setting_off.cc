@@ -1,4 +1,4 @@
-// The start of a sensor that stands or sets off, perhaps together with all that is about it.
+// The start of a sensor that stands, sets off or moves, perhaps together with all that is about it.
 #include <algorithm>
 #include <vector>
 
@@ -17,40 +17,55 @@ void StartTrack::Trust() {
   unsure_ = false;
   hypotheses_.clear();
   const std::vector<SE3> own = OwnPoses();
-  if (!all_tracked_ || !SettingOff(own)) return Clear();
-  if (scans_.size() >= kMostScans) CheckSettingOff(own);
+  // Steps that no clock tells may be uneven: of these only one that stands is steady.
+  const bool steady = clocked_ ? Slow(own) : SettingOff(own);
+  if (!all_tracked_ || !steady) return Clear();
+  const bool last = scans_.size() >= kMostScans;
+  if (last && SettingOff(own)) return CheckSettingOff(own);
+  const bool asked = last || scans_.size() == kFewScans || scans_.size() == kManyScans;
+  if (clocked_ && asked) CheckGoingAlong(own, last);
+}
+
+bool StartTrack::Slow(const std::vector<SE3>& poses) const {
+  constexpr double kMostMS = 5.0;
+  return (poses[1].t - poses[0].t).norm() < kMostMS * GapS(1) &&
+         (poses.back().t - poses[poses.size() - 2].t).norm() < kMostMS * GapS(scans_.size() - 1);
 }
 
 bool StartTrack::SettingOff(const std::vector<SE3>& poses) const {
-  // Two scans of a sensor that is faster show what stands and what moves with it as two minima, ...
+  // Two scans of a sensor that is faster mostly show what stands and what moves with it as two
+  // minima.
   constexpr double kAtRestMS = 1.0;
-  // ... and one that has become so fast has left what set off with it behind.
-  constexpr double kMostMS = 5.0;
-  const auto slower_than = [&](double most_m_s, std::size_t k) {
-    return (poses[k].t - poses[k - 1].t).norm() < most_m_s * GapS(k);
-  };
-  return slower_than(kAtRestMS, 1) && slower_than(kMostMS, scans_.size() - 1);
+  return Slow(poses) && (poses[1].t - poses[0].t).norm() < kAtRestMS * GapS(1);
 }
 
-StartTrack::SteadyAlong StartTrack::FindFromRest(const std::vector<SE3>& from,
-                                                 double noise_m) const {
-  // The mean speed of a sensor that was at rest a second ago.
-  constexpr double kMostSpeedMS = 10.0;
+StartTrack::SteadyAlong StartTrack::FindAhead(const std::vector<SE3>& from, double noise_m) const {
   const Eigen::Vector3d u = LeastFaced(Faced(from, from.size() - 1));
-  return FindAlong(from, u, std::min(kMostSpeedMS, steady_.most_speed_m_s), noise_m);
+  return FindAlong(from, u, steady_.most_speed_m_s, noise_m);
+}
+
+void StartTrack::CheckGoingAlong(const std::vector<SE3>& own, bool last) {
+  const SteadyAlong fine = FindAhead(own, steady_.noise_m);
+  doubted_ = fine.told && fine.refutes && Refute(fine, FindAhead(own, kRoughM));
+  if (!last) return;
+  if (!doubted_) return Clear();
+  if (!TakeSettled(fine.poses, fine.poses, fine.along)) GiveUp();
+}
+
+bool StartTrack::Refute(const SteadyAlong& fine, const SteadyAlong& rough) {
+  return Apart(fine.poses, rough.poses) <= kAlikeM && fine.told && rough.told && fine.refutes &&
+         rough.refutes;
 }
 
 bool StartTrack::Parted(const std::vector<SE3>& poses) const {
   if (!SettingOff(poses)) return true;
-  return poses.size() >= kMostScans && FindFromRest(poses, kRoughM).apart_m <= kAgreesM;
+  return poses.size() >= kMostScans && FindAhead(poses, kRoughM).apart_m <= kAgreesM;
 }
 
 void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
-  // By how much two ways that are one may differ, each being found to half of that.
-  constexpr double kAlikeM = 2.0 * kAgreesM;
   const std::vector<SE3> own = OwnPoses();
-  const SteadyAlong fine = FindFromRest(poses, steady_.noise_m);
-  const SteadyAlong rough = FindFromRest(poses, kRoughM);
+  const SteadyAlong fine = FindAhead(poses, steady_.noise_m);
+  const SteadyAlong rough = FindAhead(poses, kRoughM);
   // Of a way that is none to speak of all scans are of one place, whatever else moves.
   constexpr double kStandsM = 0.3;
   const auto is_way = [](const std::vector<SE3>& way) {
@@ -77,9 +92,7 @@ void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
     if (SameWay(poses, own)) return Clear();
     return TakeBest();
   }
-  const bool alike = Apart(fine.poses, rough.poses) <= kAlikeM;
-  const bool told = alike && fine.told && rough.told && fine.refutes && rough.refutes;
-  if (told && TakeSettled(fine.poses, fine.poses, fine.along)) return;
+  if (Refute(fine, rough) && TakeSettled(fine.poses, fine.poses, fine.along)) return;
   if (again_ && stands) return Clear();
   GiveUp();
 }
