@@ -321,7 +321,7 @@ class StartTrack {
   bool told_ = false;         // of several ways odometry's is left
   bool told_by_all_ = false;  // not archived: who asks does so at once
   bool given_up_ = false;     // not archived: who asks does so at once
-  bool follows_ = false;      // after others
+  bool follows_ = false;      // after others, and no way is told
   bool again_ = false;        // after a start that was given up
   std::vector<Scan> scans_;   // poses and twists: once closed
   std::vector<Hypothesis> hypotheses_;

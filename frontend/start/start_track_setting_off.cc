@@ -20,6 +20,7 @@ void StartTrack::Trust() {
   // Steps that no clock tells may be uneven: of these only one that stands is steady.
   const bool steady = clocked_ ? Slow(own) : SettingOff(own);
   if (!all_tracked_ || !steady) return Clear();
+  if (!SettingOff(own)) follows_ = false;
   const bool last = scans_.size() >= kMostScans;
   if (last && SettingOff(own)) return CheckSettingOff(own);
   const bool asked = last || scans_.size() == kFewScans || scans_.size() == kManyScans;
