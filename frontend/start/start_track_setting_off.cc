@@ -1,5 +1,4 @@
 // The start of a sensor that stands, sets off or moves, perhaps together with all that is about it.
-#include <algorithm>
 #include <vector>
 
 #include "frontend/start/start_track.h"
@@ -10,6 +9,11 @@ namespace {
 // To which surfaces are as sharp as they are, wherever the points on them lie.
 constexpr double kRoughM = 0.12;
 
+// From the pose before.
+double StepM(const std::vector<SE3>& poses, std::size_t k) {
+  return (poses[k].t - poses[k - 1].t).norm();
+}
+
 }  // namespace
 
 void StartTrack::Trust() {
@@ -17,27 +21,28 @@ void StartTrack::Trust() {
   unsure_ = false;
   hypotheses_.clear();
   const std::vector<SE3> own = OwnPoses();
+  const bool setting_off = SettingOff(own);
   // Steps that no clock tells may be uneven: of these only one that stands is steady.
-  const bool steady = clocked_ ? Slow(own) : SettingOff(own);
+  const bool steady = setting_off || (clocked_ && Slow(own));
   if (!all_tracked_ || !steady) return Clear();
-  if (!SettingOff(own)) follows_ = false;
+  if (!setting_off) follows_ = false;
   const bool last = scans_.size() >= kMostScans;
-  if (last && SettingOff(own)) return CheckSettingOff(own);
+  if (last && setting_off) return CheckSettingOff(own);
   const bool asked = last || scans_.size() == kFewScans || scans_.size() == kManyScans;
   if (clocked_ && asked) CheckGoingAlong(own, last);
 }
 
 bool StartTrack::Slow(const std::vector<SE3>& poses) const {
   constexpr double kMostMS = 5.0;
-  return (poses[1].t - poses[0].t).norm() < kMostMS * GapS(1) &&
-         (poses.back().t - poses[poses.size() - 2].t).norm() < kMostMS * GapS(scans_.size() - 1);
+  const std::size_t last = scans_.size() - 1;
+  return StepM(poses, 1) < kMostMS * GapS(1) && StepM(poses, last) < kMostMS * GapS(last);
 }
 
 bool StartTrack::SettingOff(const std::vector<SE3>& poses) const {
   // Two scans of a sensor that is faster mostly show what stands and what moves with it as two
   // minima.
   constexpr double kAtRestMS = 1.0;
-  return Slow(poses) && (poses[1].t - poses[0].t).norm() < kAtRestMS * GapS(1);
+  return Slow(poses) && StepM(poses, 1) < kAtRestMS * GapS(1);
 }
 
 StartTrack::SteadyAlong StartTrack::FindAhead(const std::vector<SE3>& from, double noise_m) const {
@@ -47,6 +52,7 @@ StartTrack::SteadyAlong StartTrack::FindAhead(const std::vector<SE3>& from, doub
 
 void StartTrack::CheckGoingAlong(const std::vector<SE3>& own, bool last) {
   const SteadyAlong fine = FindAhead(own, steady_.noise_m);
+  // The rough search costs as much: it is made only where the fine one refutes.
   doubted_ = fine.told && fine.refutes && Refute(fine, FindAhead(own, kRoughM));
   if (!last) return;
   if (!doubted_) return Clear();
