@@ -10,7 +10,7 @@ namespace lamina {
 namespace {
 
 // Fewer points are no voxel.
-constexpr double kLeastPoints = 5.0;
+constexpr float kLeastPoints = 5.0F;
 // How thick these are taken to be where they are to tell nothing: half way, by the logarithm,
 // between what is sharp and 1 m.
 constexpr double kUnknownM = 0.12;
@@ -76,6 +76,7 @@ SteadyMotionGrid::SteadyMotionGrid(double voxel_size_m, double noise_m,
   std::stable_sort(places.begin(), places.end(),
                    [](const Place& a, const Place& b) { return a.column < b.column; });
   members_.reserve(places.size());
+  heights_.reserve(places.size());
   for (const Place& place : places) {
     const SteadyScan& scan = scans[static_cast<std::size_t>(place.scan)];
     const std::size_t at = members_.size();
@@ -86,10 +87,11 @@ SteadyMotionGrid::SteadyMotionGrid(double voxel_size_m, double noise_m,
     const PointCluster& cluster = scan.clusters[place.in_scan];
     const Eigen::Matrix3f c =
         (frame * cluster.Covariance().Dense() * frame.transpose()).cast<float>();
-    members_.push_back({static_cast<float>(cluster.count),
-                        static_cast<float>(place.p.y() - middle.y()),
-                        static_cast<float>(place.p.z() - middle.z()), c(0, 0), c(0, 1), c(1, 1),
-                        c(0, 2), c(1, 2), c(2, 2), place.cluster});
+    const auto n = static_cast<float>(cluster.count);
+    const auto y = static_cast<float>(place.p.y() - middle.y());
+    const auto z = static_cast<float>(place.p.z() - middle.z());
+    members_.push_back({n, n * y, n * c(0, 0), n * c(0, 1), n * (c(1, 1) + y * y), place.cluster});
+    heights_.push_back({n * z, n * c(0, 2), n * (c(1, 2) + y * z), n * (c(2, 2) + z * z)});
     x_m_.push_back(static_cast<float>(place.p.x()));
     time_s_.push_back(scan.cluster_times_s.empty()
                           ? 0.0F
@@ -124,63 +126,84 @@ void SteadyMotionGrid::SumVoxels(const Column& column, Scratch* scratch) const {
     first = std::min(first, along[i]);
     last = std::max(last, along[i]);
   }
-  scratch->voxel_of.assign(static_cast<std::size_t>(last - first) + 1, kNone);
+  const auto numbers = static_cast<std::size_t>(last - first) + 1;
+  if (scratch->voxel_at.size() < numbers) scratch->voxel_at.resize(numbers, kNone);
   scratch->voxels.clear();
+  scratch->numbers.clear();
   for (std::size_t i = column.begin; i < column.end; ++i) {
-    std::int32_t& voxel_of = scratch->voxel_of[static_cast<std::size_t>(along[i] - first)];
-    if (voxel_of == kNone) {
-      voxel_of = static_cast<std::int32_t>(scratch->voxels.size());
+    std::int32_t& at = scratch->voxel_at[static_cast<std::size_t>(along[i] - first)];
+    if (at == kNone) {
+      at = static_cast<std::int32_t>(scratch->voxels.size());
       scratch->voxels.emplace_back().first_scan = scan_[i];
+      scratch->numbers.push_back(along[i] - first);
     }
-    along[i] = voxel_of;
-    Voxel& voxel = scratch->voxels[static_cast<std::size_t>(voxel_of)];
-    voxel.shared = voxel.shared || voxel.first_scan != scan_[i];
+    along[i] = at;
+    Voxel& voxel = scratch->voxels[static_cast<std::size_t>(at)];
+    voxel.others |= voxel.first_scan ^ scan_[i];
     const Member& m = members_[i];
-    const double n = m.n, x = scratch->x_m[i], y = m.y;
-    voxel.n += n;
-    voxel.x += n * x;
-    voxel.y += n * y;
-    voxel.xx += n * (m.xx + x * x);
-    voxel.xy += n * (m.xy + x * y);
-    voxel.yy += n * (m.yy + y * y);
-    if (!column.in_space) continue;
-    const double z = m.z;
-    voxel.z += n * z;
-    voxel.xz += n * (m.xz + x * z);
-    voxel.yz += n * (m.yz + y * z);
-    voxel.zz += n * (m.zz + z * z);
+    const float x = scratch->x_m[i], nx = m.n * x;
+    voxel.n += m.n;
+    voxel.x += nx;
+    voxel.y += m.y;
+    voxel.xx += m.xx + nx * x;
+    voxel.xy += m.xy + m.y * x;
+    voxel.yy += m.yy;
+  }
+  for (const std::int32_t number : scratch->numbers)
+    scratch->voxel_at[static_cast<std::size_t>(number)] = kNone;
+  if (column.in_space) AddHeights(column, scratch);
+}
+
+void SteadyMotionGrid::AddHeights(const Column& column, Scratch* scratch) const {
+  scratch->heights.assign(scratch->voxels.size(), Height());
+  for (std::size_t i = column.begin; i < column.end; ++i) {
+    Height& sums = scratch->heights[static_cast<std::size_t>(scratch->along[i])];
+    const Height& m = heights_[i];
+    sums.z += m.z;
+    sums.xz += m.xz + m.z * scratch->x_m[i];
+    sums.yz += m.yz;
+    sums.zz += m.zz;
   }
 }
 
-double SteadyMotionGrid::SharpnessOf(bool in_space, const Voxel& voxel) const {
-  const double per_point = 1.0 / voxel.n;
-  const double x = per_point * voxel.x, y = per_point * voxel.y, z = per_point * voxel.z;
+float SteadyMotionGrid::SharpnessOf(const Voxel& voxel, const Height* height) const {
+  const double per_point = 1.0 / static_cast<double>(voxel.n);
+  const double x = per_point * voxel.x, y = per_point * voxel.y;
   const double xx = per_point * voxel.xx - x * x, xy = per_point * voxel.xy - x * y,
                yy = per_point * voxel.yy - y * y;
-  const double variance =
-      in_space ? LeastVariance(xx, xy, yy, per_point * voxel.xz - x * z,
-                               per_point * voxel.yz - y * z, per_point * voxel.zz - z * z, noise2_)
-               : LeastVariance(xx, xy, yy);
-  return -0.5 * std::log(std::max(0.0, variance) + noise2_);
+  double variance = 0.0;
+  if (height == nullptr) {
+    variance = LeastVariance(xx, xy, yy);
+  } else {
+    const double z = per_point * height->z;
+    variance =
+        LeastVariance(xx, xy, yy, per_point * height->xz - x * z, per_point * height->yz - y * z,
+                      per_point * height->zz - z * z, noise2_);
+  }
+  return -0.5F * std::log(static_cast<float>(std::max(0.0, variance) + noise2_));
 }
 
 void SteadyMotionGrid::AddSharpness(const WayAlong& way, const std::vector<std::int32_t>& block_of,
                                     Sparse few, Scratch* scratch, Evidence* sums) const {
-  const double sparse =
-      few == Sparse::kBlurred ? 0.0 : -0.5 * std::log(kUnknownM * kUnknownM + noise2_);
+  const auto sparse = static_cast<float>(
+      few == Sparse::kBlurred ? 0.0 : -0.5 * std::log(kUnknownM * kUnknownM + noise2_));
   FindAlong(way, scratch);
   for (const Column& column : columns_) {
     SumVoxels(column, scratch);
-    for (Voxel& voxel : scratch->voxels) {
-      if (voxel.shared) sums->shared += voxel.n;
-      if (voxel.n < kLeastPoints) sums->sparse += voxel.n;
-      voxel.sharpness = voxel.n < kLeastPoints ? sparse : SharpnessOf(column.in_space, voxel);
+    scratch->sharpness.clear();
+    for (std::size_t v = 0; v < scratch->voxels.size(); ++v) {
+      const Voxel& voxel = scratch->voxels[v];
+      const bool is_sparse = voxel.n < kLeastPoints;
+      if (voxel.others != 0) sums->shared += voxel.n;
+      if (is_sparse) sums->sparse += voxel.n;
+      scratch->sharpness.push_back(
+          is_sparse ? sparse
+                    : SharpnessOf(voxel, column.in_space ? &scratch->heights[v] : nullptr));
     }
     for (std::size_t i = column.begin; i < column.end; ++i) {
       const Member& m = members_[i];
       const auto block = static_cast<std::size_t>(block_of[static_cast<std::size_t>(m.cluster)]);
-      sums->blocks[block] +=
-          m.n * scratch->voxels[static_cast<std::size_t>(scratch->along[i])].sharpness;
+      sums->blocks[block] += m.n * scratch->sharpness[static_cast<std::size_t>(scratch->along[i])];
     }
   }
 }

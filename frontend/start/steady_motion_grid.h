@@ -28,13 +28,15 @@ class SteadyMotionGrid {
                    const std::vector<SteadyScan>& scans, const std::vector<char>& is_in_space,
                    const Eigen::Vector3d& shift);
 
-  // Sums over the points of a voxel, about its middle; z, of those that are judged in space alone.
+  // Sums over the points of a voxel, about its middle, in the plan.
   struct Voxel {
-    double n = 0.0, x = 0.0, y = 0.0, z = 0.0;
-    double xx = 0.0, xy = 0.0, yy = 0.0, xz = 0.0, yz = 0.0, zz = 0.0;
-    double sharpness = 0.0;
+    float n = 0.0F, x = 0.0F, y = 0.0F, xx = 0.0F, xy = 0.0F, yy = 0.0F;
     std::int32_t first_scan = 0;
-    bool shared = false;  // whether several scans see it
+    std::int32_t others = 0;  // not 0 if further scans see it
+  };
+  // Those beside them of what is judged in space.
+  struct Height {
+    float z = 0.0F, xz = 0.0F, yz = 0.0F, zz = 0.0F;
   };
   // Voxels of few points. Blurred: as of 1 m, so that what puts the points of all scans together is
   // sharper. Rays that are the same in each scan meet a wall along u in the same spots if the
@@ -42,10 +44,13 @@ class SteadyMotionGrid {
   enum class Sparse { kBlurred, kTellNothing };
   // Memory that one judgement leaves to the next.
   struct Scratch {
-    std::vector<float> x_m;              // of each cluster, from the middle of its voxel along u
-    std::vector<std::int32_t> along;     // number of that voxel along u, later in `voxels`
-    std::vector<std::int32_t> voxel_of;  // by number along u
-    std::vector<Voxel> voxels;           // of one column
+    std::vector<float> x_m;           // of each cluster, from the middle of its voxel along u
+    std::vector<std::int32_t> along;  // number of that voxel along u, later in `voxels`
+    // Of one column: the voxel at each number along u, kNone but while it is summed, and these.
+    std::vector<std::int32_t> voxel_at, numbers;
+    std::vector<Voxel> voxels;
+    std::vector<Height> heights;   // of a column in space alone
+    std::vector<float> sharpness;  // of each voxel
   };
 
   // What several grids say of one way.
@@ -66,22 +71,23 @@ class SteadyMotionGrid {
     std::size_t begin = 0, end = 0;
     bool in_space = false;
   };
-  // A cluster but for where it is along u: position across from the middle of its column, and
-  // covariance.
+  // Sums over the points of a cluster, about where it is along u and the middle of its column.
   struct Member {
-    float n, y, z, xx, xy, yy, xz, yz, zz;
+    float n, y, xx, xy, yy;
     std::int32_t cluster;  // its number among those of all scans
   };
 
   void FindAlong(const WayAlong& way, Scratch* scratch) const;
-  // Of one column, into scratch->voxels.
+  // Of one column, into scratch->voxels and what is beside them.
   void SumVoxels(const Column& column, Scratch* scratch) const;
-  double SharpnessOf(bool in_space, const Voxel& voxel) const;
+  void AddHeights(const Column& column, Scratch* scratch) const;
+  float SharpnessOf(const Voxel& voxel, const Height* height) const;
 
   float voxel_size_m_, inverse_size_;
   double noise2_;
   std::vector<Column> columns_;
   std::vector<Member> members_;
+  std::vector<Height> heights_;  // of each member
   // Of each member: its position along u if the sensor stood still, its scan, and its time in that.
   std::vector<float> x_m_, time_s_;
   std::vector<std::int32_t> scan_;
