@@ -82,6 +82,7 @@ bool Mapper::FollowStart(const MapperScan& scan, OdometryFrame* frame) {
   if (!whole) start_.Clear();
   if (!start_.open()) return false;
   start_.Add(*frame, scan.stamp_made_up, *scan.clusters);
+  if (!window_.frames().empty()) start_.ShakeFirst(window_.frames().front().sweep);
   const bool overruled = start_.overruled();
   if (overruled) {
     StartOver(frame);
@@ -105,7 +106,7 @@ void Mapper::StartOver(OdometryFrame* frame) {
   if (!solving_.empty()) solving_ = {kTakenBack};
   keyframes_since_solve_ = frames_since_keyframe_ = 0;
   const StartTrack::Scan& first = start_.scans().front();
-  start_.Move(FirstMiddle(first.twist) * first.T_world_lidar.Inverse());
+  start_.Move(FirstMiddle(first.sweep) * first.T_world_lidar.Inverse());
   OdometryFrame taken;
   taken.match.degenerate_directions = start_.match().degenerate_directions;
   taken.match.degenerate_information = start_.match().degenerate_information;
@@ -114,11 +115,11 @@ void Mapper::StartOver(OdometryFrame* frame) {
     taken.status = k == 0 ? OdometryFrame::Status::kFirst : OdometryFrame::Status::kTracked;
     taken.stamp_ns = scan.stamp_ns;
     taken.T_world_lidar = taken.T_world_predicted = scan.T_world_lidar;
-    taken.sweep = scan.twist;
+    taken.sweep = scan.sweep;
     if (k + 1 == start_.scans().size()) break;
     tracker_.odometry().Accept(scan.stamp_ns, scan.T_world_lidar);
     if (IsKeyframe(scan.T_world_lidar)) AddKeyframe(taken, scan.clusters);
-    open_.Set(k, scan.T_world_lidar, scan.twist);
+    open_.Set(k, scan.T_world_lidar, scan.sweep);
   }
   if (start_.told_by_all()) {
     const StartTrack::Scan& before = *(start_.scans().end() - 2);

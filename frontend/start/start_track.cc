@@ -55,12 +55,10 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
     if (gap_s <= 0.0 || gap_s > kMostStartGapS) return Clear();
   }
   clocked_ = clocked_ && !stamp_made_up;
-  scans_.push_back({frame.stamp_ns, clusters, frame.T_world_lidar, Vector6d::Zero()});
+  scans_.push_back({frame.stamp_ns, clusters, frame.T_world_lidar, SweepMotion()});
   if (scans_.size() == 1) return;
   if (scans_.size() == 2) sparse_ = ToldByBeams(frame.match);
-  // Ways are told apart by how steady they are. What looks shaken may be a match drawn aside.
-  if (frame.sweep.of_scan && !sparse_) return Clear();
-  shaken_ = shaken_ || frame.sweep.of_scan;
+  if (frame.sweep.of_scan) Shake(scans_.size() - 1, frame.sweep);
   all_tracked_ = all_tracked_ && frame.status == OdometryFrame::Status::kTracked;
   if (told_) return Trust();
   if (frame.open_m > std::max(open_m_, open_sigma_m_)) {
@@ -71,7 +69,11 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
   // A turn that is open is none of a steady way.
   constexpr double kMostlyWay = 0.7;
   unsure_ = open_along_.norm() > kMostlyWay;
-  if (scans_.size() == 2) {
+  if (shaken_ && !sparse_) {
+    // Shaking parts steps from a steady way, and what looks shaken may be a match drawn aside: only
+    // the steady motion of all scans together tells the way.
+    hypotheses_.clear();
+  } else if (scans_.size() == 2) {
     if (clocked_) Begin(frame);
   } else {
     std::vector<Hypothesis> followed;
@@ -81,6 +83,17 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
     hypotheses_ = std::move(followed);
   }
   Decide();
+}
+
+void StartTrack::ShakeFirst(const SweepMotion& sweep) {
+  if (open_ && scans_.size() == 2 && sweep.of_scan) Shake(0, sweep);
+}
+
+void StartTrack::Shake(std::size_t scan, const SweepMotion& sweep) {
+  shaken_ = true;
+  if (sparse_) return;
+  scans_[scan].sweep = sweep;
+  scans_[scan].sweep.twist -= Twist(OwnPoses(), std::max<std::size_t>(scan, 1));
 }
 
 Eigen::Matrix3d StartTrack::Faced(const std::vector<SE3>& poses, std::size_t scans) const {
@@ -128,9 +141,15 @@ Vector6d StartTrack::Twist(const std::vector<SE3>& poses, std::size_t scan) cons
   return TwistLog(poses[scan - 1].Inverse() * poses[scan]) / GapS(scan);
 }
 
+SweepMotion StartTrack::Sweep(const std::vector<SE3>& poses, std::size_t scan) const {
+  SweepMotion sweep = scans_[scan].sweep;
+  sweep.twist += Twist(poses, std::max<std::size_t>(scan, 1));
+  return sweep;
+}
+
 std::vector<PointCluster> StartTrack::Deskewed(std::size_t scan,
                                                const std::vector<SE3>& poses) const {
-  return DeskewClusters(scans_[scan].clusters, Twist(poses, std::max<std::size_t>(scan, 1)));
+  return DeskewClusters(scans_[scan].clusters, Sweep(poses, scan));
 }
 
 std::vector<SE3> StartTrack::Minima(const std::vector<PointCluster>& clusters,
@@ -263,7 +282,7 @@ void StartTrack::Overrule(const std::vector<SE3>& poses, const std::vector<SE3>&
   overruled_ = true;
   for (std::size_t k = 0; k < scans_.size(); ++k) {
     scans_[k].T_world_lidar = poses[k];
-    scans_[k].twist = Twist(moving, std::max<std::size_t>(k, 1));
+    scans_[k].sweep = Sweep(moving, k);
   }
   match_ = match;
   // Where planes that few scans have seen led odometry to another place, as in the sheets that

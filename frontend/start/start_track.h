@@ -58,6 +58,11 @@
 // with all: where a steady motion refutes it to the sensor's noise and to decimetres, it is
 // doubted, and with the last scan overruled.
 //
+// A sensor that is shaken has the motion during each scan from that scan (SweepMotion::of_scan).
+// Its poses lie beside a steady way by what it shakes, so that steps from scan to scan do not tell
+// ways apart: no hypotheses are followed. All else is asked as above, each scan deskewed by its own
+// motion.
+//
 // Where scans of few points, no two of the same rays, meet few planes of one another, as among
 // trees, matches are drawn to where lines lie on lines. There the beams tell the motion from scan
 // to scan (beam_agreement.h), and then each scan finds its place in the map of all others. If the
@@ -105,14 +110,21 @@ class StartTrack {
   void Add(const OdometryFrame& frame, bool stamp_made_up,
            const std::vector<TimedCluster>& clusters);
 
+  // After the second one: the motion during the first, if that looks shaken as well.
+  void ShakeFirst(const SweepMotion& sweep);
+
   // A start as one hypothesis has it.
   struct Scan {
     StampNs stamp_ns = 0;
     std::vector<TimedCluster> clusters;
     SE3 T_world_lidar;
-    Vector6d twist = Vector6d::Zero();  // body, per second
+    // Of a scan that looks shaken: what its motion has beside that from pose to pose. Once closed:
+    // its motion.
+    SweepMotion sweep;
 
-    void Archive(StateArchive& a) { a(&stamp_ns, &clusters, &T_world_lidar, &twist); }
+    void Archive(StateArchive& a) {
+      a(&stamp_ns, &clusters, &T_world_lidar, &sweep.twist, &sweep.acceleration, &sweep.of_scan);
+    }
   };
   // Once closed: whether another hypothesis than that of odometry is left. Then scans() has all
   // scans so far under that hypothesis, the first one where odometry has it, and match() is that of
@@ -181,7 +193,12 @@ class StartTrack {
   bool Steady(const std::vector<SE3>& poses) const;
   // Body twist at a scan, per second, from the motion since the one before.
   Vector6d Twist(const std::vector<SE3>& poses, std::size_t scan) const;
-  // A scan by that twist; the first by that of the second.
+  // The motion during it: by that twist, of the first by that of the second, and by what it was
+  // shaken.
+  SweepMotion Sweep(const std::vector<SE3>& poses, std::size_t scan) const;
+  // Notes that a scan looks shaken, with that motion by odometry's poses.
+  void Shake(std::size_t scan, const SweepMotion& sweep);
+  // A scan by that motion.
   std::vector<PointCluster> Deskewed(std::size_t scan, const std::vector<SE3>& poses) const;
   // Of the first so many scans, or all of them but one.
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);

@@ -36,13 +36,14 @@ double StartTrack::ChangeVariance(std::size_t scan, double pose_m) const {
 }
 
 double StartTrack::Unsteadiness(const std::vector<SE3>& poses) const {
-  // Of a match, along u.
-  constexpr double kMatchM = 0.01;
+  // Of a match, along u, and of a sensor that is shaken from where it would be.
+  constexpr double kMatchM = 0.01, kShakenM = 0.03;
+  const double pose_m = shaken_ ? kShakenM : kMatchM;
   const auto speed = [&](std::size_t k) { return u_.dot(poses[k].t - poses[k - 1].t) / GapS(k); };
   double sum = 0.0;
   for (std::size_t k = 2; k < poses.size(); ++k) {
     const double change = speed(k) - speed(k - 1);
-    sum += 2.0 * std::log1p(change * change / ChangeVariance(k, kMatchM));
+    sum += 2.0 * std::log1p(change * change / ChangeVariance(k, pose_m));
   }
   return sum;
 }

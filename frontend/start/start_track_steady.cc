@@ -29,15 +29,15 @@ std::vector<SteadyScan> StartTrack::WithoutWay(const std::vector<SE3>& poses,
   std::vector<SteadyScan> scans;
   for (std::size_t k = 0; k < scans_.size(); ++k) {
     const SE3& T = poses[k];
-    Vector6d twist = Twist(poses, std::max<std::size_t>(k, 1));
+    SweepMotion sweep = Sweep(poses, k);
     const Eigen::Vector3d u_lidar = T.q.conjugate() * u;
-    own->speeds_m_s.push_back(u_lidar.dot(twist.tail<3>()));
+    own->speeds_m_s.push_back(u_lidar.dot(Twist(poses, std::max<std::size_t>(k, 1)).tail<3>()));
     own->positions_m.push_back(u.dot(T.t - poses[0].t));
-    twist.tail<3>() -= own->speeds_m_s.back() * u_lidar;
+    sweep.twist.tail<3>() -= own->speeds_m_s.back() * u_lidar;
     SteadyScan scan;
     scan.time_s = SecondsBetween(scans_[0].stamp_ns, scans_[k].stamp_ns);
     scan.centre = T.t - own->positions_m.back() * u;
-    for (const PointCluster& cluster : DeskewClusters(scans_[k].clusters, twist))
+    for (const PointCluster& cluster : DeskewClusters(scans_[k].clusters, sweep))
       scan.clusters.push_back(cluster.Moved(SE3(T.q, scan.centre)));
     if (AnyTimed(scans_[k].clusters)) {
       for (const TimedCluster& cluster : scans_[k].clusters)

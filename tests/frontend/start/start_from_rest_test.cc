@@ -202,7 +202,7 @@ TEST_F(SparseStartTest, ManyScansTellTheWayThatTwoDoNot) {
   for (int k = 0; k < scan; ++k) {
     const StartTrack::Scan& taken = start.scans()[static_cast<std::size_t>(k)];
     EXPECT_LT((taken.T_world_lidar.t - off - FromStartFast(k).t).norm(), 0.15) << k;
-    EXPECT_NEAR(taken.twist(3), kFastM, 0.5) << k;
+    EXPECT_NEAR(taken.sweep.twist(3), kFastM, 0.5) << k;
   }
   // Planes led odometry elsewhere: bundle adjustment is to keep out of the way.
   EXPECT_GT(start.match().degenerate_information(0), 0.0);

@@ -22,7 +22,7 @@ TEST_F(StartTrackTest, TheStaticWorldOverrulesWhatMovesAlong) {
     const StartTrack::Scan& taken = start.scans()[static_cast<std::size_t>(k)];
     EXPECT_LT((taken.T_world_lidar.t - FromStart(k).t).norm(), 0.03) << k;
     EXPECT_EQ(taken.stamp_ns, Stamp(k));
-    EXPECT_NEAR(taken.twist(3), kSpeedM, 0.3) << k;
+    EXPECT_NEAR(taken.sweep.twist(3), kSpeedM, 0.3) << k;
   }
   EXPECT_GT(start.match().inlier_share, 0.3);
   // Bundle adjustment keeps the way that all scans together have told.

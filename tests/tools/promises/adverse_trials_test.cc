@@ -193,6 +193,16 @@ TEST(AdverseCarPark, IsTrackedWhereTheSensorShakes) {
   }
 }
 
+// Nor do single matches tell what stands from what moves along where each sweep is of a motion of
+// its own: the first ones follow cars at the sensor's speed, with which all scans together differ.
+TEST(AdverseCarPark, IsTrackedWhereEachSweepIsShaken) {
+  for (const int seed : {53, 58}) {
+    const Verdict verdict = Tried("carpark-shake-sweep", seed, 30);
+    EXPECT_LT(verdict.worst_m, 0.10) << verdict.broken;
+    EXPECT_GE(verdict.judged, 20u) << verdict.broken;
+  }
+}
+
 // All that a room holds lies in a few blocks of 4 m. The direction that it determines least turns
 // the sensor, and no row of like things can be mistaken along it. Few surfaces of a small room face
 // each direction; where floor, walls and furniture end tells it, even to a sensor of few rings.
