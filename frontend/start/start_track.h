@@ -340,7 +340,7 @@ class StartTrack {
   bool given_up_ = false;     // not archived: who asks does so at once
   bool follows_ = false;      // after others, and no way is told
   bool again_ = false;        // after a start that was given up
-  std::vector<Scan> scans_;   // poses and twists: once closed
+  std::vector<Scan> scans_;   // poses and motions: once closed
   std::vector<Hypothesis> hypotheses_;
   // Whether a match left the way open, whether all scans so far were tracked, and whether many of
   // them together speak against odometry's way: then only all may tell another.
