@@ -93,7 +93,7 @@ void StartTrack::Shake(std::size_t scan, const SweepMotion& sweep) {
   shaken_ = true;
   if (sparse_) return;
   scans_[scan].sweep = sweep;
-  scans_[scan].sweep.twist -= Twist(OwnPoses(), std::max<std::size_t>(scan, 1));
+  scans_[scan].sweep.twist -= Twist(OwnPoses(), scan);
 }
 
 Eigen::Matrix3d StartTrack::Faced(const std::vector<SE3>& poses, std::size_t scans) const {
@@ -137,13 +137,14 @@ void StartTrack::Move(const SE3& correction) {
 }
 
 Vector6d StartTrack::Twist(const std::vector<SE3>& poses, std::size_t scan) const {
-  if (scan >= poses.size()) return Vector6d::Zero();
-  return TwistLog(poses[scan - 1].Inverse() * poses[scan]) / GapS(scan);
+  const std::size_t after = std::max<std::size_t>(scan, 1);
+  if (after >= poses.size()) return Vector6d::Zero();
+  return TwistLog(poses[after - 1].Inverse() * poses[after]) / GapS(after);
 }
 
 SweepMotion StartTrack::Sweep(const std::vector<SE3>& poses, std::size_t scan) const {
   SweepMotion sweep = scans_[scan].sweep;
-  sweep.twist += Twist(poses, std::max<std::size_t>(scan, 1));
+  sweep.twist += Twist(poses, scan);
   return sweep;
 }
 

@@ -191,10 +191,10 @@ class StartTrack {
   double Unsteadiness(const std::vector<SE3>& poses) const;
   // Whether U is what the motion options lead to expect.
   bool Steady(const std::vector<SE3>& poses) const;
-  // Body twist at a scan, per second, from the motion since the one before.
+  // Body twist at a scan, per second, from the motion since the one before; at the first, that of
+  // the second.
   Vector6d Twist(const std::vector<SE3>& poses, std::size_t scan) const;
-  // The motion during it: by that twist, of the first by that of the second, and by what it was
-  // shaken.
+  // The motion during it: by that twist, and by what it was shaken.
   SweepMotion Sweep(const std::vector<SE3>& poses, std::size_t scan) const;
   // Notes that a scan looks shaken, with that motion by odometry's poses.
   void Shake(std::size_t scan, const SweepMotion& sweep);

@@ -31,7 +31,7 @@ std::vector<SteadyScan> StartTrack::WithoutWay(const std::vector<SE3>& poses,
     const SE3& T = poses[k];
     SweepMotion sweep = Sweep(poses, k);
     const Eigen::Vector3d u_lidar = T.q.conjugate() * u;
-    own->speeds_m_s.push_back(u_lidar.dot(Twist(poses, std::max<std::size_t>(k, 1)).tail<3>()));
+    own->speeds_m_s.push_back(u_lidar.dot(Twist(poses, k).tail<3>()));
     own->positions_m.push_back(u.dot(T.t - poses[0].t));
     sweep.twist.tail<3>() -= own->speeds_m_s.back() * u_lidar;
     SteadyScan scan;
