@@ -83,6 +83,8 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
       frame.match = matcher_.Match(deskewed, prediction, frame.match.T_world_lidar, map);
   }
   MatchDeskewed(clusters, prediction, map, passes, &deskewed, &frame);
+  if (passes > 0 && !lost_ && Surprising(frame.match, prediction))
+    SettleSweepSurprise(clusters, prediction, map, &deskewed, &frame);
   Judge(scan, hypotheses, &frame);
   if (frame.status == OdometryFrame::Status::kLost && frame.searched)
     ReturnToPrediction(clusters, prediction, map, passes, &deskewed, &frame);

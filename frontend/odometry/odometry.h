@@ -165,6 +165,12 @@ class Odometry {
   // one from another start if they say more.
   void SettleSurprise(const std::vector<PointCluster>& deskewed, const PosePrediction& prediction,
                       const VoxelMap& map, int passes, MatchResult* match) const;
+  // The same once the motion during the scan is known: descends from the prediction with what that
+  // motion is besides the way since the last scan. Each match of a shaken scan is deskewed for the
+  // pose that the one before it found, and no descent leaves a minimum for which it is deskewed.
+  void SettleSweepSurprise(const std::vector<TimedCluster>& clusters,
+                           const PosePrediction& prediction, const VoxelMap& map,
+                           std::vector<PointCluster>* deskewed, OdometryFrame* frame) const;
   // Takes back a search that led to a place that is not believed, and that planes say no more for
   // than for a match near the prediction that is as expected: such as the place where an earlier
   // visit lies in the map, which has drifted since.

@@ -7,6 +7,12 @@
 #include "frontend/odometry/odometry.h"
 
 namespace lamina {
+namespace {
+
+// Differences in evidence that say nothing.
+constexpr double kAlike = 0.01;
+
+}  // namespace
 
 double Odometry::SigmasApart(const PosePrediction& prediction, const MatchResult& match) {
   const Vector6d delta = LocalDelta(prediction.T_world_lidar, match.T_world_lidar);
@@ -24,8 +30,6 @@ bool Odometry::Surprising(const MatchResult& match, const PosePrediction& predic
 void Odometry::SettleSurprise(const std::vector<PointCluster>& deskewed,
                               const PosePrediction& prediction, const VoxelMap& map, int passes,
                               MatchResult* match) const {
-  // Differences in evidence that say nothing.
-  constexpr double kAlike = 0.01;
   const auto take = [&](const MatchResult& other) {
     const double more = other.evidence() - match->evidence();
     if (more <= -kAlike || (more <= kAlike && Surprising(other, prediction))) return false;
@@ -43,6 +47,38 @@ void Odometry::SettleSurprise(const std::vector<PointCluster>& deskewed,
     pose_only = false;
   if (pose_only && passes == 0)
     *match = narrow_matcher_.Match(deskewed, prediction, match->T_world_lidar, map);
+}
+
+void Odometry::SettleSweepSurprise(const std::vector<TimedCluster>& clusters,
+                                   const PosePrediction& prediction, const VoxelMap& map,
+                                   std::vector<PointCluster>* deskewed,
+                                   OdometryFrame* frame) const {
+  constexpr int kMostPasses = 6;
+  constexpr double kSettledM = 0.005;
+  if (motion_.Gap(frame->stamp_ns) > options_.vouched_gap_s) return;
+  const auto off_m = [&](const MatchResult& match) {
+    return (match.T_world_lidar.t - prediction.T_world_lidar.t).norm();
+  };
+  OdometryFrame near = *frame;
+  near.match.T_world_lidar = prediction.T_world_lidar;
+  double moved_m = kSettledM;
+  for (int pass = 0; pass < kMostPasses && moved_m >= kSettledM; ++pass) {
+    const SE3 from = near.match.T_world_lidar;
+    near.sweep = SweepAt(from, *frame);
+    DeskewClusters(clusters, near.sweep, deskewed);
+    near.match = narrow_matcher_.Match(*deskewed, prediction, from, map);
+    if (near.match.status == MatchResult::Status::kTooFewMatches) break;
+    moved_m = (near.match.T_world_lidar.t - from.t).norm();
+  }
+  const double more = near.match.evidence() - frame->match.evidence();
+  const bool nearer = off_m(near.match) < off_m(frame->match) - kSettledM;
+  if (near.match.status == MatchResult::Status::kTooFewMatches || !nearer || more <= -kAlike) {
+    DeskewClusters(clusters, frame->sweep, deskewed);
+    return;
+  }
+  SettleWeakest(clusters, prediction, map, 1, deskewed, &near);
+  near.match.covariance += near.acceleration.pose_covariance;
+  *frame = near;
 }
 
 void Odometry::ReturnToPrediction(const std::vector<TimedCluster>& clusters,

@@ -203,6 +203,14 @@ TEST(AdverseCarPark, IsTrackedWhereEachSweepIsShaken) {
   }
 }
 
+// There are two minima, of which each belongs to a motion of its own within the sweep: deskewed for
+// the one where cars at the sensor's speed stay, no descent finds the one of what stands.
+TEST(AdverseCarPark, IsNotTrackedAmongCarsWhereAShakenSweepSeemsToStop) {
+  const Verdict verdict = Tried("carpark-shake-sweep", 54, 55);
+  EXPECT_LT(verdict.worst_m, 0.10) << verdict.broken;
+  EXPECT_GE(verdict.judged, 50u) << verdict.broken;
+}
+
 // All that a room holds lies in a few blocks of 4 m. The direction that it determines least turns
 // the sensor, and no row of like things can be mistaken along it. Few surfaces of a small room face
 // each direction; where floor, walls and furniture end tells it, even to a sensor of few rings.
