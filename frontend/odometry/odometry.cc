@@ -136,8 +136,13 @@ void Odometry::MatchShaken(const std::vector<TimedCluster>& clusters,
                            OdometryFrame* frame) const {
   const bool starting = !motion_.moving_known();
   if (starting && !may_be_shaken_) return;
-  const ShakenScan scan{
-      clusters, map, prediction, motion_.T_world_last(), motion_.Gap(frame->stamp_ns), starting};
+  const ShakenScan scan{clusters,
+                        map,
+                        prediction,
+                        motion_.T_world_last(),
+                        motion_.Gap(frame->stamp_ns),
+                        starting,
+                        !last_shake_.isZero()};
   if (!before.of_scan && !shaken_.Suspected(scan, frame->match)) return;
   SweepMotion sweep = before.of_scan ? before : frame->sweep;
   Matrix6d pose_covariance;
@@ -327,6 +332,12 @@ void Odometry::Accept(const OdometryFrame& frame) {
   const bool tracked = frame.status == OdometryFrame::Status::kTracked;
   // The first scan of a map follows another one where the motion is known from elsewhere.
   const bool follows = tracked || (frame.status == OdometryFrame::Status::kFirst && started());
+  if (tracked) {
+    last_shake_.setZero();
+    if (frame.sweep.of_scan)
+      last_shake_ = UnsteadyPart(frame.sweep, motion_.T_world_last(), frame.T_world_lidar,
+                                 motion_.Gap(frame.stamp_ns));
+  }
   motion_.Accept(frame.stamp_ns, frame.T_world_lidar, follows, frame.match.covariance);
   if (!follows) accelerations_ = RecentAccelerations(options_.motion);
   if (!frame.acceleration.covariance.isZero()) accelerations_.Add(frame.acceleration);
@@ -349,6 +360,7 @@ void Odometry::StartOver() {
   recent_inliers_.clear();
   recent_fits_.clear();
   elsewhere_.setZero();
+  last_shake_.setZero();
   lost_ = false;
 }
 
@@ -361,6 +373,7 @@ void Odometry::GoOnFrom(const Odometry& before) {
   accelerations_ = before.accelerations_;
   recent_inliers_ = before.recent_inliers_;
   recent_fits_ = before.recent_fits_;
+  last_shake_ = before.last_shake_;
 }
 
 void Odometry::StartAt(const SE3& T_world_lidar) {
@@ -369,7 +382,7 @@ void Odometry::StartAt(const SE3& T_world_lidar) {
 }
 
 void Odometry::Archive(StateArchive& a) {
-  a(&motion_, &accelerations_, &recent_inliers_, &recent_fits_, &lost_, &elsewhere_);
+  a(&motion_, &accelerations_, &recent_inliers_, &recent_fits_, &lost_, &elsewhere_, &last_shake_);
 }
 
 }  // namespace lamina

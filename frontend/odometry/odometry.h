@@ -159,6 +159,8 @@ class Odometry {
                       OdometryFrame* frame) const;
   // Distance of a match from the prediction in standard deviations of both.
   static double SigmasApart(const PosePrediction& prediction, const MatchResult& match);
+  // What is nearer to a prediction surprises in no case: sensors are jolted.
+  static constexpr double kLeastSurpriseM = 0.1;
   // Whether a match is farther from the prediction than its uncertainty explains.
   bool Surprising(const MatchResult& match, const PosePrediction& prediction) const;
   // Puts a match near the prediction in the place of such a one if planes say as much for it, and
@@ -247,8 +249,9 @@ class Odometry {
   ShakenSweep shaken_;
   bool may_be_shaken_ = false;  // at the start of a map; not archived: set anew for each scan
   std::deque<double> recent_inliers_, recent_fits_;
-  bool lost_ = false;                      // since the last accepted frame
-  Vector6d elsewhere_ = Vector6d::Zero();  // of the last accepted frame
+  bool lost_ = false;                                   // since the last accepted frame
+  Vector6d elsewhere_ = Vector6d::Zero();               // of the last accepted frame
+  UnsteadyMotion last_shake_ = UnsteadyMotion::Zero();  // of the last tracked one; 0 if not shaken
 };
 
 }  // namespace lamina

@@ -101,6 +101,14 @@ JointEquations EquationsAt(const std::vector<TimedCluster>& timed, const SE3& T,
 
 }  // namespace
 
+UnsteadyMotion UnsteadyPart(const SweepMotion& sweep, const SE3& T_world_last,
+                            const SE3& T_world_lidar, double gap_s) {
+  const Vector6d mean = TwistLog(T_world_last.Inverse() * T_world_lidar) / gap_s;
+  UnsteadyMotion unsteady;
+  unsteady << sweep.acceleration, (sweep.twist - mean) / gap_s - 0.5 * sweep.acceleration;
+  return unsteady;
+}
+
 ShakenSweep::ShakenSweep(const ScanMatcherOptions& matcher, const MotionOptions& motion)
     : options_(matcher), matcher_(WithNarrowKernel(matcher)) {
   // Of the acceleration that is to be expected; and what it may change by within a scan.
@@ -145,7 +153,7 @@ bool ShakenSweep::Step(const ShakenScan& scan, const std::vector<TimedCluster>& 
   Matrix12d information = kCounts * (eq.H_other - eq.H_across.transpose() * moved);
   information.diagonal() += information_;
   state->covariance = information.ldlt().solve(Matrix12d::Identity());
-  const Vector12d change =
+  const UnsteadyMotion change =
       -state->covariance * (kCounts * (eq.g_other - moved.transpose() * eq.g_pose) +
                             information_.cwiseProduct(state->unsteady));
   const Vector6d step = -inverse * eq.g_pose - moved * change;
@@ -202,14 +210,19 @@ ShakenSweep::State ShakenSweep::BestOf(const ShakenScan& scan,
                                        scores.begin())];
 }
 
+bool ShakenSweep::Possible(const State& state) const {
+  constexpr double kMost = 60.0;
+  return state.unsteady.dot(information_.cwiseProduct(state.unsteady)) < kMost;
+}
+
 bool ShakenSweep::Unexpected(const State& state) const {
   // One in 400 by the distribution of chi^2 with 12 degrees of freedom; generated scenes have less
-  // than 3 where the sensor is not shaken, and more than 37 where it is. And what no shake is.
-  constexpr double kLeast = 30.0, kMost = 60.0;
+  // than 3 where the sensor is not shaken, and more than 37 where it is.
+  constexpr double kLeast = 30.0;
   Matrix12d covariance = state.covariance;
   covariance.diagonal() += ordinary_;
   const double off2 = state.unsteady.dot(covariance.ldlt().solve(state.unsteady));
-  return off2 > kLeast && state.unsteady.dot(information_.cwiseProduct(state.unsteady)) < kMost;
+  return off2 > kLeast && Possible(state);
 }
 
 Matrix6d ShakenSweep::Unmodelled(const ShakenScan& scan, const State& state) const {
@@ -229,9 +242,7 @@ bool ShakenSweep::Find(const ShakenScan& scan, std::vector<PointCluster>* deskew
   State state;
   if (sweep->of_scan) {
     state.T_world_lidar = match->T_world_lidar;
-    const SweepMotion mean = MotionOf(scan, state);
-    state.unsteady << sweep->acceleration,
-        (sweep->twist - mean.twist) / scan.gap_s - 0.5 * sweep->acceleration;
+    state.unsteady = UnsteadyPart(*sweep, scan.T_world_last, state.T_world_lidar, scan.gap_s);
   } else {
     state = BestOf(scan, Starts(scan, *match));
   }
@@ -255,7 +266,9 @@ bool ShakenSweep::Find(const ShakenScan& scan, std::vector<PointCluster>* deskew
       each.unsteady *= M_SQRT1_2;
       each.covariance *= 0.5;
     }
-    if (!Unexpected(each) || !ClearlyBetter(ours, theirs, scan.clusters, scan.map, scale_m))
+    const bool goes_on = scan.goes_on && Possible(state);
+    if (!(goes_on || Unexpected(each)) ||
+        !ClearlyBetter(ours, theirs, scan.clusters, scan.map, scale_m))
       return false;
   }
   *match = found;

@@ -35,7 +35,8 @@
 //
 //         [a; b]' (S + C)^-1 [a; b]
 //
-//     is too large for 12 degrees of freedom, while |a|^2 / sigma_a^2 + |b|^2 / sigma_b^2 is not.
+//     is too large for 12 degrees of freedom, or the scan before it was shaken; and
+//     |a|^2 / sigma_a^2 + |b|^2 / sigma_b^2 is not.
 //   - The sweep is no longer than the gap: a motion of the second order, between two poses, says
 //     nothing of times beyond them, and times that are none of this scan's are not to be made up
 //     for by a motion.
@@ -53,6 +54,14 @@
 
 namespace lamina {
 
+// [a; b] in the frame of the sensor.
+using UnsteadyMotion = Eigen::Matrix<double, 12, 1>;
+
+// What a motion during a scan at a pose is besides the mean velocity since the last one, `gap_s`
+// before it.
+UnsteadyMotion UnsteadyPart(const SweepMotion& sweep, const SE3& T_world_last,
+                            const SE3& T_world_lidar, double gap_s);
+
 // A scan, and what is known before it. Refers to its parts.
 struct ShakenScan {
   const std::vector<TimedCluster>& clusters;
@@ -61,6 +70,7 @@ struct ShakenScan {
   const SE3& T_world_last;  // the last pose,
   double gap_s;             // so long ago
   bool starting;            // nothing is known of the motion yet
+  bool goes_on;             // the scan before it was shaken
 };
 
 // Stateless; thread-safe while the map is only read. Same bits at any number of threads.
@@ -81,11 +91,10 @@ class ShakenSweep {
             SweepMotion* sweep, Matrix6d* pose_covariance) const;
 
  private:
-  using Vector12d = Eigen::Matrix<double, 12, 1>;
   using Matrix12d = Eigen::Matrix<double, 12, 12>;
   struct State {
     SE3 T_world_lidar;
-    Vector12d unsteady = Vector12d::Zero();       // [a; b], body
+    UnsteadyMotion unsteady = UnsteadyMotion::Zero();
     Matrix12d covariance = Matrix12d::Zero();     // of it
     Matrix6d pose_covariance = Matrix6d::Zero();  // what is unknown of it adds to that of the pose
   };
@@ -97,15 +106,17 @@ class ShakenSweep {
   std::vector<SE3> Starts(const ShakenScan& scan, const MatchResult& match) const;
   // The best of the starts, by a part of the clusters.
   State BestOf(const ShakenScan& scan, const std::vector<SE3>& starts) const;
+  // Whether a sensor may be shaken like this.
+  bool Possible(const State& state) const;
   // Whether what was found is a shake, and none of what is expected.
   bool Unexpected(const State& state) const;
   // Of what the motion is beyond its second order.
   Matrix6d Unmodelled(const ShakenScan& scan, const State& state) const;
 
   ScanMatcherOptions options_;
-  ScanMatcher matcher_;    // from where a descent has ended
-  Vector12d information_;  // of [a; b] where the sensor is shaken,
-  Vector12d ordinary_;     // and the variance where it is not
+  ScanMatcher matcher_;         // from where a descent has ended
+  UnsteadyMotion information_;  // where the sensor is shaken,
+  UnsteadyMotion ordinary_;     // and the variance where it is not
 };
 
 }  // namespace lamina

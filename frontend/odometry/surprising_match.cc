@@ -21,10 +21,9 @@ double Odometry::SigmasApart(const PosePrediction& prediction, const MatchResult
 }
 
 bool Odometry::Surprising(const MatchResult& match, const PosePrediction& prediction) const {
-  constexpr double kLeastM = 0.1;
   if (match.status == MatchResult::Status::kTooFewMatches || !motion_.moving_known()) return false;
   const double off = (prediction.T_world_lidar.t - match.T_world_lidar.t).norm();
-  return off > std::max(kLeastM, options_.max_prediction_sigmas * SigmaM(prediction));
+  return off > std::max(kLeastSurpriseM, options_.max_prediction_sigmas * SigmaM(prediction));
 }
 
 void Odometry::SettleSurprise(const std::vector<PointCluster>& deskewed,

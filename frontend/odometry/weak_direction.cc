@@ -54,6 +54,14 @@ bool IsDivided(const MatchResult& match, bool moving_known) {
          match.block_step.sigmas > (moving_known ? kSigmas : kStartSigmas);
 }
 
+// How far off its mean velocity a sensor is, along a unit vector of the scaled tangent, after
+// another scan that was shaken as the last one: it may have turned back meanwhile.
+double SwayM(const UnsteadyMotion& last, double gap_s, const Vector6d& v) {
+  const Vector6d off =
+      TimesArm(Vector6d(2.0 * gap_s * gap_s * (last.tail<6>() + 0.5 * last.head<6>())));
+  return off.head<3>().norm() * v.head<3>().norm() + off.tail<3>().norm() * v.tail<3>().norm();
+}
+
 // A unit vector of the scaled tangent.
 Vector6d DirectionOf(const BlockStep& step) {
   Vector6d v = Vector6d::Zero();
@@ -170,17 +178,16 @@ void Odometry::DoubtWeakest(const DirectionProfile& profile, const Vector6d& dir
 
 void Odometry::DoubtSurprising(const PosePrediction& prediction, OdometryFrame* frame) const {
   MatchResult* const match = &frame->match;
+  const double dt = motion_.Gap(frame->stamp_ns);
   if (frame->status != OdometryFrame::Status::kTracked || lost_ || !motion_.moving_known() ||
-      !motion_.clock_trusted() || motion_.Gap(frame->stamp_ns) > options_.vouched_gap_s ||
-      match->worst_sigma_m <= kDoubtfulM)
+      !motion_.clock_trusted() || dt > options_.vouched_gap_s || match->worst_sigma_m <= kDoubtfulM)
     return;
-  // What is nearer surprises in no case: sensors are jolted.
-  constexpr double kLeastM = 0.1;
   const Vector6d v = match->weakest_direction;
   const Vector6d off = TimesArm(LocalDelta(match->T_world_lidar, prediction.T_world_lidar));
   const double off_m = std::abs(v.dot(off));
   const double sigma_m = SigmaAlong(prediction.covariance + match->covariance, v);
-  if (off_m <= std::max(kLeastM, options_.max_prediction_sigmas * sigma_m)) return;
+  const double usual_m = std::max(kLeastSurpriseM, SwayM(last_shake_, dt, v));
+  if (off_m <= std::max(usual_m, options_.max_prediction_sigmas * sigma_m)) return;
   frame->surprise_m = off_m;
   Widen(off_m, v, match);
   match->MakeDegenerate(v);

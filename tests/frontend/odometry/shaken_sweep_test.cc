@@ -55,8 +55,8 @@ class ShakenSweepTest : public ::testing::Test {
   };
 
   // By odometry's way to the scan: deskewed and matched by the mean velocity since the last pose.
-  // The points' times, `per_s` a second.
-  Found Find(const ShakenSensor& sensor, double per_s = 1.0) {
+  // The points' times, `per_s` a second. `goes_on`: the scan before it was shaken.
+  Found Find(const ShakenSensor& sensor, double per_s = 1.0, bool goes_on = false) {
     const auto timed =
         sensor.Sweep(world_.Sample(2000, 0.003, &draws_), map_.options().LeafSize(), per_s);
     const SE3 T_last = sensor.At(-ShakenSensor::kGapS);
@@ -75,7 +75,7 @@ class ShakenSweepTest : public ::testing::Test {
     found.plain = matcher.Match(deskewed, prediction, found.plain.T_world_lidar, map_);
     found.match = found.plain;
     const ShakenSweep shaken(matcher.options(), MotionOptions());
-    const ShakenScan scan{timed, map_, prediction, T_last, ShakenSensor::kGapS, false};
+    const ShakenScan scan{timed, map_, prediction, T_last, ShakenSensor::kGapS, false, goes_on};
     found.suspected = shaken.Suspected(scan, found.plain);
     found.better = shaken.Find(scan, &deskewed, &found.match, &found.sweep, &found.pose_covariance);
     return found;
@@ -128,6 +128,21 @@ TEST_F(ShakenSweepTest, AnAccelerationThatIsExpectedIsNone) {
   }
 }
 
+// A shake that becomes weaker, scan by scan, is none that is expected at first and one that is at
+// the end; the mean velocity bends the scans of both.
+TEST_F(ShakenSweepTest, IsFoundAsLongAsItGoesOn) {
+  for (const double phase : {0.0, 0.8, 1.6, 2.4}) {
+    SCOPED_TRACE(testing::Message() << "phase " << phase);
+    const ShakenSensor weak(0.8 * kDegree, 5.0, phase), steady(0.0, 5.0, phase);
+    EXPECT_FALSE(Find(weak).better);
+    const Found found = Find(weak, 1.0, true);
+    EXPECT_TRUE(found.better);
+    EXPECT_LT(RotationAngle(found.match.T_world_lidar, weak.At(0.0)),
+              RotationAngle(found.plain.T_world_lidar, weak.At(0.0)));
+    EXPECT_FALSE(Find(steady, 1.0, true).better);
+  }
+}
+
 // A sweep that seems to last for two gaps: points' times that are none of this scan's, which a
 // motion could make up for.
 TEST_F(ShakenSweepTest, TimesBeyondTheGapAreNotSuspected) {
@@ -144,7 +159,7 @@ TEST_F(ShakenSweepTest, OfAScanThatMeetsNothingIsNone) {
   PosePrediction prediction;
   prediction.T_world_lidar = elsewhere;
   const ShakenSweep shaken{ScanMatcherOptions(), MotionOptions()};
-  const ShakenScan scan{timed, map_, prediction, elsewhere, ShakenSensor::kGapS, false};
+  const ShakenScan scan{timed, map_, prediction, elsewhere, ShakenSensor::kGapS, false, false};
   std::vector<PointCluster> deskewed;
   MatchResult match;
   match.T_world_lidar = elsewhere;
