@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <string>
 
 #include "backend/calibration/calibration_drive.h"
 #include "backend/calibration/recording_beams.h"
@@ -10,6 +11,7 @@
 #include "backend/mapping/pipeline.h"
 #include "core/base/angle.h"
 #include "core/base/error.h"
+#include "core/options/options.h"
 #include "frontend/scan/horizontal_view.h"
 
 namespace lamina {
@@ -73,6 +75,22 @@ class Lean {
  private:
   std::optional<Eigen::Vector3d> first_;
   double largest_rad_ = 0.0;
+};
+
+// How many of the tracked scans were deskewed by a motion of their own (shaken_sweep.h).
+class ShakenShare {
+ public:
+  void Clear() { tracked_ = shaken_ = 0; }
+  void Add(const MappedScan& scan) {
+    if (scan.skipped || scan.odometry.status != OdometryFrame::Status::kTracked) return;
+    ++tracked_;
+    if (scan.odometry.sweep.of_scan) ++shaken_;
+  }
+  // One jolt is none.
+  bool IsShaken() const { return 10 * shaken_ > tracked_; }
+
+ private:
+  std::size_t tracked_ = 0, shaken_ = 0;
 };
 
 // The elevation offset of all beams by the first scans, refused if it is not beyond doubt.
@@ -183,6 +201,12 @@ class CorrectingRun {
     if (Stopped(stop_) || run_.mapping->counts().keyframes < kLeastKeyframes) return;
     const MapThickness before = ThicknessOf(run_.mapping);
     if (!IsLookedAt(before, options_)) return;
+    if (shaken_.IsShaken()) {
+      run_.opening.scans = run_.processed;
+      run_.opening.before = before;
+      Refuse("the sensor is shaken");
+      return;
+    }
     run_.opening = CalibrateOpening(source_, begin_, Next(), end_, drive_.Longest(), options_,
                                     calibration, stop_);
     run_.opening.before = before;
@@ -200,11 +224,19 @@ class CorrectingRun {
     run_.mapping = begin_mapping_(options);
     run_.processed = 0;
     drive_.Clear();
+    shaken_.Clear();
+  }
+  void Refuse(const std::string& why) {
+    run_.opening.outcome = Outcome::kRefused;
+    run_.opening.why = why;
   }
   // Of the opening.
   void MapUntil(std::size_t end) {
-    run_.processed += MapScans(source_, {begin_, Next(), end}, run_.mapping, stop_,
-                               [&](const MappedScan& scan) { drive_.Add(scan); });
+    run_.processed +=
+        MapScans(source_, {begin_, Next(), end}, run_.mapping, stop_, [&](const MappedScan& scan) {
+          drive_.Add(scan);
+          shaken_.Add(scan);
+        });
   }
   // The thickness that is believed of what was found, as a share of what it was: of an angle, and
   // of each beam by itself, which explains more by chance.
@@ -216,6 +248,12 @@ class CorrectingRun {
     MappingOptions corrected = options_;
     corrected.preparation.vertical_correction_deg = Degrees(run_.opening.elevation_rad);
     corrected.preparation.beams = run_.opening.beams;
+    try {
+      CheckOptions(corrected.preparation, "preparation");
+    } catch (const OptionError& error) {
+      Refuse(error.what());
+      return;
+    }
     Begin(corrected);
     MapUntil(begin_ + run_.opening.scans);
     if (Stopped(stop_)) return;
@@ -224,8 +262,7 @@ class CorrectingRun {
     if (run_.mapping->counts().lost <= lost &&
         Thinner(run_.opening.after, run_.opening.before, share))
       return;
-    run_.opening.outcome = Outcome::kRefused;
-    run_.opening.why = "planes are as thick with what was found";
+    Refuse("planes are as thick with what was found");
     Begin(options_);
   }
 
@@ -236,6 +273,7 @@ class CorrectingRun {
   const std::atomic<bool>* const stop_;
   MappedRecording run_;
   DriveRecorder drive_;
+  ShakenShare shaken_;
 };
 
 }  // namespace

@@ -17,8 +17,9 @@
 //
 // No angle is believed of a sensor that sees less than half of a turn around its z axis (there may
 // be no rings about it), or that leans by more than 10 degrees against its first pose (what a sweep
-// bends shows as much as beams do). A plain field determines nothing. Nothing is looked for where
-// scans are of several sensors, or of one that a pose on its vehicle is configured for.
+// bends shows as much as beams do); and nothing of one that is shaken (shaken_sweep.h), nor what no
+// option may be set to. A plain field determines nothing. Nothing is looked for where scans are of
+// several sensors, or of one that a pose on its vehicle is configured for.
 #pragma once
 
 #include <atomic>

@@ -40,10 +40,10 @@ struct CorrectedDrive {
   std::size_t lost = 0;
 };
 
-CorrectedDrive Map(const SynthOptions& synth, const std::string& correction) {
+CorrectedDrive Map(const SynthOptions& synth, const std::string& correction,
+                   MappingOptions options = MappingOptions()) {
   const auto sequence = std::make_shared<const SynthSequence>(synth);
   const SynthScanSource source(sequence);
-  MappingOptions options;
   options.loops.enabled = false;
   if (correction == "off")
     options.preparation.beam_correction = ScanPreparationOptions::BeamCorrection::kOff;
@@ -144,6 +144,35 @@ TEST(BeamCorrection, AFieldDeterminesNothing) {
   synth.scene = synth::SceneKind::kField;
   const CorrectedDrive drive = Map(synth, "auto");
   EXPECT_NE(drive.opening.outcome, Outcomes::kCorrected);
+}
+
+// What a motion that no model follows bends, beams could make up for.
+TEST(BeamCorrection, ASensorThatIsShakenIsRefused) {
+  SynthOptions synth;
+  synth.frames = 60;
+  synth.scene = synth::SceneKind::kHall;
+  synth.sensor = synth::SensorKind::kVlp16;
+  synth.sweep = true;
+  synth.profile.kind = synth::ProfileKind::kShake;
+  synth.profile.shake_deg = 2.0;
+  synth.profile.shake_hz = 3.3;
+  MappingOptions by_hand;
+  by_hand.mapper.backend.keyframe_translation_m = 0.1;
+  by_hand.mapper.map.root_size_m = 2.0;
+  const CorrectedDrive drive = Map(synth, "auto", by_hand);
+  ASSERT_EQ(drive.opening.outcome, Outcomes::kRefused);
+  EXPECT_THAT(drive.opening.why, HasSubstr("shaken"));
+  EXPECT_EQ(drive.begun, 1);
+}
+
+TEST(BeamCorrection, MoreThanAnOptionAllowsIsRefused) {
+  SynthOptions synth = HalfKnown(60);
+  synth.errors.beam_elevation_offset_deg = 5.0;
+  synth.errors.beam_elevation_sigma_deg = 0.5;
+  const CorrectedDrive drive = Map(synth, "auto");
+  ASSERT_EQ(drive.opening.outcome, Outcomes::kRefused);
+  EXPECT_THAT(drive.opening.why, HasSubstr("must be in"));
+  EXPECT_EQ(drive.begun, 1);
 }
 
 TEST(BeamCorrection, ASensorThatSeesToOneSideIsRefused) {
