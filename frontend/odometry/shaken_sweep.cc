@@ -210,8 +210,9 @@ ShakenSweep::State ShakenSweep::BestOf(const ShakenScan& scan,
                                        scores.begin())];
 }
 
-bool ShakenSweep::Possible(const State& state) const {
-  constexpr double kMost = 60.0;
+bool ShakenSweep::Possible(const State& state, bool goes_on) const {
+  // Of a shake that is known to go on, twice the accelerations.
+  const double kMost = goes_on ? 240.0 : 60.0;
   return state.unsteady.dot(information_.cwiseProduct(state.unsteady)) < kMost;
 }
 
@@ -222,7 +223,7 @@ bool ShakenSweep::Unexpected(const State& state) const {
   Matrix12d covariance = state.covariance;
   covariance.diagonal() += ordinary_;
   const double off2 = state.unsteady.dot(covariance.ldlt().solve(state.unsteady));
-  return off2 > kLeast && Possible(state);
+  return off2 > kLeast && Possible(state, false);
 }
 
 Matrix6d ShakenSweep::Unmodelled(const ShakenScan& scan, const State& state) const {
@@ -266,7 +267,7 @@ bool ShakenSweep::Find(const ShakenScan& scan, std::vector<PointCluster>* deskew
       each.unsteady *= M_SQRT1_2;
       each.covariance *= 0.5;
     }
-    const bool goes_on = scan.goes_on && Possible(state);
+    const bool goes_on = scan.goes_on && Possible(state, true);
     if (!(goes_on || Unexpected(each)) ||
         !ClearlyBetter(ours, theirs, scan.clusters, scan.map, scale_m))
       return false;

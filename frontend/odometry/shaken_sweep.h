@@ -106,8 +106,8 @@ class ShakenSweep {
   std::vector<SE3> Starts(const ShakenScan& scan, const MatchResult& match) const;
   // The best of the starts, by a part of the clusters.
   State BestOf(const ShakenScan& scan, const std::vector<SE3>& starts) const;
-  // Whether a sensor may be shaken like this.
-  bool Possible(const State& state) const;
+  // Whether a sensor may be shaken like this, by itself or after another scan that was shaken.
+  bool Possible(const State& state, bool goes_on) const;
   // Whether what was found is a shake, and none of what is expected.
   bool Unexpected(const State& state) const;
   // Of what the motion is beyond its second order.

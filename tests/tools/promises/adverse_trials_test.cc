@@ -211,6 +211,17 @@ TEST(AdverseCarPark, IsNotTrackedAmongCarsWhereAShakenSweepSeemsToStop) {
   EXPECT_GE(verdict.judged, 50u) << verdict.broken;
 }
 
+// Periods that are no multiple of the time between scans: each is shaken in a way of its own, some
+// less than what is expected of a sensor that is not, and some more than what is believed at first.
+TEST(AdverseShake, OfAnyPeriodIsFollowed) {
+  Promise promise;
+  promise.synth = {"--scene bays --sensor os1_128 --sweep --noise 0.01 --frames 40 --seed 71",
+                   "--profile shake --shake-hz 3.3 --shake-deg 2"};
+  const Verdict verdict = Tried(promise, 1);
+  EXPECT_LT(verdict.worst_m, 0.10) << verdict.broken;
+  EXPECT_GE(verdict.judged, 38u) << verdict.broken;
+}
+
 // All that a room holds lies in a few blocks of 4 m. The direction that it determines least turns
 // the sensor, and no row of like things can be mistaken along it. Few surfaces of a small room face
 // each direction; where floor, walls and furniture end tells it, even to a sensor of few rings.
