@@ -22,6 +22,13 @@ Eigen::Vector3d LeastAcross(const Eigen::Matrix3d& faced, const Eigen::Vector3d&
   return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(within).eigenvectors().col(0);
 }
 
+// The sheets of rings lie one above the other: raised from scan to scan, each is by itself, and as
+// thin as a wall. No motion along the axis is told by how sharp they are.
+bool IsAlong(const Eigen::Vector3d& u, const Eigen::Vector3d& axis) {
+  constexpr double kMostly = 0.7;
+  return std::abs(u.dot(axis)) > kMostly;
+}
+
 }  // namespace
 
 std::vector<SteadyScan> StartTrack::WithoutWay(const std::vector<SE3>& poses,
@@ -54,17 +61,18 @@ StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
   // A speed that is known worse, or at the end of what is looked for, may be any. So may one that
   // is told neither from standing nor from going the other way, where that makes a difference.
   constexpr double kMostOpenMS = 4.0, kMostOfReach = 0.8;
+  const Eigen::Vector3d axis = from.front().q * Eigen::Vector3d::UnitZ();
+  SteadyAlong steady;
+  steady.poses = from;
+  steady.along = u;
   WayAlong own;
   SteadyMotionOptions options = steady_;
   options.most_speed_m_s = most_speed_m_s;
   options.noise_m = noise_m;
-  const SteadyMotionSearch search(options, u, from.front().q * Eigen::Vector3d::UnitZ(),
-                                  WithoutWay(from, u, &own));
+  const SteadyMotionSearch search(options, u, axis, WithoutWay(from, u, &own));
+  if (IsAlong(u, axis) && search.rays_repeat()) return steady;
   const FoundMotion found = search.Find();
   const WayAlong way = search.WayUnder(found.motion);
-  SteadyAlong steady;
-  steady.poses = from;
-  steady.along = u;
   for (std::size_t k = 0; k < from.size(); ++k) {
     const double off_m = way.positions_m[k] - own.positions_m[k];
     steady.poses[k].t += off_m * u;

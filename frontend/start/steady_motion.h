@@ -71,6 +71,9 @@ class SteadyMotionSearch {
   SteadyMotionSearch(const SteadyMotionOptions& options, const Eigen::Vector3d& u,
                      const Eigen::Vector3d& axis, std::vector<SteadyScan> scans);
 
+  // Whether the rays of a scan are those of the next, as of a sensor whose rings turn.
+  bool rays_repeat() const { return few_ == Sparse::kTellNothing; }
+
   WayAlong WayUnder(const SteadyMotion& motion) const;
   FoundMotion Find() const;
   // By how many standard deviations the first one makes the map sharper.

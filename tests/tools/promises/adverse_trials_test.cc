@@ -222,6 +222,19 @@ TEST(AdverseShake, OfAnyPeriodIsFollowed) {
   EXPECT_GE(verdict.judged, 38u) << verdict.broken;
 }
 
+// The fewest planes of a room face up and down to a sensor of 16 rings. What they sweep is the
+// sharpest where it rises by 1.7 m from scan to scan, and no ring meets another one's sheet.
+TEST(AdverseRooms, ASensorOfFewRingsIsNotRaisedOutOfThem) {
+  Promise promise;
+  promise.config = "handheld";
+  promise.synth = {"--scene room --sensor vlp16 --sweep --noise 0.01 --frames 20 --seed 81",
+                   "--profile shake --shake-hz 4.1 --shake-deg 1 --shake-m 0.03"};
+  const Verdict verdict = Tried(promise, 1);
+  EXPECT_LT(verdict.worst_m, 0.10) << verdict.broken;
+  EXPECT_EQ(verdict.lost, 0u) << verdict.broken;
+  EXPECT_GE(verdict.judged, 8u) << verdict.broken;
+}
+
 // All that a room holds lies in a few blocks of 4 m. The direction that it determines least turns
 // the sensor, and no row of like things can be mistaken along it. Few surfaces of a small room face
 // each direction; where floor, walls and furniture end tells it, even to a sensor of few rings.
