@@ -134,7 +134,7 @@ void CalibrateElevation(const ScanSource& source, std::size_t begin, std::size_t
 // nothing is found beyond doubt; whether their map becomes thinner by what is found is not known
 // yet.
 OpeningCalibration CalibrateOpening(const ScanSource& source, std::size_t begin, std::size_t end,
-                                    std::size_t all_end, const CalibrationDrive& drive,
+                                    std::size_t all_end, const CalibrationDrive& drive, bool shaken,
                                     MappingOptions mapping, const CalibrationOptions& calibration,
                                     const std::atomic<bool>* stop) {
   mapping.loops.enabled = false;
@@ -143,6 +143,10 @@ OpeningCalibration CalibrateOpening(const ScanSource& source, std::size_t begin,
   opening.scans = end - begin;
   if (!IsOneSensor(source, begin, all_end)) {
     opening.why = "scans are of several sensors, or of one that is mounted on a vehicle";
+    return opening;
+  }
+  if (shaken) {
+    opening.why = "the sensor is shaken";
     return opening;
   }
   const RecordingBeams each =
@@ -201,14 +205,8 @@ class CorrectingRun {
     if (Stopped(stop_) || run_.mapping->counts().keyframes < kLeastKeyframes) return;
     const MapThickness before = ThicknessOf(run_.mapping);
     if (!IsLookedAt(before, options_)) return;
-    if (shaken_.IsShaken()) {
-      run_.opening.scans = run_.processed;
-      run_.opening.before = before;
-      Refuse("the sensor is shaken");
-      return;
-    }
-    run_.opening = CalibrateOpening(source_, begin_, Next(), end_, drive_.Longest(), options_,
-                                    calibration, stop_);
+    run_.opening = CalibrateOpening(source_, begin_, Next(), end_, drive_.Longest(),
+                                    shaken_.IsShaken(), options_, calibration, stop_);
     run_.opening.before = before;
     if (run_.opening.outcome == Outcome::kCorrected) Try();
   }

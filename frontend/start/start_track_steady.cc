@@ -22,8 +22,6 @@ Eigen::Vector3d LeastAcross(const Eigen::Matrix3d& faced, const Eigen::Vector3d&
   return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(within).eigenvectors().col(0);
 }
 
-// The sheets of rings lie one above the other: raised from scan to scan, each is by itself, and as
-// thin as a wall. No motion along the axis is told by how sharp they are.
 bool IsAlong(const Eigen::Vector3d& u, const Eigen::Vector3d& axis) {
   constexpr double kMostly = 0.7;
   return std::abs(u.dot(axis)) > kMostly;
@@ -70,6 +68,8 @@ StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
   options.most_speed_m_s = most_speed_m_s;
   options.noise_m = noise_m;
   const SteadyMotionSearch search(options, u, axis, WithoutWay(from, u, &own));
+  // The sheets of rings lie one above the other: raised from scan to scan, each is by itself, and
+  // as thin as a wall. No motion along the axis is told by how sharp they are.
   if (IsAlong(u, axis) && search.rays_repeat()) return steady;
   const FoundMotion found = search.Find();
   const WayAlong way = search.WayUnder(found.motion);
