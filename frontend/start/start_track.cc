@@ -340,7 +340,7 @@ void StartTrack::Decide() {
     if (SameWay(h.poses, own) && Better(best, h) < kLikelySigmas) return Trust();
   }
   if (SettingOff(best.poses)) return CheckSettingOff(std::vector<SE3>(best.poses));
-  TakeBest();
+  CheckBest();
 }
 
 void StartTrack::TakeBest() {

@@ -56,7 +56,9 @@
 // narrow view: two scans show what stands as a second minimum only if the two lie far enough apart,
 // and if it is not much less. So that way is asked about as well, with few scans, with many and
 // with all: where a steady motion refutes it to the sensor's noise and to decimetres, it is
-// doubted, and with the last scan overruled.
+// doubted, and with the last scan overruled. Another way than odometry's, the one left of several,
+// is doubted already where both find another motion likelier: that all others are refuted does not
+// say that it is right.
 //
 // A sensor that is shaken has the motion during each scan from that scan (SweepMotion::of_scan).
 // Its poses lie beside a steady way by what it shakes, so that steps from scan to scan do not tell
@@ -239,6 +241,9 @@ class StartTrack {
   // Doubts odometry's way where a steady motion refutes it. The last scan closes: with that motion
   // in its place, or with odometry's way.
   void CheckGoingAlong(const std::vector<SE3>& own, bool last);
+  // Closes with the best hypothesis. Where steady motions doubt one that is slow, more scans are
+  // waited for, and the last closes with a motion that refutes it, or gives up.
+  void CheckBest();
   // Closes with the best hypothesis.
   void TakeBest();
   void GiveUp();

@@ -59,6 +59,21 @@ void StartTrack::CheckGoingAlong(const std::vector<SE3>& own, bool last) {
   if (!TakeSettled(fine.poses, fine.poses, fine.along)) GiveUp();
 }
 
+void StartTrack::CheckBest() {
+  const std::vector<SE3> poses = hypotheses_.front().poses;
+  if (!Slow(poses)) return TakeBest();
+  const SteadyAlong fine = FindAhead(poses, steady_.noise_m);
+  const auto speaks_against = [](const SteadyAlong& steady) {
+    return steady.apart_m > kAgreesM && steady.sharper > kLikelySigmas;
+  };
+  if (!speaks_against(fine)) return TakeBest();
+  const SteadyAlong rough = FindAhead(poses, kRoughM);
+  if (!speaks_against(rough)) return TakeBest();
+  doubted_ = true;
+  if (scans_.size() < kMostScans) return;
+  if (!Refute(fine, rough) || !TakeSettled(fine.poses, fine.poses, fine.along)) GiveUp();
+}
+
 bool StartTrack::Refute(const SteadyAlong& fine, const SteadyAlong& rough) {
   return Apart(fine.poses, rough.poses) <= kAlikeM && fine.told && rough.told && fine.refutes &&
          rough.refutes;

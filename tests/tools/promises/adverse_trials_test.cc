@@ -1,10 +1,8 @@
 // A short form of `tools/adverse`: what is promised for adverse scenes, on seeds that take little
 // time, and on those that have gone wrong.
-#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <functional>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -14,23 +12,6 @@
 
 namespace lamina {
 namespace {
-
-// What a promise comes to with one seed.
-Verdict Tried(const Promise& promise, int seed) {
-  return JudgeTrial(MapTrial(promise, seed, {}).frames, promise);
-}
-
-// What a shipped one comes to with one seed; with `frames`, over no more than these; with
-// `more`, options that the row does not have.
-Verdict Tried(const std::string& name, int seed, int frames = 0, const std::string& more = "") {
-  for (Promise& promise : ReadPromises(ShippedPromises())) {
-    if (promise.name != name) continue;
-    if (!more.empty()) promise.synth.push_back(more);
-    if (frames > 0) promise.synth.push_back(fmt::format("--frames {}", frames));
-    return Tried(promise, seed);
-  }
-  throw std::invalid_argument("no promise of the name " + name);
-}
 
 struct ShortTrial {
   std::string name;
@@ -185,56 +166,6 @@ TEST(AdverseCarPark, WhatGoesAlongIsNotBelievedThoughItLooksAsSharp) {
   }
 }
 
-// A turn that was not foreseen lets the next row of cars, or the vans, fit first.
-TEST(AdverseCarPark, IsTrackedWhereTheSensorShakes) {
-  for (const int seed : {3, 9}) {
-    const Verdict verdict = Tried("carpark-shake", seed);
-    EXPECT_LT(verdict.worst_m, 0.10) << verdict.broken;
-  }
-}
-
-// Nor do single matches tell what stands from what moves along where each sweep is of a motion of
-// its own: the first ones follow cars at the sensor's speed, with which all scans together differ.
-TEST(AdverseCarPark, IsTrackedWhereEachSweepIsShaken) {
-  for (const int seed : {53, 58}) {
-    const Verdict verdict = Tried("carpark-shake-sweep", seed, 30);
-    EXPECT_LT(verdict.worst_m, 0.10) << verdict.broken;
-    EXPECT_GE(verdict.judged, 20u) << verdict.broken;
-  }
-}
-
-// There are two minima, of which each belongs to a motion of its own within the sweep: deskewed for
-// the one where cars at the sensor's speed stay, no descent finds the one of what stands.
-TEST(AdverseCarPark, IsNotTrackedAmongCarsWhereAShakenSweepSeemsToStop) {
-  const Verdict verdict = Tried("carpark-shake-sweep", 54, 55);
-  EXPECT_LT(verdict.worst_m, 0.10) << verdict.broken;
-  EXPECT_GE(verdict.judged, 50u) << verdict.broken;
-}
-
-// Periods that are no multiple of the time between scans: each is shaken in a way of its own, some
-// less than what is expected of a sensor that is not, and some more than what is believed at first.
-TEST(AdverseShake, OfAnyPeriodIsFollowed) {
-  Promise promise;
-  promise.synth = {"--scene bays --sensor os1_128 --sweep --noise 0.01 --frames 40 --seed 71",
-                   "--profile shake --shake-hz 3.3 --shake-deg 2"};
-  const Verdict verdict = Tried(promise, 1);
-  EXPECT_LT(verdict.worst_m, 0.10) << verdict.broken;
-  EXPECT_GE(verdict.judged, 38u) << verdict.broken;
-}
-
-// The fewest planes of a room face up and down to a sensor of 16 rings. What they sweep is the
-// sharpest where it rises by 1.7 m from scan to scan, and no ring meets another one's sheet.
-TEST(AdverseRooms, ASensorOfFewRingsIsNotRaisedOutOfThem) {
-  Promise promise;
-  promise.config = "handheld";
-  promise.synth = {"--scene room --sensor vlp16 --sweep --noise 0.01 --frames 20 --seed 81",
-                   "--profile shake --shake-hz 4.1 --shake-deg 1 --shake-m 0.03"};
-  const Verdict verdict = Tried(promise, 1);
-  EXPECT_LT(verdict.worst_m, 0.10) << verdict.broken;
-  EXPECT_EQ(verdict.lost, 0u) << verdict.broken;
-  EXPECT_GE(verdict.judged, 8u) << verdict.broken;
-}
-
 // All that a room holds lies in a few blocks of 4 m. The direction that it determines least turns
 // the sensor, and no row of like things can be mistaken along it. Few surfaces of a small room face
 // each direction; where floor, walls and furniture end tells it, even to a sensor of few rings.
@@ -342,13 +273,6 @@ TEST(AdverseStart, WhatATellingStartHasMappedIsGoneOnIn) {
 // these are: the first scan is a piece of its own.
 TEST(AdverseStart, PlanesThatNewerScansHaveJoinedDoNotTieThemToTheFirst) {
   EXPECT_LT(Tried("start-5000", 27).worst_m, 0.1);
-}
-
-// What takes a pose back by a metre is no motion, which the next ones would follow.
-TEST(AdverseShake, APoseThatIsTakenBackMovesNothing) {
-  const Verdict verdict = Tried("carpark-shake", 51);
-  EXPECT_LT(verdict.worst_m, 0.15);
-  EXPECT_EQ(verdict.lost, 0u);
 }
 
 // Vans that go along hold the sensor, by 2.4 standard deviations of all scans against it: neither
