@@ -9,11 +9,15 @@ namespace lamina {
 
 void OpenPoses::Add(const MapperScan& scan, const OdometryFrame& frame) {
   frames_.push_back({scan.number, scan.stamp_ns, scan.middle_ns, Frame::kNoKeyframe,
-                     frame.T_world_lidar, AtStamp(frame.sweep, scan.middle_ns), false});
+                     frame.T_world_lidar, AtStamp(frame.sweep, scan.middle_ns), false,
+                     frame.status == OdometryFrame::Status::kLost});
   if (any_keyframe()) Set(frames_.size() - 1, frame.T_world_lidar, frame.sweep);
-  if (frames_.size() < 2 || frame.status != OdometryFrame::Status::kTracked) return;
+  if (frame.status != OdometryFrame::Status::kTracked) return;
+  // A lost scan is where it was expected, which tells nothing of the motion to the next one.
+  std::size_t begin = frames_.size() - 1;
+  while (begin > 0 && frames_.size() - begin < 3 && !frames_[begin - 1].lost) --begin;
+  if (frames_.size() - begin < 2) return;
   Trajectory poses;
-  const std::size_t begin = frames_.size() - std::min<std::size_t>(3, frames_.size());
   for (std::size_t k = begin; k < frames_.size(); ++k) poses.push_back(MiddleOf(frames_[k]));
   const auto settle = [&](std::size_t k) {
     SweepMotion motion;
@@ -23,7 +27,7 @@ void OpenPoses::Add(const MapperScan& scan, const OdometryFrame& frame) {
   };
   settle(frames_.size() - 2);
   // The first of all has no pose before it, and is known better by the two after it.
-  if (frames_.size() == 3) settle(0);
+  if (frames_.size() == 3 && begin == 0) settle(0);
 }
 
 void OpenPoses::Set(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep) {
@@ -69,7 +73,7 @@ void OpenPoses::Archive(StateArchive& a) {
   frames_.resize(a.Size(frames_.size(), 1));
   for (Frame& frame : frames_) {
     a(&frame.scan, &frame.stamp_ns, &frame.middle_ns, &frame.keyframe_id, &frame.T_keyframe_lidar,
-      &frame.T_middle_stamp, &frame.of_scan);
+      &frame.T_middle_stamp, &frame.of_scan, &frame.lost);
   }
 }
 

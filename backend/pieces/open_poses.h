@@ -63,6 +63,7 @@ class OpenPoses {
     SE3 T_keyframe_lidar;  // in the middle of the sweep
     SE3 T_middle_stamp;    // what the sensor moved between
     bool of_scan = false;  // SweepMotion
+    bool lost = false;     // and no pose is known but the predicted one
   };
 
   // In the middle of its sweep, and at its stamp.

@@ -31,6 +31,22 @@ void Odometry::SearchTogether(const SearchedScan& scan, PoseHypotheses* hypothes
       matcher_.Match(scan.clusters, scan.prediction, frame->match.T_world_lidar, scan.map);
 }
 
+bool Odometry::SettleNewest(const LostTrack& track, const PosePrediction& prediction,
+                            const VoxelMap& map, OdometryFrame* frame) const {
+  // Two scans that see little of each other slide by less.
+  constexpr double kSlidM = 0.5;
+  if (track.scans() < 2 || frame->status != OdometryFrame::Status::kTracked) return false;
+  const MatchResult alone =
+      matcher_.Match(track.Newest(), prediction, frame->match.T_world_lidar, map);
+  if (alone.status != MatchResult::Status::kConverged || alone.fit() < LostTrack::kLeastFit ||
+      alone.worst_sigma_m > options_.max_tracked_sigma_m ||
+      (alone.T_world_lidar.t - frame->T_world_lidar.t).norm() > kSlidM)
+    return false;
+  frame->match = alone;
+  frame->T_world_lidar = alone.T_world_lidar;
+  return true;
+}
+
 OdometryFrame Odometry::FindAgain(StampNs stamp_ns, const VoxelMap& map, bool search,
                                   LostTrack* track) const {
   OdometryFrame frame;
@@ -52,6 +68,8 @@ OdometryFrame Odometry::FindAgain(StampNs stamp_ns, const VoxelMap& map, bool se
     constexpr int kAgreeing = 2;
     scan.agreed = track->Guessed(frame.match.T_world_lidar) >= kAgreeing;
     Judge(scan, hypotheses, &frame);
+    const bool alone = SettleNewest(*track, prediction, map, &frame);
+    DoubtUnbridged(prediction, alone ? track->Newest() : clusters, map, &frame);
     return frame;
   }
 }

@@ -56,7 +56,7 @@ void LostTrack::Guess(const SE3& T_world_newest) {
 bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                        double usual_inliers, Scan* scan) const {
   // One scan of few rings has little of what the next one sees, however well they agree.
-  constexpr double kLeastFit = 0.7, kLeastOverlap = 0.3, kLeastOverlapOfTwo = 0.18;
+  constexpr double kLeastOverlap = 0.3, kLeastOverlapOfTwo = 0.18;
   // Of a forest, in which scans lie on planes by a fifth, two have half as much in common that are
   // right, and a third where they are not.
   constexpr double kLeastOfUsual = 0.5;
@@ -138,7 +138,7 @@ bool LostTrack::Drivable(const std::vector<SE3>& poses) const {
 
 bool LostTrack::Straighten(const PosePrediction& newest, const VoxelMap& map,
                            double least_inliers) {
-  constexpr double kLeastFit = 0.7, kBentM = 0.1, kBentRad = 0.02;
+  constexpr double kBentM = 0.1, kBentRad = 0.02;
   if (kept_.size() < 2) return false;
   const SE3 T_world_first = newest.T_world_lidar * T_first_newest().Inverse();
   std::vector<SE3> poses;

@@ -47,6 +47,10 @@ class LostTrack {
   Vector6d Twist() const;
   // The newest scans, at most kKept, gathered by voxel, in the LiDAR frame of the newest.
   std::vector<PointCluster> Together() const;
+  // That one alone. Not before the first.
+  const std::vector<PointCluster>& Newest() const { return kept_.back().clusters; }
+  // What a scan of a track fits at least, to be one of it by itself.
+  static constexpr double kLeastFit = 0.7;
 
   // Scans that see each other badly slide along a street, and together then lie in no place well.
   // Where each alone fits the map, matched from where all together lie in it, the map knows the way

@@ -157,6 +157,11 @@ class Odometry {
   // The best match of the track's scans together, and what was searched for.
   void SearchTogether(const SearchedScan& scan, PoseHypotheses* hypotheses,
                       OdometryFrame* frame) const;
+  // Puts the newest scan of a track that was found where the map has that scan alone, if it
+  // determines it, and says whether it has: the track holds its scans together only as well as they
+  // see one another.
+  bool SettleNewest(const LostTrack& track, const PosePrediction& prediction, const VoxelMap& map,
+                    OdometryFrame* frame) const;
   // Distance of a match from the prediction in standard deviations of both.
   static double SigmasApart(const PosePrediction& prediction, const MatchResult& match);
   // What is nearer to a prediction surprises in no case: sensors are jolted.

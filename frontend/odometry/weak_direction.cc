@@ -141,8 +141,7 @@ void Odometry::DoubtUnbridged(const PosePrediction& prediction,
                               const std::vector<PointCluster>& deskewed, const VoxelMap& map,
                               OdometryFrame* frame) const {
   const MatchResult& match = frame->match;
-  if (frame->status != OdometryFrame::Status::kTracked || lost_ || !Unbridged(prediction, match))
-    return;
+  if (frame->status != OdometryFrame::Status::kTracked || !Unbridged(prediction, match)) return;
   constexpr double kLeastS = 1e-3;
   const double dt = std::max(kLeastS, motion_.Gap(frame->stamp_ns));
   bool vouched = dt <= options_.vouched_gap_s;

@@ -1,0 +1,72 @@
+#include "backend/pieces/open_poses.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+namespace lamina {
+namespace {
+
+constexpr StampNs kPeriodNs = 100'000'000, kMiddleNs = 50'000'000;
+constexpr double kSpeedMS = 3.0;
+
+SE3 TrueAt(StampNs stamp_ns) {
+  return SE3(Eigen::Quaterniond::Identity(), {kSpeedMS * SecondsBetween(0, stamp_ns), 0.0, 0.0});
+}
+
+// Scan number k along x, registered in the middle of its sweep.
+void Add(std::int64_t k, OdometryFrame::Status status, double off_m, OpenPoses* open) {
+  MapperScan scan;
+  scan.number = k;
+  scan.stamp_ns = k * kPeriodNs;
+  scan.middle_ns = kMiddleNs;
+  OdometryFrame frame;
+  frame.status = status;
+  frame.stamp_ns = scan.stamp_ns + scan.middle_ns;
+  frame.T_world_lidar = TrueAt(frame.stamp_ns);
+  frame.T_world_lidar.t.x() += off_m;
+  frame.sweep.twist(3) = kSpeedMS;
+  open->Add(scan, frame);
+}
+
+double WorstM(const OpenPoses& open, std::size_t from) {
+  const Trajectory poses = open.AtStamps();
+  double worst_m = 0.0;
+  for (std::size_t k = from; k < poses.size(); ++k)
+    worst_m = std::max(worst_m, (poses[k].T_world_lidar.t - TrueAt(poses[k].stamp_ns).t).norm());
+  return worst_m;
+}
+
+// A lost scan is where it was expected: the way from there to the first one that is found again is
+// none that the sensor has gone, and does not say how it moved from stamp to middle.
+TEST(OpenPosesTest, TheMotionWithinAFoundScanIsNotThatFromALostOne) {
+  OpenPoses open;
+  Add(0, OdometryFrame::Status::kTracked, 0.0, &open);
+  Add(1, OdometryFrame::Status::kTracked, 0.0, &open);
+  Add(2, OdometryFrame::Status::kLost, -1.0, &open);
+  Add(3, OdometryFrame::Status::kTracked, 0.0, &open);
+  Add(4, OdometryFrame::Status::kTracked, 0.0, &open);
+  EXPECT_LT(WorstM(open, 3), 1e-9);
+  EXPECT_EQ(open.size(), 5u);
+}
+
+TEST(OpenPosesTest, TheMotionWithinAScanIsThatThroughItsNeighbours) {
+  OpenPoses open;
+  Add(0, OdometryFrame::Status::kTracked, 0.0, &open);
+  Add(1, OdometryFrame::Status::kTracked, 0.0, &open);
+  // Its own sweep would have the stamp elsewhere.
+  MapperScan scan;
+  scan.number = 2;
+  scan.stamp_ns = 2 * kPeriodNs;
+  scan.middle_ns = kMiddleNs;
+  OdometryFrame frame;
+  frame.status = OdometryFrame::Status::kTracked;
+  frame.T_world_lidar = TrueAt(scan.stamp_ns + scan.middle_ns);
+  open.Add(scan, frame);
+  EXPECT_NEAR(WorstM(open, 2), kSpeedMS * SecondsBetween(0, kMiddleNs), 1e-9);
+  Add(3, OdometryFrame::Status::kTracked, 0.0, &open);
+  EXPECT_LT(WorstM(open, 2), 1e-9);
+}
+
+}  // namespace
+}  // namespace lamina
