@@ -45,6 +45,7 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
     map_->Refresh();
     open_.Add(scan, frame);
     stretch_.Widen(&frame.match);
+    ambiguous_.Widen(&frame.match);
     // Not before: no stretch is to begin with these.
     if (!frame.elsewhere.isZero()) {
       frame.match.covariance += frame.elsewhere * frame.elsewhere.transpose();
@@ -65,15 +66,31 @@ bool Mapper::EndsPiece(const MapperScan& scan, const OdometryFrame& frame, bool 
   stretch_.Follow(frame, tracker_.odometry().motion(), *scan.clusters, *map_, window_,
                   open_.NextKeyframe());
   // As long as the start is open, all of its scans together say where they are.
-  if (stretch_.over() && !start_.open()) {
-    const double most = options_.backend.restart_after_sigma_m;
-    *goes_on = may_restart && most > 0.0 && stretch_.SigmaM() > most;
+  if (!start_.open()) {
+    ambiguous_.Follow(frame, tracker_.odometry().motion(), *scan.clusters, *map_, window_,
+                      open_.NextKeyframe());
+    *goes_on = EndsInOpen(may_restart);
     if (*goes_on) return true;
-    stretch_.Forget();
   }
   if (frame.status != OdometryFrame::Status::kLost) return false;
   tracker_.Lose(frame, *scan.clusters);
   return may_restart && tracker_.MayRestart(matched_);
+}
+
+bool Mapper::EndsInOpen(bool may_restart) {
+  const double most = options_.backend.restart_after_sigma_m;
+  may_restart = may_restart && most > 0.0;
+  if (stretch_.over()) {
+    settled_keyframe_ = stretch_.settled_keyframe();
+    if (may_restart && stretch_.SigmaM() > most) return true;
+    stretch_.Forget();
+  }
+  if (ambiguous_.over()) {
+    settled_keyframe_ = ambiguous_.first_keyframe();
+    if (may_restart) return true;
+    ambiguous_.Forget();
+  }
+  return false;
 }
 
 bool Mapper::FollowStart(const MapperScan& scan, OdometryFrame* frame) {
@@ -319,7 +336,7 @@ bool Mapper::ApplySolve(const BundleResult& result) {
 std::vector<WindowFrame> Mapper::SettledFrames() const {
   std::vector<WindowFrame> settled;
   for (const WindowFrame& frame : window_.frames()) {
-    if (frame.id < stretch_.settled_keyframe()) continue;
+    if (frame.id < settled_keyframe_) continue;
     WindowFrame& copy = settled.emplace_back();
     copy.stamp_ns = frame.stamp_ns;
     copy.T_world_lidar = frame.T_world_lidar;
@@ -406,7 +423,7 @@ std::vector<Eigen::Vector3d> Mapper::NewestKeyframe() const {
 
 void Mapper::Archive(StateArchive& a) {
   a(&T_world_start_, &tracker_, &window_, &open_, &keyframes_since_solve_, &frames_since_keyframe_,
-    &solving_, &start_, &stretch_, &matched_);
+    &solving_, &start_, &stretch_, &ambiguous_, &matched_);
 }
 
 }  // namespace lamina

@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "backend/bundle/solver/adjuster.h"
+#include "backend/pieces/ambiguous_place.h"
 #include "backend/pieces/degenerate_stretch.h"
 #include "backend/pieces/mapper_options.h"
 #include "backend/pieces/open_poses.h"
@@ -105,6 +106,9 @@ class Mapper {
   // begin another (RegisteredScan::to_restart, and goes_on).
   bool EndsPiece(const MapperScan& scan, const OdometryFrame& frame, bool may_restart,
                  bool* goes_on);
+  // Of scans that determine all directions, but whose place against what was mapped before is not
+  // known, or may be another: whether they are to begin a piece that goes on.
+  bool EndsInOpen(bool may_restart);
   void DropWindow();
   void PopOldest();
   bool IsKeyframe(const SE3& T_world_lidar) const;
@@ -143,6 +147,8 @@ class Mapper {
   std::vector<std::int64_t> solving_;  // ids of the frames of the problem under way
   StartTrack start_;
   DegenerateStretch stretch_;
+  AmbiguousPlace ambiguous_;
+  std::int64_t settled_keyframe_ = 0;  // not archived: who asks does so at once
   OnFinalKeyframe on_final_keyframe_;
   bool matched_ = false;  // any scan, ever
 };

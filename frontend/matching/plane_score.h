@@ -1,11 +1,17 @@
-// How well clusters of a scan fit the map's planes at one pose.
+// How well clusters of a scan fit the map's planes at one pose, and at which of two poses better.
 #pragma once
+
+#include <algorithm>
+#include <utility>
+#include <vector>
 
 #include "core/geometry/point_cluster.h"
 #include "core/geometry/robust_kernel.h"
 #include "core/geometry/se3.h"
 #include "core/map/voxel_map.h"
+#include "frontend/matching/block_votes.h"
 #include "frontend/matching/line_of_sight.h"
+#include "frontend/matching/planes_instead.h"
 
 namespace lamina {
 
@@ -36,10 +42,8 @@ class PlaneScore {
     return plane == nullptr ? kNone : Fit(*plane, p);
   }
 
-  // The plane around the cluster; null if there is none.
-  const Surface* PlaneOf(const PointCluster& cluster) const {
-    return PlaneAt(map_, InMap(cluster));
-  }
+  // Where the cluster is.
+  Eigen::Vector3d InMap(const PointCluster& cluster) const { return R_ * cluster.mean + t_; }
 
   // In [0, 1], as if this plane extended as far as the cluster.
   double On(const Surface& plane, const PointCluster& cluster) const {
@@ -47,7 +51,6 @@ class PlaneScore {
   }
 
  private:
-  Eigen::Vector3d InMap(const PointCluster& cluster) const { return R_ * cluster.mean + t_; }
   double Fit(const Surface& plane, const Eigen::Vector3d& p) const {
     const Eigen::Vector3d normal = plane.normal.cast<double>();
     const double distance = normal.dot(p - plane.mean);
@@ -58,6 +61,51 @@ class PlaneScore {
   Eigen::Vector3d t_;
   const VoxelMap& map_;
   double inverse2_;
+};
+
+// By how many standard deviations of the votes of blocks (block_votes.h) scans fit the map better
+// at one of two places. A cluster that meets a plane at one of them alone may be of a surface that
+// the map has not seen so far: where that plane, extended, fits it at the other place as well, it
+// says nothing, and elsewhere half of what one that misses a plane says. `instead`: of the planes
+// that stand in for the map's, if there are any.
+class PlaceVotes {
+ public:
+  PlaceVotes(const VoxelMap& map, double scale_m, PlanesInstead instead = nullptr)
+      : map_(map), scale_m_(scale_m), instead_(std::move(instead)) {}
+
+  // A scan at either pose; its blocks are those of a frame in which the sensor is at `T`.
+  void Add(const std::vector<PointCluster>& clusters, const SE3& ours, const SE3& theirs,
+           const SE3& T = SE3()) {
+    constexpr double kNoPlane = 0.5;
+    const PlaneScore our_score(ours, map_, scale_m_), their_score(theirs, map_, scale_m_);
+    const auto fit = [&](const PlaneScore& score, const Surface* plane, const Surface* other,
+                         const PointCluster& cluster) {
+      if (plane != nullptr) return score.On(*plane, cluster);
+      return std::max(kNoPlane, score.On(*other, cluster));
+    };
+    for (const PointCluster& cluster : clusters) {
+      const Surface* our_plane = PlaneOf(our_score.InMap(cluster));
+      const Surface* their_plane = PlaneOf(their_score.InMap(cluster));
+      if (our_plane == nullptr && their_plane == nullptr) continue;
+      differences_.Add(T * cluster.mean, fit(our_score, our_plane, their_plane, cluster) -
+                                             fit(their_score, their_plane, our_plane, cluster));
+    }
+  }
+  // Positive where the first place is better.
+  double Sigmas() const { return differences_.Sigmas(); }
+
+ private:
+  const Surface* PlaneOf(const Eigen::Vector3d& p) const {
+    if (!instead_) return PlaneAt(map_, p);
+    if (!map_.CanHold(p)) return nullptr;
+    const VoxelMap::NodeId id = map_.FindSurface(p);
+    return id == VoxelMap::kNoNode ? nullptr : instead_(id).plane;
+  }
+
+  const VoxelMap& map_;
+  double scale_m_;
+  PlanesInstead instead_;
+  BlockDifferences differences_;
 };
 
 }  // namespace lamina

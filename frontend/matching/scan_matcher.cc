@@ -378,22 +378,9 @@ FitDifference ScanMatcher::Compare(const std::vector<PointCluster>& clusters, co
 
 double ScanMatcher::CompareBlocks(const std::vector<PointCluster>& clusters, const SE3& ours,
                                   const SE3& theirs, const VoxelMap& map, double scale_m) const {
-  constexpr double kNoPlane = 0.5;
-  const PlaneScore our_score(ours, map, scale_m), their_score(theirs, map, scale_m);
-  const auto fit = [&](const PlaneScore& score, const Surface* plane, const Surface* other,
-                       const PointCluster& cluster) {
-    if (plane != nullptr) return score.On(*plane, cluster);
-    return std::max(kNoPlane, score.On(*other, cluster));
-  };
-  BlockDifferences differences;
-  for (const PointCluster& cluster : clusters) {
-    const Surface* our_plane = our_score.PlaneOf(cluster);
-    const Surface* their_plane = their_score.PlaneOf(cluster);
-    if (our_plane == nullptr && their_plane == nullptr) continue;
-    differences.Add(cluster.mean, fit(our_score, our_plane, their_plane, cluster) -
-                                      fit(their_score, their_plane, our_plane, cluster));
-  }
-  return differences.Sigmas();
+  PlaceVotes votes(map, scale_m);
+  votes.Add(clusters, ours, theirs);
+  return votes.Sigmas();
 }
 
 }  // namespace lamina

@@ -231,10 +231,7 @@ class ScanMatcher {
 
   FitDifference Compare(const std::vector<PointCluster>& clusters, const SE3& ours,
                         const SE3& theirs, const VoxelMap& map, double scale_m) const;
-  // The same in standard deviations of the votes of blocks (block_votes.h). A cluster that meets a
-  // plane at one pose alone may be of a surface that the map has not seen so far: where that plane,
-  // extended, fits it at the other pose as well, it says nothing, and elsewhere half of what one
-  // that misses a plane says.
+  // The same in standard deviations of the votes of blocks (PlaceVotes).
   double CompareBlocks(const std::vector<PointCluster>& clusters, const SE3& ours,
                        const SE3& theirs, const VoxelMap& map, double scale_m) const;
 
