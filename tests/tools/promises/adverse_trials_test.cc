@@ -327,6 +327,18 @@ TEST(AdverseGaps, TheFirstScanFoundAgainIsWhereTheMapHasIt) {
   }
 }
 
+// A gap in a corridor that repeats: the scans after it are 5 m back, and make a place there in
+// which the next ones fit best.
+TEST(AdverseGaps, AMapOfTheWrongPlaceDoesNotProveIt) {
+  Promise promise;
+  promise.synth = {"--scene glass --sensor vlp16 --rings 0 --points 0 --frames 45",
+                   "--profile gaps --sweep --noise 0.015 --seed 92"};
+  const Verdict verdict = Tried(promise, 1);
+  EXPECT_LT(verdict.worst_m, 0.1) << verdict.broken;
+  EXPECT_GT(verdict.pieces, 1u);
+  EXPECT_GE(verdict.judged, 35u);
+}
+
 struct WeakScene {
   std::string name;
   int seed;
