@@ -310,7 +310,8 @@ void AddRunCommand(CLI::App* app, std::function<int()>* run) {
       command,
       ", e.g. kitti_raw; `lamina config default` explains every option. Without: "
       "livox_avia for a narrow view, handheld where scans see a small place, keyframes where "
-      "they are thinned and far apart, else the defaults",
+      "they are thinned and far apart, livox_mid360 for few points all around without rings, else "
+      "the defaults",
       &a.config);
   AddFramesOption(command, &a.frames);
   AddThreadsOption(command, "", &a.threads);

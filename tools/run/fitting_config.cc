@@ -92,7 +92,8 @@ double ShareInFullVoxels(const Scan& scan) {
 // What a few scans tell of a recording.
 struct Glance {
   std::vector<SensorGuess> sensor;
-  std::vector<double> full;  // ShareInFullVoxels, where scans are far apart
+  std::vector<std::size_t> points;  // of a scan
+  std::vector<double> full;         // ShareInFullVoxels, where scans are far apart
 };
 
 Glance LookAtAFew(const ScanSource& source, const FrameRange& range) {
@@ -105,6 +106,7 @@ Glance LookAtAFew(const ScanSource& source, const FrameRange& range) {
       const SensorGuess guess = GuessSensor(SomeOf(read.points));
       if (guess.farthest_m <= 0.0) continue;
       glance.sensor.push_back(guess);
+      glance.points.push_back(read.points.size());
       if (far_apart) glance.full.push_back(ShareInFullVoxels(read));
     } catch (const InputError&) {
       // The run will say so.
@@ -114,6 +116,18 @@ Glance LookAtAFew(const ScanSource& source, const FrameRange& range) {
 }
 
 bool IsNarrow(const SensorGuess& sensor) { return sensor.around_deg < 150.0 && sensor.rings == 0; }
+
+// A view all around without rings, and as few points as such a sensor has in a tenth of a second:
+// they lie apart, and no two scans repeat a ray. Scans that were thinned have lost their rings as
+// well, and lie apart as much.
+bool AreSpread(Glance glance) {
+  constexpr std::size_t kFewPoints = 40000;
+  const std::vector<SensorGuess>& guesses = glance.sensor;
+  return !guesses.empty() && UpperMedian(&glance.points) < kFewPoints &&
+         std::all_of(guesses.begin(), guesses.end(), [](const SensorGuess& sensor) {
+           return sensor.rings == 0 && !IsNarrow(sensor);
+         });
+}
 
 // Planes of a place are about as large as it is: of rooms and stairs, nine points of ten are within
 // 9 m; of streets, halls, and beside a lorry, within 13 m or more.
@@ -170,6 +184,9 @@ FittingConfig FindFittingConfig(const ScanSource& source, const FrameRange& rang
   }
   if (AreKeyframes(glance)) {
     return {"keyframes", "thinned scans that are metres apart", true};
+  }
+  if (AreSpread(glance)) {
+    return {"livox_mid360", "few points all around, on no rings", true};
   }
   const fs::path folder = fs::weakly_canonical(fs::absolute(source.Name(0))).parent_path();
   const fs::path above = folder.parent_path();

@@ -242,7 +242,7 @@ TEST(AdverseStart, ASteadyMotionIsFoundWhereMatchesMislead) {
   EXPECT_LE(city.degenerate, 10u) << city.broken;
   const Verdict bays = Tried("bays-mid360", 5);
   EXPECT_LT(bays.worst_m, 0.1);
-  EXPECT_LT(bays.lost, 8u) << bays.broken;
+  EXPECT_LT(bays.lost, 12u) << bays.broken;
 }
 
 // Scans of one place show a sensor that sets off as one that stands, or goes the other way: a speed

@@ -13,6 +13,7 @@
 #include "backend/mapping/deskew_choice.h"
 #include "core/base/angle.h"
 #include "tests/support/program/run_helpers.h"
+#include "tests/support/scenes/random_scenes.h"
 #include "tests/support/scenes/swept_drive.h"
 #include "tools/run/fitting_config.h"
 #include "tools/run/opening_lines.h"
@@ -252,6 +253,32 @@ TEST_F(OpeningTest, ASmallPlaceOnTheWayCounts) {
   EXPECT_EQ(fit("wide", {13, 13, 13, 13, 13, 13}).name, "");
   EXPECT_EQ(fit("into", {13, 13, 13, 13, 13, 5}).name, "handheld");
   EXPECT_EQ(fit("one", {5}).name, "handheld");
+}
+
+// Points that lie anywhere on a sphere about the sensor, but for what is straight up and down.
+std::string SpreadBin(double radius_m, int count) {
+  Draws draws(7);
+  std::vector<ScanPoint> points;
+  for (int i = 0; i < count; ++i) {
+    const double up = draws.Uniform(-0.3, 0.9), turn = draws.Uniform(0.0, 2.0 * M_PI);
+    points.push_back({static_cast<float>(radius_m * std::cos(up) * std::cos(turn)),
+                      static_cast<float>(radius_m * std::cos(up) * std::sin(turn)),
+                      static_cast<float>(radius_m * std::sin(up)), 0.0F});
+  }
+  return KittiBin(points);
+}
+
+TEST_F(OpeningTest, FewPointsOnNoRingsAreThoseOfAMid360) {
+  const auto fit = [&](const std::string& folder, double radius_m, int count) {
+    Recording scans;
+    for (int i = 0; i < 6; ++i) scans.push_back({SpreadBin(radius_m, count), 0.1 * i});
+    const auto source = OpenScans(WriteRecording(folder, scans), {});
+    return FindFittingConfig(*source, {0, source->size()});
+  };
+  EXPECT_EQ(fit("street", 13.0, 15000).name, "livox_mid360");
+  EXPECT_TRUE(fit("street", 13.0, 15000).measured);
+  EXPECT_EQ(fit("dense", 13.0, 60000).name, "");
+  EXPECT_EQ(fit("room", 5.0, 15000).name, "handheld");
 }
 
 TEST_F(OpeningTest, ThinnedScansFarApartAreKeyframes) {
