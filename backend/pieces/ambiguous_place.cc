@@ -26,8 +26,7 @@ void AmbiguousPlace::Follow(const OdometryFrame& frame, const MotionModel& motio
   constexpr double kClearSigmas = 2.5, kLeastGapS = 0.1;
   if (frame.status != OdometryFrame::Status::kTracked) return;
   const bool ambiguous = !frame.elsewhere.isZero();
-  // The second scan of a map has no place in it yet.
-  if (!open_ && ambiguous && !before_ && motion.moving_known()) {
+  if (!open_ && ambiguous && !before_) {
     open_ = true;
     scans_ = 0;
     first_keyframe_ = next_keyframe;
