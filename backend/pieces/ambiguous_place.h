@@ -1,5 +1,5 @@
-// The place in which scans were found after a gap or a loss, or at a start the second scan after the
-// first, while another one explains them as well (OdometryFrame::elsewhere).
+// The place in which scans were found after a gap or a loss, or at a start the second scan after
+// the first, while another one explains them as well (OdometryFrame::elsewhere).
 //
 // Scans that enter the map there make a place of it in which the next ones fit better than
 // anywhere else, whether it is the right one or not. So the two are told apart by what was mapped
