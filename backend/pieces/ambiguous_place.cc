@@ -26,7 +26,9 @@ void AmbiguousPlace::Follow(const OdometryFrame& frame, const MotionModel& motio
   constexpr double kClearSigmas = 2.5, kLeastGapS = 0.1;
   if (frame.status != OdometryFrame::Status::kTracked) return;
   const bool ambiguous = !frame.elsewhere.isZero();
-  if (!open_ && ambiguous && !before_) {
+  // The second scan of a map may be where what moves along with the sensor has the first one, and
+  // so may all that follow it: no piece is to begin with these.
+  if (!open_ && ambiguous && !before_ && motion.moving_known()) {
     open_ = true;
     scans_ = 0;
     first_keyframe_ = next_keyframe;

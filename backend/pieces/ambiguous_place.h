@@ -1,13 +1,17 @@
-// The place in which scans were found after a gap or a loss, or at a start the second scan after
-// the first, while another one explains them as well (OdometryFrame::elsewhere).
+// The place in which scans were found after a gap or a loss, while another one explains them as
+// well (OdometryFrame::elsewhere).
 //
 // Scans that enter the map there make a place of it in which the next ones fit better than
 // anywhere else, whether it is the right one or not. So the two are told apart by what was mapped
 // before the gap alone (older_planes.h): with T_k the poses of the scans since then and D the
 // motion of the world that takes the place where they were found to the other one, the poses D T_k
-// are compared with T_k by the votes of blocks (plane_score.h), all scans together. The other place
-// is refuted by some standard deviations. If it never is, nothing says where the scans are: they
-// follow one another well, and begin a piece of their own.
+// are compared with T_k by the votes of blocks (plane_score.h), all scans together, z standard
+// deviations, and by how unlikely the turn to each is, U' and U. The other place is refuted if
+//
+//     z |z| + U' - U > c^2.
+//
+// If it never is, nothing says where the scans are: they follow one another well, and begin a piece
+// of their own.
 #pragma once
 
 #include <cstdint>
