@@ -223,6 +223,10 @@ class Odometry {
   void SettleWeakest(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
                      const VoxelMap& map, int passes, std::vector<PointCluster>* deskewed,
                      OdometryFrame* frame) const;
+  // Where surfaces alone would have a match elsewhere along a direction, and the motion before it
+  // holds it where it is: one of the two is wrong, and the match is degenerate there.
+  void DoubtContradicted(const DirectionProfile& profile, double settled_m,
+                         const Vector6d& direction, OdometryFrame* frame) const;
   // Whether the prediction leaves the direction that a match knows least to the search.
   bool Unbridged(const PosePrediction& prediction, const MatchResult& match) const;
   // What a search has found there where few surfaces face it.

@@ -127,10 +127,21 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
     DeskewClusters(clusters, frame->sweep, deskewed);
   }
   frame->match = matcher_.MatchKnown(*deskewed, T, {v, posterior.sigma_m}, prediction, map);
+  DoubtContradicted(profile, posterior.mean_m, v, frame);
   // The rest of what is known there is the planes'.
   const double known = 1.0 / (posterior.sigma_m * posterior.sigma_m);
   const double predicted = std::min(known, 1.0 / (sigma_m * sigma_m));
   frame->match.prior_information += (predicted - known) * v * v.transpose();
+}
+
+void Odometry::DoubtContradicted(const DirectionProfile& profile, double settled_m,
+                                 const Vector6d& direction, OdometryFrame* frame) const {
+  constexpr double kSigmas = 6.0, kLeastM = 0.25;
+  const DirectionProfile::Posterior alone = profile.With(0.0, kBesideM);
+  const double off_m = std::abs(alone.mean_m - settled_m);
+  if (off_m < std::max(kLeastM, kSigmas * alone.sigma_m)) return;
+  Widen(off_m, direction, &frame->match);
+  frame->match.MakeDegenerate(direction);
 }
 
 bool Odometry::Unbridged(const PosePrediction& prediction, const MatchResult& match) const {

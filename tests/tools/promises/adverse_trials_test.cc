@@ -339,6 +339,17 @@ TEST(AdverseGaps, AMapOfTheWrongPlaceDoesNotProveIt) {
   EXPECT_GE(verdict.judged, 35u);
 }
 
+// After a gap among cars the motion is that of the first scans found, and holds all others to what
+// it was, while surfaces have them 0.3 to 0.5 m elsewhere: 1 m off after eight scans.
+TEST(AdverseGaps, AMotionThatSurfacesContradictIsDoubted) {
+  Promise promise;
+  promise.synth = {"--scene carpark --sensor spinning --rings 32 --points 15000 --frames 45",
+                   "--profile gaps --gap-s 1.2 --sweep --noise 0.015 --seed 131"};
+  const Verdict verdict = Tried(promise, 1);
+  EXPECT_LT(verdict.worst_m, 0.2) << verdict.broken;
+  EXPECT_GE(verdict.judged, 30u) << verdict.broken;
+}
+
 struct WeakScene {
   std::string name;
   int seed;
