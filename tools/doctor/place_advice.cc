@@ -167,9 +167,9 @@ class Adviser {
     }
     if (StatusBefore() == "degenerate") {
       return Say(
-          fmt::format("scans before it left a direction open, for so long that the sensor is "
-                      "known worse than {:g} m (backend.restart_after_sigma_m) against what was "
-                      "mapped before.",
+          fmt::format("scans before it left a direction open, or lie in a place that another one "
+                      "explains as well, so that the sensor is known worse than {:g} m "
+                      "(backend.restart_after_sigma_m) against what was mapped before.",
                       config_.backend.restart_after_sigma_m),
           {"backend.restart_after_sigma_m=0"},
           "Keep something in view that the map has and that faces the way. 0 keeps one piece, "
