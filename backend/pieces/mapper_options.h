@@ -30,8 +30,8 @@ struct BackendOptions {
   // pose.
   int restart_after_lost_frames = 20;
   // So does one that is less certain than this against what was mapped before a stretch of
-  // degenerate scans, once scans determine all directions again (degenerate_stretch.h), and one that
-  // may be in either of two places (ambiguous_place.h). 0: never.
+  // degenerate scans, once scans determine all directions again (degenerate_stretch.h), and one
+  // that may be in either of two places (ambiguous_place.h). 0: never.
   double restart_after_sigma_m = 0.1;
   // Frames that must have seen a plane before it counts as part of the map that is written out.
   int min_surfel_frames = 2;
