@@ -65,9 +65,7 @@ double AmbiguousPlace::Sigmas(const OdometryFrame& frame, const std::vector<Time
 
 void AmbiguousPlace::Widen(MatchResult* match) const {
   if (!open_) return;
-  const Vector6d elsewhere = LocalDelta(match->T_world_lidar, T_other_ours_ * match->T_world_lidar);
-  match->covariance += elsewhere * elsewhere.transpose();
-  match->MakeDegenerate(TimesArm(elsewhere).normalized());
+  match->MayBeElsewhere(LocalDelta(match->T_world_lidar, T_other_ours_ * match->T_world_lidar));
 }
 
 void AmbiguousPlace::Archive(StateArchive& a) {

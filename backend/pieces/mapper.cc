@@ -47,10 +47,7 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
     stretch_.Widen(&frame.match);
     ambiguous_.Widen(&frame.match);
     // Not before: no stretch is to begin with these.
-    if (!frame.elsewhere.isZero()) {
-      frame.match.covariance += frame.elsewhere * frame.elsewhere.transpose();
-      frame.match.MakeDegenerate(TimesArm(frame.elsewhere).normalized());
-    }
+    if (!frame.elsewhere.isZero()) frame.match.MayBeElsewhere(frame.elsewhere);
     if (start_.unproven()) frame.match.MakeDegenerate();
   }
   MoveToStamp(scan.middle_ns, &frame);

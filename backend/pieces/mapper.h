@@ -148,7 +148,6 @@ class Mapper {
   StartTrack start_;
   DegenerateStretch stretch_;
   AmbiguousPlace ambiguous_;
-  std::int64_t settled_keyframe_ = 0;  // not archived: who asks does so at once
   OnFinalKeyframe on_final_keyframe_;
   bool matched_ = false;  // any scan, ever
 };

@@ -29,12 +29,10 @@ bool Mapper::EndsInOpen(bool may_restart) {
   const double most = options_.backend.restart_after_sigma_m;
   may_restart = may_restart && most > 0.0;
   if (stretch_.over()) {
-    settled_keyframe_ = stretch_.settled_keyframe();
     if (may_restart && stretch_.SigmaM() > most) return true;
     stretch_.Forget();
   }
   if (ambiguous_.over()) {
-    settled_keyframe_ = ambiguous_.first_keyframe();
     if (may_restart) return true;
     ambiguous_.Forget();
   }
@@ -42,9 +40,11 @@ bool Mapper::EndsInOpen(bool may_restart) {
 }
 
 std::vector<WindowFrame> Mapper::SettledFrames() const {
+  const std::int64_t first =
+      stretch_.over() ? stretch_.settled_keyframe() : ambiguous_.first_keyframe();
   std::vector<WindowFrame> settled;
   for (const WindowFrame& frame : window_.frames()) {
-    if (frame.id < settled_keyframe_) continue;
+    if (frame.id < first) continue;
     WindowFrame& copy = settled.emplace_back();
     copy.stamp_ns = frame.stamp_ns;
     copy.T_world_lidar = frame.T_world_lidar;

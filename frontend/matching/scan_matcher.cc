@@ -276,6 +276,11 @@ void MatchResult::MakeDegenerate(const Vector6d& direction) {
   degenerate_directions.col(0) = direction;
 }
 
+void MatchResult::MayBeElsewhere(const Vector6d& elsewhere) {
+  covariance += elsewhere * elsewhere.transpose();
+  MakeDegenerate(TimesArm(elsewhere).normalized());
+}
+
 ScanMatcherOptions WithNarrowKernel(ScanMatcherOptions options) {
   options.kernel_start_sigma = options.kernel_end_sigma;
   return options;

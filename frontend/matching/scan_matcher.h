@@ -170,6 +170,9 @@ struct MatchResult {
   void MakeDegenerate() { degenerate = std::max(1, degenerate); }
   // ... or, if it is not degenerate yet, with this one (a unit vector of the scaled tangent).
   void MakeDegenerate(const Vector6d& direction);
+  // Its pose may as well be so far from here (tangent): that is in the covariance from now on, and
+  // the way there is degenerate.
+  void MayBeElsewhere(const Vector6d& elsewhere);
 };
 
 // How much better one of two poses fits the map, in standard deviations of the sum over the

@@ -60,7 +60,7 @@ void StartTrack::CheckGoingAlong(const std::vector<SE3>& own, bool last) {
 }
 
 void StartTrack::CheckBest() {
-  const std::vector<SE3> poses = hypotheses_.front().poses;
+  const std::vector<SE3>& poses = hypotheses_.front().poses;
   if (!Slow(poses)) return TakeBest();
   const SteadyAlong fine = FindAhead(poses, steady_.noise_m);
   const auto speaks_against = [](const SteadyAlong& steady) {

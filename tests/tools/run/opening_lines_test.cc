@@ -50,6 +50,11 @@ class Clocked final : public ScanSource {
 
 class OpeningTest : public RunTest {
  protected:
+  // The configuration that all of these scans ask for.
+  FittingConfig FitOf(const std::string& folder, const Recording& scans) {
+    const auto source = OpenScans(WriteRecording(folder, scans), {});
+    return FindFittingConfig(*source, {0, source->size()});
+  }
   // Files 1.pcd, 2.pcd, ... in the order of `order`, with readings of a clock.
   std::string WriteClocked(const std::string& folder, bool compensated,
                            const std::function<std::size_t(std::size_t)>& name) const {
@@ -192,15 +197,19 @@ TEST_F(OpeningTest, TimesThatMisleadAreNotUsed) {
   EXPECT_THAT(run(1.0).err, Not(HasSubstr("understood wrongly")));
 }
 
+ScanPoint PointAt(double radius_m, double up, double turn) {
+  return {static_cast<float>(radius_m * std::cos(up) * std::cos(turn)),
+          static_cast<float>(radius_m * std::cos(up) * std::sin(turn)),
+          static_cast<float>(radius_m * std::sin(up)), 0.0F};
+}
+
 // Scans of a spinning sensor, all of whose points are on a sphere.
 std::string SphereBin(double radius_m) {
   std::vector<ScanPoint> points;
   for (int ring = -8; ring <= 8; ++ring) {
     for (int k = 0; k < 600; ++k) {
       const double up = Radians(2.0 * ring), turn = 2.0 * M_PI * k / 600.0;
-      points.push_back({static_cast<float>(radius_m * std::cos(up) * std::cos(turn)),
-                        static_cast<float>(radius_m * std::cos(up) * std::sin(turn)),
-                        static_cast<float>(radius_m * std::sin(up)), 0.0F});
+      points.push_back(PointAt(radius_m, up, turn));
     }
   }
   return KittiBin(points);
@@ -247,8 +256,7 @@ TEST_F(OpeningTest, ASmallPlaceOnTheWayCounts) {
     Recording scans;
     for (const double r : radii)
       scans.push_back({SphereBin(r), 0.1 * static_cast<double>(scans.size())});
-    const auto source = OpenScans(WriteRecording(folder, scans), {});
-    return FindFittingConfig(*source, {0, source->size()});
+    return FitOf(folder, scans);
   };
   EXPECT_EQ(fit("wide", {13, 13, 13, 13, 13, 13}).name, "");
   EXPECT_EQ(fit("into", {13, 13, 13, 13, 13, 5}).name, "handheld");
@@ -261,9 +269,7 @@ std::string SpreadBin(double radius_m, int count) {
   std::vector<ScanPoint> points;
   for (int i = 0; i < count; ++i) {
     const double up = draws.Uniform(-0.3, 0.9), turn = draws.Uniform(0.0, 2.0 * M_PI);
-    points.push_back({static_cast<float>(radius_m * std::cos(up) * std::cos(turn)),
-                      static_cast<float>(radius_m * std::cos(up) * std::sin(turn)),
-                      static_cast<float>(radius_m * std::sin(up)), 0.0F});
+    points.push_back(PointAt(radius_m, up, turn));
   }
   return KittiBin(points);
 }
@@ -272,8 +278,7 @@ TEST_F(OpeningTest, FewPointsOnNoRingsAreThoseOfAMid360) {
   const auto fit = [&](const std::string& folder, double radius_m, int count) {
     Recording scans;
     for (int i = 0; i < 6; ++i) scans.push_back({SpreadBin(radius_m, count), 0.1 * i});
-    const auto source = OpenScans(WriteRecording(folder, scans), {});
-    return FindFittingConfig(*source, {0, source->size()});
+    return FitOf(folder, scans);
   };
   EXPECT_EQ(fit("street", 13.0, 15000).name, "livox_mid360");
   EXPECT_TRUE(fit("street", 13.0, 15000).measured);
@@ -293,8 +298,7 @@ TEST_F(OpeningTest, ThinnedScansFarApartAreKeyframes) {
       }
       scans[i] = {KittiBin(kept), apart_s * static_cast<double>(i)};
     }
-    const auto source = OpenScans(WriteRecording(folder, scans), {});
-    return FindFittingConfig(*source, {0, source->size()});
+    return FitOf(folder, scans);
   };
   EXPECT_EQ(fit("keyframes", 7, 0.5).name, "keyframes");
   EXPECT_TRUE(fit("keyframes", 7, 0.5).measured);
