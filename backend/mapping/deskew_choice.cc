@@ -7,9 +7,14 @@ namespace {
 
 using Deskew = ScanPreparationOptions::Deskew;
 
-// Whether scans are lost by their times alone.
+// Whether scans are lost by their times alone. At a start at speed some are lost by right times as
+// well, and distorted ones tracked, all bent alike: planes that are as thin by the times speak for
+// these.
 bool Misled(const OpeningLook& deskewed, const OpeningLook& as_they_are) {
-  return !deskewed.tracked && as_they_are.Tells();
+  constexpr double kMostlyLost = 0.5;
+  if (deskewed.tracked || !as_they_are.Tells()) return false;
+  return deskewed.lost_share > kMostlyLost || !deskewed.HasPlanes() ||
+         deskewed.map.median_m > as_they_are.map.median_m;
 }
 
 }  // namespace

@@ -21,8 +21,10 @@ Vector6d StartVelocity(const Trajectory& poses) {
 
 }  // namespace
 
+bool OpeningLook::HasPlanes() const { return map.planes >= kLeastPlanes; }
+
 bool OpeningLook::Tells() const {
-  return tracked && (way_m > kLeastWayM || turn_rad > kLeastTurnRad) && map.planes >= kLeastPlanes;
+  return tracked && (way_m > kLeastWayM || turn_rad > kLeastTurnRad) && HasPlanes();
 }
 
 OpeningLook LookAt(const ScanSource& source, std::size_t begin, std::size_t end,
@@ -40,6 +42,7 @@ OpeningLook LookAt(const ScanSource& source, std::size_t begin, std::size_t end,
   MapScans(source, {begin, begin, end}, &run, stop);
   run.Finish();
   look.tracked = run.counts().lost == 0 && poses.size() * 2 > end - begin;
+  look.lost_share = static_cast<double>(run.counts().lost) / static_cast<double>(end - begin);
   for (std::size_t i = 1; i < poses.size(); ++i) {
     const SE3 step = poses[i - 1].T_world_lidar.Inverse() * poses[i].T_world_lidar;
     look.way_m += step.t.norm();
@@ -55,7 +58,7 @@ bool Comparable(const OpeningLook& a, const OpeningLook& b) {
   const auto alike = [&](double x, double y) { return std::min(x, y) >= kAlike * std::max(x, y); };
   const bool moved = (std::min(a.way_m, b.way_m) > kLeastWayM && alike(a.way_m, b.way_m)) ||
                      std::min(a.turn_rad, b.turn_rad) > kLeastTurnRad;
-  return a.tracked && b.tracked && moved && std::min(a.map.planes, b.map.planes) >= kLeastPlanes;
+  return a.tracked && b.tracked && moved && a.HasPlanes() && b.HasPlanes();
 }
 
 std::optional<std::pair<OpeningLook, OpeningLook>> LookUnderBoth(

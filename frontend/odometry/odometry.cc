@@ -57,6 +57,23 @@ Odometry::Odometry(const OdometryOptions& options)
 
 OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                                  const VoxelMap& map, bool map_is_older) const {
+  const int passes = DeskewPasses(stamp_ns, clusters);
+  OdometryFrame frame = RegisterDeskewed(stamp_ns, clusters, map, map_is_older, passes);
+  const bool lost = frame.status == OdometryFrame::Status::kLost;
+  if (passes == 0 || !lost || !started() || !Starting(map_is_older) || may_be_shaken_) return frame;
+  // The map of a first scan has that as it is. A second one that is deskewed alone parts from it at
+  // speed, where both as they are agree.
+  const OdometryFrame bent = RegisterDeskewed(stamp_ns, clusters, map, map_is_older, 0);
+  return bent.status == OdometryFrame::Status::kTracked ? bent : frame;
+}
+
+bool Odometry::Starting(bool map_is_older) const {
+  return !lost_ && !map_is_older && !motion_.moving_known();
+}
+
+OdometryFrame Odometry::RegisterDeskewed(StampNs stamp_ns,
+                                         const std::vector<TimedCluster>& clusters,
+                                         const VoxelMap& map, bool map_is_older, int passes) const {
   OdometryFrame frame;
   frame.stamp_ns = stamp_ns;
   if (!started()) return frame;
@@ -64,18 +81,16 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
   frame.T_world_predicted = prediction.T_world_lidar;
   frame.sweep = motion_.Twist(stamp_ns);
   std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.sweep);
-  const int passes = DeskewPasses(stamp_ns, clusters);
   frame.match = passes > 0 ? matcher_.MatchPose(deskewed, prediction, map)
                            : matcher_.Match(deskewed, prediction, map);
   if (!lost_ && Surprising(frame.match, prediction))
     SettleSurprise(deskewed, prediction, map, passes, &frame.match);
-  const bool starting = !lost_ && !map_is_older && !motion_.moving_known();
   PoseHypotheses hypotheses;
   if (options_.search.enabled && (map_is_older || NeedsSearch(frame.match, prediction))) {
     hypotheses = Hypotheses(prediction, map_is_older);
     frame.searched = !hypotheses.empty();
   }
-  SearchedScan scan{deskewed, prediction, map, starting};
+  SearchedScan scan{deskewed, prediction, map, Starting(map_is_older)};
   scan.timed = passes > 0;
   if (frame.searched) {
     frame.match = search_.Best(scan, &hypotheses, frame.match);

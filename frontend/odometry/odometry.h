@@ -239,6 +239,11 @@ class Odometry {
   // A match that has left a prediction along the direction that it knows least by more than both
   // explain, as things make it that move along, stays as well, and is degenerate there.
   void DoubtSurprising(const PosePrediction& prediction, OdometryFrame* frame) const;
+  // Whether a frame is the second one: no motion is known yet.
+  bool Starting(bool map_is_older) const;
+  // The same as Register, deskewed so often; 0: the scan as it is, by what is known of the motion.
+  OdometryFrame RegisterDeskewed(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
+                                 const VoxelMap& map, bool map_is_older, int passes) const;
   // How often a scan is deskewed again.
   int DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const;
   // Status and pose of a frame that was matched.
