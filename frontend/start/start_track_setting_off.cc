@@ -23,7 +23,7 @@ void StartTrack::Trust() {
   const std::vector<SE3> own = OwnPoses();
   const bool setting_off = SettingOff(own);
   // Steps that no clock tells may be uneven: of these only one that stands is steady.
-  const bool steady = setting_off || (clocked_ && Slow(own));
+  const bool steady = setting_off || (clocked_ && (doubted_ || Slow(own)));
   if (!all_tracked_ || !steady) return Clear();
   if (!setting_off) follows_ = false;
   const bool last = scans_.size() >= kMostScans;
