@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <optional>
 
 #include "core/base/angle.h"
@@ -133,6 +134,17 @@ bool AreSpread(Glance glance) {
 // 9 m; of streets, halls, and beside a lorry, within 13 m or more.
 constexpr double kSmallPlaceM = 10.0;
 
+// SensorGuess::mostly_m of the scan that sees the second least, if there are several. What is mapped
+// well in a small place is mapped well elsewhere, for more work, so it is enough that a part of the
+// recording is there. One scan is not: on a road lorries may stand or drive all about the sensor.
+double SecondNearest(const std::vector<SensorGuess>& guesses) {
+  std::vector<double> places_m;
+  for (const SensorGuess& guess : guesses) places_m.push_back(guess.mostly_m);
+  std::sort(places_m.begin(), places_m.end());
+  if (places_m.empty()) return std::numeric_limits<double>::infinity();
+  return places_m[std::min<std::size_t>(1, places_m.size() - 1)];
+}
+
 // Scans that were thinned and picked: far apart, and as a rule too few points share a voxel to make
 // a plane.
 bool AreKeyframes(Glance glance) {
@@ -173,13 +185,8 @@ FittingConfig FindFittingConfig(const ScanSource& source, const FrameRange& rang
   if (!guesses.empty() && std::all_of(guesses.begin(), guesses.end(), IsNarrow)) {
     return {"livox_avia", "a narrow view without rings", true};
   }
-  // What is mapped well in a small place is mapped well elsewhere, for more work.
-  const auto nearest =
-      std::min_element(guesses.begin(), guesses.end(),
-                       [](const auto& a, const auto& b) { return a.mostly_m < b.mostly_m; });
-  if (nearest != guesses.end() && nearest->mostly_m < kSmallPlaceM) {
-    return {"handheld",
-            fmt::format("a small place, nine points of ten within {:.1f} m", nearest->mostly_m),
+  if (const double place_m = SecondNearest(guesses); place_m < kSmallPlaceM) {
+    return {"handheld", fmt::format("a small place, nine points of ten within {:.1f} m", place_m),
             true};
   }
   if (AreKeyframes(glance)) {
