@@ -34,7 +34,7 @@ struct MotionOptions {
   double acceleration_sigma_m_s2 = 4.0;
   double turn_acceleration_sigma_deg_s2 = 300.0;
   // Standard deviation of the speed with which a recording starts.
-  double start_speed_sigma_m_s = 22.0;
+  double start_speed_sigma_m_s = 15.0;
   double start_turn_sigma_deg_s = 50.0;
 
   void Visit(OptionVisitor& v);

@@ -29,7 +29,7 @@ StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& ma
     : map_options_(map_options),
       // Hypotheses are minima already: a wide kernel would lead all of them into one.
       matcher_(WithNarrowKernel(options.matcher)),
-      reach_m_s_(2.0 * options.motion.start_speed_sigma_m_s),
+      reach_m_s_(3.0 * options.motion.start_speed_sigma_m_s),
       open_sigma_m_(options.matcher.max_direction_sigma_m) {
   // Smaller ones hold too few points of sparse scans.
   constexpr double kLeastVoxelM = 0.4;

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <limits>
 #include <optional>
 
 #include "core/base/angle.h"
@@ -134,15 +133,21 @@ bool AreSpread(Glance glance) {
 // 9 m; of streets, halls, and beside a lorry, within 13 m or more.
 constexpr double kSmallPlaceM = 10.0;
 
-// SensorGuess::mostly_m of the scan that sees the second least, if there are several. What is mapped
-// well in a small place is mapped well elsewhere, for more work, so it is enough that a part of the
-// recording is there. One scan is not: on a road lorries may stand or drive all about the sensor.
-double SecondNearest(const std::vector<SensorGuess>& guesses) {
-  std::vector<double> places_m;
-  for (const SensorGuess& guess : guesses) places_m.push_back(guess.mostly_m);
-  std::sort(places_m.begin(), places_m.end());
-  if (places_m.empty()) return std::numeric_limits<double>::infinity();
-  return places_m[std::min<std::size_t>(1, places_m.size() - 1)];
+// Of the scans of a small place the one that sees least, if there are such. What is mapped well there
+// is mapped well elsewhere, for more work, so one scan is enough, if it sees far to hardly any side:
+// on a road lorries may stand or drive all about the sensor, and leave gaps.
+const SensorGuess* SmallPlace(const std::vector<SensorGuess>& guesses) {
+  constexpr double kHardlyAny = 0.1;
+  const SensorGuess* smallest = nullptr;
+  int small = 0;
+  bool closed = false;
+  for (const SensorGuess& guess : guesses) {
+    if (guess.mostly_m >= kSmallPlaceM) continue;
+    ++small;
+    closed = closed || guess.far_share < kHardlyAny;
+    if (smallest == nullptr || guess.mostly_m < smallest->mostly_m) smallest = &guess;
+  }
+  return closed || small > 1 ? smallest : nullptr;
 }
 
 // Scans that were thinned and picked: far apart, and as a rule too few points share a voxel to make
@@ -160,13 +165,15 @@ SensorGuess GuessSensor(const std::vector<ScanPoint>& points) {
   SensorGuess guess;
   guess.points = points.size();
   std::vector<double> elevations, ranges;
-  HorizontalView view;
+  constexpr double kFarM = 15.0;
+  HorizontalView view, far;
   for (const ScanPoint& p : points) {
     const double flat = std::hypot(p.x, p.y), range = std::hypot(flat, p.z);
     if (!std::isfinite(range) || range < kLeastRangeM) continue;
     ranges.push_back(range);
     elevations.push_back(Degrees(std::atan2(p.z, flat)));
     view.Add(p.x, p.y);
+    if (flat > kFarM) far.Add(p.x, p.y);
   }
   if (ranges.empty()) return guess;
   guess.lowest_deg = Quantile(&elevations, kOutliers);
@@ -176,6 +183,7 @@ SensorGuess GuessSensor(const std::vector<ScanPoint>& points) {
   guess.farthest_m = Quantile(&ranges, 1.0 - kOutliers);
   guess.rings = CountRings(elevations, guess.lowest_deg, guess.highest_deg);
   guess.around_deg = view.degrees();
+  guess.far_share = far.share() / view.share();
   return guess;
 }
 
@@ -185,8 +193,9 @@ FittingConfig FindFittingConfig(const ScanSource& source, const FrameRange& rang
   if (!guesses.empty() && std::all_of(guesses.begin(), guesses.end(), IsNarrow)) {
     return {"livox_avia", "a narrow view without rings", true};
   }
-  if (const double place_m = SecondNearest(guesses); place_m < kSmallPlaceM) {
-    return {"handheld", fmt::format("a small place, nine points of ten within {:.1f} m", place_m),
+  if (const SensorGuess* const small = SmallPlace(guesses)) {
+    return {"handheld",
+            fmt::format("a small place, nine points of ten within {:.1f} m", small->mostly_m),
             true};
   }
   if (AreKeyframes(glance)) {

@@ -17,6 +17,7 @@ struct SensorGuess {
   double lowest_deg = 0, highest_deg = 0;  // elevation, but for a few outliers
   double around_deg = 0;                   // horizontal field of view
   double mostly_m = 0;                     // nine points of ten are within it
+  double far_share = 0;                    // of the directions around: something is beyond 15 m
   double farthest_m = 0;                   // but for a few outliers
 };
 SensorGuess GuessSensor(const std::vector<ScanPoint>& points);
