@@ -156,7 +156,7 @@ std::vector<PointCluster> StartTrack::Deskewed(std::size_t scan,
 std::vector<SE3> StartTrack::Minima(const std::vector<PointCluster>& clusters,
                                     const SE3& T_world_lidar, const VoxelMap& map, double middle_m,
                                     double reach_m) const {
-  constexpr double kStepM = 0.5 * kScaleM, kLeastFacing = 0.3, kLeastShare = 0.15;
+  constexpr double kStepM = 0.5 * kScaleM, kLeastFacing = 0.3, kLeastShare = 0.1;
   // The clusters that may meet a plane facing u at all.
   std::vector<Eigen::Vector3d> points;
   const double voxel_m = map.options().LeafSize();

@@ -165,7 +165,7 @@ class StartTrack {
 
     void Archive(StateArchive& a) { a(&poses, &fits); }
   };
-  static constexpr std::size_t kMostHypotheses = 6;
+  static constexpr std::size_t kMostHypotheses = 8;
   // So many scans may speak against a way, so many are enough where they tell a steady motion, and
   // at the latest it is decided.
   static constexpr std::size_t kFewScans = 5, kManyScans = 8, kMostScans = 13;

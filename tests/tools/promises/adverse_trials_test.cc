@@ -245,6 +245,21 @@ TEST(AdverseStart, ASteadyMotionIsFoundWhereMatchesMislead) {
   EXPECT_LT(bays.lost, 12u) << bays.broken;
 }
 
+// At 34 m/s each scan is bent by 3.4 m, and a second one that is deskewed alone has little in common
+// with the first. Of what faces the way among vans that go along, a fifth stands.
+TEST(AdverseStart, OnAMotorwayIsTracked) {
+  for (const int seed : {2, 3}) {
+    const Verdict alone = Tried("motorway", seed);
+    EXPECT_LT(alone.worst_m, 0.1) << seed;
+    EXPECT_GE(alone.judged, 28u) << seed << ": " << alone.broken;
+  }
+  for (const int seed : {3, 9}) {
+    const Verdict vans = Tried("motorway-vans", seed);
+    EXPECT_LT(vans.worst_m, 0.1) << seed;
+    EXPECT_GE(vans.judged, 36u) << seed << ": " << vans.broken;
+  }
+}
+
 // Scans of one place show a sensor that sets off as one that stands, or goes the other way: a speed
 // that is not told from these is none.
 TEST(AdverseStart, AWayThatIsNotToldFromStandingIsNotTaken) {
