@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "core/base/median.h"
 #include "core/geometry/robust_kernel.h"
 #include "frontend/matching/plane_score.h"
 #include "frontend/odometry/odometry.h"
@@ -15,6 +16,8 @@ namespace {
 // Half the distance at which two minima are told apart.
 constexpr double kScaleM = 0.06;
 constexpr double kSameM = 0.1;
+// Of the speed at which a recording starts: in a small place none is faster.
+constexpr double kUsualSigmas = 2.0;
 
 // How much a cluster at p that meets this plane counts along u, as far as it fits.
 double FitAlong(const Surface& plane, const Eigen::Vector3d& p, const Eigen::Vector3d& u) {
@@ -29,7 +32,6 @@ StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& ma
     : map_options_(map_options),
       // Hypotheses are minima already: a wide kernel would lead all of them into one.
       matcher_(WithNarrowKernel(options.matcher)),
-      reach_m_s_(3.0 * options.motion.start_speed_sigma_m_s),
       open_sigma_m_(options.matcher.max_direction_sigma_m) {
   // Smaller ones hold too few points of sparse scans.
   constexpr double kLeastVoxelM = 0.4;
@@ -37,7 +39,6 @@ StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& ma
   steady_.noise_m = options.matcher.noise_floor_m;
   steady_.speed_sigma_m_s = options.motion.start_speed_sigma_m_s;
   steady_.acceleration_sigma_m_s2 = options.motion.acceleration_sigma_m_s2;
-  steady_.most_speed_m_s = reach_m_s_;
 }
 
 void StartTrack::Clear() {
@@ -94,6 +95,17 @@ void StartTrack::Shake(std::size_t scan, const SweepMotion& sweep) {
   if (sparse_) return;
   scans_[scan].sweep = sweep;
   scans_[scan].sweep.twist -= Twist(OwnPoses(), scan);
+}
+
+double StartTrack::MostSpeedMS() const {
+  // Where the sensor sees as far as that takes it in a second.
+  constexpr double kMostSigmas = 3.0, kFarthest = 0.98, kAheadS = 1.0;
+  std::vector<double> ranges_m;
+  for (const TimedCluster& cluster : scans_.front().clusters)
+    ranges_m.push_back(cluster.points.mean.norm());
+  const double sees_m = ranges_m.empty() ? 0.0 : Quantile(&ranges_m, kFarthest);
+  const double sigma_m_s = steady_.speed_sigma_m_s;
+  return std::clamp(sees_m / kAheadS, kUsualSigmas * sigma_m_s, kMostSigmas * sigma_m_s);
 }
 
 Eigen::Matrix3d StartTrack::Faced(const std::vector<SE3>& poses, std::size_t scans) const {
@@ -156,7 +168,9 @@ std::vector<PointCluster> StartTrack::Deskewed(std::size_t scan,
 std::vector<SE3> StartTrack::Minima(const std::vector<PointCluster>& clusters,
                                     const SE3& T_world_lidar, const VoxelMap& map, double middle_m,
                                     double reach_m) const {
-  constexpr double kStepM = 0.5 * kScaleM, kLeastFacing = 0.3, kLeastShare = 0.1;
+  constexpr double kStepM = 0.5 * kScaleM, kLeastFacing = 0.3;
+  // What stands is little of what faces the way among traffic that is as fast as the sensor.
+  constexpr double kLeastShare = 0.3, kFaintShare = 0.1, kFastMS = 15.0;
   // The clusters that may meet a plane facing u at all.
   std::vector<Eigen::Vector3d> points;
   const double voxel_m = map.options().LeafSize();
@@ -189,9 +203,11 @@ std::vector<SE3> StartTrack::Minima(const std::vector<PointCluster>& clusters,
   std::stable_sort(minima.begin(), minima.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
   if (minima.size() > kMostHypotheses) minima.resize(kMostHypotheses);
+  const bool far = MostSpeedMS() > kUsualSigmas * steady_.speed_sigma_m_s;
   std::vector<SE3> poses;
   for (const auto& [evidence, way_m] : minima) {
-    if (evidence < kLeastShare * minima.front().first) break;
+    const bool fast = far && std::abs(way_m) > kFastMS * GapS(scans_.size() - 1);
+    if (evidence < (fast ? kFaintShare : kLeastShare) * minima.front().first) continue;
     poses.emplace_back(T_world_lidar.q, T_world_lidar.t + way_m * u_);
   }
   return poses;
@@ -207,7 +223,7 @@ void StartTrack::Begin(const OdometryFrame& frame) {
   std::vector<SE3> starts = {T};
   // Along u the sensor may have moved so far to either side of where it was.
   for (const SE3& minimum :
-       Minima(clusters, T, map, u_.dot(T_first.t - T.t), reach_m_s_ * GapS(1) + 0.5 * kScaleM)) {
+       Minima(clusters, T, map, u_.dot(T_first.t - T.t), MostSpeedMS() * GapS(1) + 0.5 * kScaleM)) {
     if ((minimum.t - T.t).norm() > kSameM) starts.push_back(minimum);
   }
   if (starts.size() == 1 && !unsure_) return;

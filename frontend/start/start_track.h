@@ -184,6 +184,8 @@ class StartTrack {
   static constexpr double kLikelySigmas = 1.0, kDoubtedSigmas = 2.0;
   // In standard deviations by how much one is better.
   double Better(const Hypothesis& a, const Hypothesis& b) const;
+  // Faster than this it is not looked for.
+  double MostSpeedMS() const;
   // Since the scan before.
   double GapS(std::size_t scan) const;
   // Of the change of velocity between the ways to a scan and to the one before it: what the motion
@@ -301,7 +303,7 @@ class StartTrack {
     bool refutes = false;  // the poses' way, clearly
   };
   SteadyAlong FindAlong(const std::vector<SE3>& from, const Eigen::Vector3d& u,
-                        double most_speed_m_s, double noise_m) const;
+                        double noise_m) const;
   // The same along the direction that the fewest planes face.
   SteadyAlong FindAhead(const std::vector<SE3>& from, double noise_m) const;
   // By surfaces as sharp as the sensor's noise, and as sharp as decimetres: whether both say that
@@ -337,7 +339,7 @@ class StartTrack {
 
   VoxelMapOptions map_options_;
   ScanMatcher matcher_;
-  double reach_m_s_, open_sigma_m_;
+  double open_sigma_m_;
   SteadyMotionOptions steady_;
   bool open_ = true, overruled_ = false;
   bool told_ = false;         // of several ways odometry's is left

@@ -47,7 +47,7 @@ bool StartTrack::SettingOff(const std::vector<SE3>& poses) const {
 
 StartTrack::SteadyAlong StartTrack::FindAhead(const std::vector<SE3>& from, double noise_m) const {
   const Eigen::Vector3d u = LeastFaced(Faced(from, from.size() - 1));
-  return FindAlong(from, u, steady_.most_speed_m_s, noise_m);
+  return FindAlong(from, u, noise_m);
 }
 
 void StartTrack::CheckGoingAlong(const std::vector<SE3>& own, bool last) {

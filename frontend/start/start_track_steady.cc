@@ -54,8 +54,7 @@ std::vector<SteadyScan> StartTrack::WithoutWay(const std::vector<SE3>& poses,
 }
 
 StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
-                                              const Eigen::Vector3d& u, double most_speed_m_s,
-                                              double noise_m) const {
+                                              const Eigen::Vector3d& u, double noise_m) const {
   // A speed that is known worse, or at the end of what is looked for, may be any. So may one that
   // is told neither from standing nor from going the other way, where that makes a difference.
   constexpr double kMostOpenMS = 4.0, kMostOfReach = 0.8;
@@ -65,7 +64,7 @@ StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
   steady.along = u;
   WayAlong own;
   SteadyMotionOptions options = steady_;
-  options.most_speed_m_s = most_speed_m_s;
+  options.most_speed_m_s = MostSpeedMS();
   options.noise_m = noise_m;
   const SteadyMotionSearch search(options, u, axis, WithoutWay(from, u, &own));
   // The sheets of rings lie one above the other: raised from scan to scan, each is by itself, and
@@ -82,7 +81,7 @@ StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
   steady.open_speed_m_s = found.open_speed_m_s;
   steady.told = found.open_speed_m_s <= std::max(kKnownMS, steady.speed_m_s) &&
                 found.open_speed_m_s <= kMostOpenMS &&
-                steady.speed_m_s <= kMostOfReach * most_speed_m_s;
+                steady.speed_m_s <= kMostOfReach * options.most_speed_m_s;
   // Scans from nearly one place have their points in the same few spots of each wall, and look
   // sharp for that alone.
   const bool standing = std::abs(way.positions_m.back()) < steady_.voxel_size_m;
@@ -96,7 +95,7 @@ StartTrack::SteadyWay StartTrack::FindSteady(const std::vector<SE3>& from,
   SteadyWay way;
   way.poses = way.moving = from;
   for (const Eigen::Vector3d& u : directions) {
-    const SteadyAlong steady = FindAlong(way.poses, u, steady_.most_speed_m_s, steady_.noise_m);
+    const SteadyAlong steady = FindAlong(way.poses, u, steady_.noise_m);
     const bool agrees = steady.open_speed_m_s <= kKnownMS && steady.apart_m <= kAgreesM;
     way.refuted = way.refuted || (steady.refutes && !steady.told);
     way.doubted = way.doubted ||
@@ -124,7 +123,7 @@ bool StartTrack::FindStraight(const std::vector<SE3>& other, std::vector<SE3>* p
   const std::vector<SE3> resting(other.size(), other.front());
   const Eigen::Vector3d up = other.front().q * Eigen::Vector3d::UnitZ();
   const Eigen::Vector3d ahead = LeastAcross(Faced(resting, 1), up);
-  const SteadyAlong steady = FindAlong(resting, ahead, steady_.most_speed_m_s, steady_.noise_m);
+  const SteadyAlong steady = FindAlong(resting, ahead, steady_.noise_m);
   if (!steady.told || !steady.refutes || steady.open_speed_m_s > kMostOpenShare * steady.speed_m_s)
     return false;
   WayAlong straight, before;
