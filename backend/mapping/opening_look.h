@@ -20,8 +20,8 @@ namespace lamina {
 inline constexpr std::size_t kLookScans = 20;
 
 struct OpeningLook {
-  bool tracked = false;      // throughout
-  double lost_share = 0.0;   // of the scans
+  bool tracked = false;     // throughout
+  double lost_share = 0.0;  // of the scans
   double way_m = 0.0, turn_rad = 0.0;
   Vector6d start_velocity = Vector6d::Zero();  // of the first scan, in the body, per second
   MapThickness map;

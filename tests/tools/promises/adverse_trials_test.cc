@@ -245,8 +245,8 @@ TEST(AdverseStart, ASteadyMotionIsFoundWhereMatchesMislead) {
   EXPECT_LT(bays.lost, 12u) << bays.broken;
 }
 
-// At 34 m/s each scan is bent by 3.4 m, and a second one that is deskewed alone has little in common
-// with the first. Of what faces the way among vans that go along, a fifth stands.
+// At 34 m/s each scan is bent by 3.4 m, and a second one that is deskewed alone has little in
+// common with the first. Of what faces the way among vans that go along, a fifth stands.
 TEST(AdverseStart, OnAMotorwayIsTracked) {
   for (const int seed : {2, 3}) {
     const Verdict alone = Tried("motorway", seed);

@@ -204,12 +204,15 @@ ScanPoint PointAt(double radius_m, double up, double turn) {
 }
 
 // Scans of a spinning sensor, all of whose points are on a sphere.
-std::string SphereBin(double radius_m) {
+// To a share of the directions one ring sees farther.
+std::string SphereBin(double radius_m, double farther_share = 0.0) {
+  constexpr double kFartherM = 40.0;
   std::vector<ScanPoint> points;
   for (int ring = -8; ring <= 8; ++ring) {
     for (int k = 0; k < 600; ++k) {
       const double up = Radians(2.0 * ring), turn = 2.0 * M_PI * k / 600.0;
-      points.push_back(PointAt(radius_m, up, turn));
+      const bool farther = ring == 0 && k < 600.0 * farther_share;
+      points.push_back(PointAt(farther ? kFartherM : radius_m, up, turn));
     }
   }
   return KittiBin(points);
@@ -252,15 +255,19 @@ TEST_F(OpeningTest, ASmallPlaceIsMappedFinerWhereNoConfigurationIsGiven) {
 }
 
 TEST_F(OpeningTest, ASmallPlaceOnTheWayCounts) {
-  const auto fit = [&](const std::string& folder, const std::vector<double>& radii) {
+  const auto fit = [&](const std::string& folder, const std::vector<double>& radii,
+                       double farther_share = 0.0) {
     Recording scans;
     for (const double r : radii)
-      scans.push_back({SphereBin(r), 0.1 * static_cast<double>(scans.size())});
+      scans.push_back({SphereBin(r, farther_share), 0.1 * static_cast<double>(scans.size())});
     return FitOf(folder, scans);
   };
   EXPECT_EQ(fit("wide", {13, 13, 13, 13, 13, 13}).name, "");
   EXPECT_EQ(fit("into", {13, 13, 13, 13, 13, 5}).name, "handheld");
   EXPECT_EQ(fit("one", {5}).name, "handheld");
+  // Lorries about a car leave gaps.
+  EXPECT_EQ(fit("lorries", {13, 13, 5, 13, 13, 13}, 0.2).name, "");
+  EXPECT_EQ(fit("yard", {13, 13, 5, 5, 13, 13}, 0.2).name, "handheld");
 }
 
 // Points that lie anywhere on a sphere about the sensor, but for what is straight up and down.
