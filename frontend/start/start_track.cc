@@ -98,8 +98,8 @@ void StartTrack::Shake(std::size_t scan, const SweepMotion& sweep) {
 }
 
 double StartTrack::MostSpeedMS() const {
-  // Where the sensor sees as far as that takes it in a second.
-  constexpr double kMostSigmas = 3.0, kFarthest = 0.98, kAheadS = 1.0;
+  // Where the sensor sees as far as that takes it in a second and a half.
+  constexpr double kMostSigmas = 3.0, kFarthest = 0.98, kAheadS = 1.5;
   std::vector<double> ranges_m;
   for (const TimedCluster& cluster : scans_.front().clusters)
     ranges_m.push_back(cluster.points.mean.norm());

@@ -76,7 +76,7 @@ TEST_F(AdverseCommandTest, PromisesAreReadWithPlaceAndRule) {
 
 TEST_F(AdverseCommandTest, TheTableTellsWhatWasKept) {
   const std::string promises = Write(
-      "| (all) | --scene hall --sensor spinning --points 4000 --frames 6 | | | | | |\n"
+      "| (all) | --scene hall --sensor spinning --points 4000 --frames 16 | | | | | |\n"
       "| easy | | | 0.1 | 0 | any | |\n"
       "| hard | | | 0.0001 | 0 | any | |\n"
       "| other | | | 0.1 | 0 | any | |\n");
@@ -92,7 +92,7 @@ TEST_F(AdverseCommandTest, TheTableTellsWhatWasKept) {
   EXPECT_THAT(outcome.out, HasSubstr("hard, seed 2: 0.0"));
   EXPECT_THAT(outcome.out, Not(HasSubstr("other")));
   EXPECT_EQ(Lines(Bytes(Path("out/trials.csv"))).size(), 5u);
-  EXPECT_EQ(Lines(Bytes(Path("out/frames/easy_1.csv"))).size(), 7u);
+  EXPECT_EQ(Lines(Bytes(Path("out/frames/easy_1.csv"))).size(), 17u);
   adverse("again", "hard", "1");
   EXPECT_EQ(Bytes(Path("again/frames/hard_2.csv")), Bytes(Path("out/frames/hard_2.csv")));
 }
