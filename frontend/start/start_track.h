@@ -9,7 +9,9 @@
 // that the best of them is taken.
 //
 // Hypotheses are ways along the unit vector u, the direction that the fewest planes face: there few
-// clusters decide. Each minimum of the second scan begins one; each scan after it is where the
+// clusters decide. Each minimum of the second scan begins one, fast ones though it is faint, where
+// the sensor sees far: among traffic as fast as the sensor little that faces the way stands. Each
+// scan after it is where the
 // motion so far leads, or in a minimum beside that, so that a way may part from another later: a
 // lorry that starts alongside is half a metre behind only when eight scans have been taken. Cluster
 // i of each scan meets a plane under a hypothesis at the distance d_i, and fits by
