@@ -133,9 +133,9 @@ bool AreSpread(Glance glance) {
 // 9 m; of streets, halls, and beside a lorry, within 13 m or more.
 constexpr double kSmallPlaceM = 10.0;
 
-// Of the scans of a small place the one that sees least, if there are such. What is mapped well there
-// is mapped well elsewhere, for more work, so one scan is enough, if it sees far to hardly any side:
-// on a road lorries may stand or drive all about the sensor, and leave gaps.
+// Of the scans of a small place the one that sees least, if there are such. What is mapped well
+// there is mapped well elsewhere, for more work, so one scan is enough, if it sees far to hardly
+// any side: on a road lorries may stand or drive all about the sensor, and leave gaps.
 const SensorGuess* SmallPlace(const std::vector<SensorGuess>& guesses) {
   constexpr double kHardlyAny = 0.1;
   const SensorGuess* smallest = nullptr;
