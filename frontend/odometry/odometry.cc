@@ -57,10 +57,13 @@ Odometry::Odometry(const OdometryOptions& options)
 
 OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                                  const VoxelMap& map, bool map_is_older) const {
+  OdometryFrame frame;
+  frame.stamp_ns = stamp_ns;
+  if (!started()) return frame;
   const int passes = DeskewPasses(stamp_ns, clusters);
-  OdometryFrame frame = RegisterDeskewed(stamp_ns, clusters, map, map_is_older, passes);
-  const bool lost = frame.status == OdometryFrame::Status::kLost;
-  if (passes == 0 || !lost || !started() || !Starting(map_is_older) || may_be_shaken_) return frame;
+  frame = RegisterDeskewed(stamp_ns, clusters, map, map_is_older, passes);
+  const bool deskewed_alone = passes > 0 && Starting(map_is_older) && !may_be_shaken_;
+  if (!deskewed_alone || frame.status != OdometryFrame::Status::kLost) return frame;
   // The map of a first scan has that as it is. A second one that is deskewed alone parts from it at
   // speed, where both as they are agree.
   const OdometryFrame bent = RegisterDeskewed(stamp_ns, clusters, map, map_is_older, 0);
@@ -76,7 +79,6 @@ OdometryFrame Odometry::RegisterDeskewed(StampNs stamp_ns,
                                          const VoxelMap& map, bool map_is_older, int passes) const {
   OdometryFrame frame;
   frame.stamp_ns = stamp_ns;
-  if (!started()) return frame;
   const PosePrediction prediction = motion_.Predict(stamp_ns);
   frame.T_world_predicted = prediction.T_world_lidar;
   frame.sweep = motion_.Twist(stamp_ns);

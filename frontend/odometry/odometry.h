@@ -241,7 +241,8 @@ class Odometry {
   void DoubtSurprising(const PosePrediction& prediction, OdometryFrame* frame) const;
   // Whether a frame is the second one: no motion is known yet.
   bool Starting(bool map_is_older) const;
-  // The same as Register, deskewed so often; 0: the scan as it is, by what is known of the motion.
+  // The same as Register once started, deskewed so often; 0: the scan as it is, by what is known of
+  // the motion.
   OdometryFrame RegisterDeskewed(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                                  const VoxelMap& map, bool map_is_older, int passes) const;
   // How often a scan is deskewed again.

@@ -57,7 +57,10 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
   }
   clocked_ = clocked_ && !stamp_made_up;
   scans_.push_back({frame.stamp_ns, clusters, frame.T_world_lidar, SweepMotion()});
-  if (scans_.size() == 1) return;
+  if (scans_.size() == 1) {
+    steady_.most_speed_m_s = MostSpeedMS();
+    return;
+  }
   if (scans_.size() == 2) sparse_ = ToldByBeams(frame.match);
   if (frame.sweep.of_scan) Shake(scans_.size() - 1, frame.sweep);
   all_tracked_ = all_tracked_ && frame.status == OdometryFrame::Status::kTracked;
@@ -203,7 +206,7 @@ std::vector<SE3> StartTrack::Minima(const std::vector<PointCluster>& clusters,
   std::stable_sort(minima.begin(), minima.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
   if (minima.size() > kMostHypotheses) minima.resize(kMostHypotheses);
-  const bool far = MostSpeedMS() > kUsualSigmas * steady_.speed_sigma_m_s;
+  const bool far = steady_.most_speed_m_s > kUsualSigmas * steady_.speed_sigma_m_s;
   std::vector<SE3> poses;
   for (const auto& [evidence, way_m] : minima) {
     const bool fast = far && std::abs(way_m) > kFastMS * GapS(scans_.size() - 1);
@@ -222,8 +225,8 @@ void StartTrack::Begin(const OdometryFrame& frame) {
   u_ = LeastFaced(Faced({T_first, T}, 1));
   std::vector<SE3> starts = {T};
   // Along u the sensor may have moved so far to either side of where it was.
-  for (const SE3& minimum :
-       Minima(clusters, T, map, u_.dot(T_first.t - T.t), MostSpeedMS() * GapS(1) + 0.5 * kScaleM)) {
+  const double reach_m = steady_.most_speed_m_s * GapS(1) + 0.5 * kScaleM;
+  for (const SE3& minimum : Minima(clusters, T, map, u_.dot(T_first.t - T.t), reach_m)) {
     if ((minimum.t - T.t).norm() > kSameM) starts.push_back(minimum);
   }
   if (starts.size() == 1 && !unsure_) return;
@@ -410,6 +413,7 @@ void StartTrack::Archive(StateArchive& a) {
   a(&open_, &overruled_, &told_, &unsure_, &all_tracked_, &open_m_, &open_along_, &scans_,
     &hypotheses_, &without_planes_, &u_, &follows_, &again_, &doubted_, &sparse_, &shaken_,
     &clocked_);
+  if (!scans_.empty()) steady_.most_speed_m_s = MostSpeedMS();
 }
 
 }  // namespace lamina

@@ -186,7 +186,7 @@ class StartTrack {
   static constexpr double kLikelySigmas = 1.0, kDoubtedSigmas = 2.0;
   // In standard deviations by how much one is better.
   double Better(const Hypothesis& a, const Hypothesis& b) const;
-  // Faster than this it is not looked for.
+  // SteadyMotionOptions::most_speed_m_s, by what the first scan sees.
   double MostSpeedMS() const;
   // Since the scan before.
   double GapS(std::size_t scan) const;

@@ -64,7 +64,6 @@ StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
   steady.along = u;
   WayAlong own;
   SteadyMotionOptions options = steady_;
-  options.most_speed_m_s = MostSpeedMS();
   options.noise_m = noise_m;
   const SteadyMotionSearch search(options, u, axis, WithoutWay(from, u, &own));
   // The sheets of rings lie one above the other: raised from scan to scan, each is by itself, and
