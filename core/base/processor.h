@@ -8,10 +8,15 @@
 // are the same bits.
 #pragma once
 
+#include <cstdint>
+
 namespace lamina {
 
-// Four numbers, of which a processor without AVX makes two and two.
+// Four numbers, of which a processor without AVX makes two and two; a comparison of them gives four
+// integers, each with all of its bits set or none.
 using Four = double __attribute__((vector_size(32)));
+using FourIntegers = std::int64_t __attribute__((vector_size(32)));
+using FourFloats = float __attribute__((vector_size(16)));
 
 }  // namespace lamina
 

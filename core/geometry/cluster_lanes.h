@@ -18,8 +18,7 @@ namespace lamina {
 
 // Rows become columns.
 [[gnu::always_inline]] inline void Transpose(Four* row) {
-  using Places = std::int64_t __attribute__((vector_size(32)));
-  const Places even{0, 4, 2, 6}, odd{1, 5, 3, 7}, low{0, 1, 4, 5}, high{2, 3, 6, 7};
+  const FourIntegers even{0, 4, 2, 6}, odd{1, 5, 3, 7}, low{0, 1, 4, 5}, high{2, 3, 6, 7};
   const Four even01 = __builtin_shuffle(row[0], row[1], even);
   const Four even23 = __builtin_shuffle(row[2], row[3], even);
   const Four odd01 = __builtin_shuffle(row[0], row[1], odd);

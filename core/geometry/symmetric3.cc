@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "core/base/lane_math.h"
 #include "core/base/processor.h"
 
 namespace lamina {
@@ -52,12 +53,11 @@ inline Eigen3 Ordered(const std::array<double, 3>& l, const Eigen::Matrix3d& u) 
 
 // Rotate for four matrices, each of which stops when it would by itself.
 struct alignas(32) JacobiLanes {
-  using Bits = std::int64_t __attribute__((vector_size(32)));
   static constexpr int kPlace[3][3] = {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}};
 
   Four a[6];  // xx xy xz yy yz zz
   Four u[3][3];
-  Bits active;
+  FourIntegers active;
 
   [[gnu::always_inline]] inline void Set(std::size_t lane, const Symmetric3& s) {
     const double values[6] = {s.xx, s.xy, s.xz, s.yy, s.yz, s.zz};
@@ -73,7 +73,7 @@ struct alignas(32) JacobiLanes {
     const Four off = a[1] * a[1] + a[2] * a[2] + a[4] * a[4];
     const Four diagonal = a[0] * a[0] + a[3] * a[3] + a[5] * a[5];
     active &= off > kDiagonal * diagonal;
-    return (active[0] | active[1] | active[2] | active[3]) != 0;
+    return AnyLane(active);
   }
 
   [[gnu::always_inline]] inline void Rotate(int p, int q, int r) {
@@ -82,13 +82,13 @@ struct alignas(32) JacobiLanes {
     Four& apq = a[kPlace[p][q]];
     Four& apr = a[kPlace[p][r]];
     Four& aqr = a[kPlace[q][r]];
-    const Bits turns = active & (apq != 0.0);
+    const FourIntegers turns = active & (apq != 0.0);
     const Four one = Four{} + 1.0;
-    const Bits sign_bit = Bits{} + std::numeric_limits<std::int64_t>::min();
+    const FourIntegers sign_bit = FourIntegers{} + std::numeric_limits<std::int64_t>::min();
     const Four theta = 0.5 * (aqq - app) / (turns ? apq : one);
-    const auto sign = reinterpret_cast<Four>((reinterpret_cast<Bits>(theta) & sign_bit) |
-                                             reinterpret_cast<Bits>(one));
-    const auto size = reinterpret_cast<Four>(reinterpret_cast<Bits>(theta) & ~sign_bit);
+    const auto sign = reinterpret_cast<Four>((reinterpret_cast<FourIntegers>(theta) & sign_bit) |
+                                             reinterpret_cast<FourIntegers>(one));
+    const auto size = reinterpret_cast<Four>(reinterpret_cast<FourIntegers>(theta) & ~sign_bit);
     Four root = theta * theta + 1.0;
     SquareRoots(&root);
     const Four t = turns ? sign / (size + root) : Four{};
@@ -108,10 +108,6 @@ struct alignas(32) JacobiLanes {
       u[i][p] = turns ? c * up - s * uq : up;
       u[i][q] = turns ? s * up + c * uq : uq;
     }
-  }
-
-  [[gnu::always_inline]] static inline void SquareRoots(Four* x) {
-    *x = Four{std::sqrt((*x)[0]), std::sqrt((*x)[1]), std::sqrt((*x)[2]), std::sqrt((*x)[3])};
   }
 
   [[gnu::always_inline]] inline Eigen3 Result(std::size_t lane) const {

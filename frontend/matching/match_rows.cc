@@ -12,9 +12,6 @@
 namespace lamina {
 namespace {
 
-using RowMask = std::int64_t __attribute__((vector_size(32)));
-using FourFloats = float __attribute__((vector_size(16)));
-
 [[gnu::always_inline]] inline void Dot(const Four* a, const Four* b, Four* dot) {
   *dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
@@ -61,7 +58,7 @@ struct alignas(32) SurfaceLanes {
 // What MakePlaneRows makes of four.
 struct alignas(32) RowLanes {
   Four j[6], distance, normal_error2, w, robust, residual2;
-  RowMask matched, young;
+  FourIntegers matched, young;
 
   [[gnu::always_inline]] inline void Store(MatchRow* const* rows) const {
     double* place[4];

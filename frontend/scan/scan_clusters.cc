@@ -14,8 +14,6 @@
 namespace lamina {
 namespace {
 
-using FourPlaces = std::int64_t __attribute__((vector_size(32)));
-
 // Raw sums about the centre of the voxel: within half a voxel of their origin, sums in double lose
 // nothing, and adding a point is a dozen multiplications without a division.
 // Aligned as registers of four numbers are loaded.
@@ -56,10 +54,10 @@ TimedCluster ToCluster(const VoxelSums& s, double leaf_size_m) {
 
 // Whether the size of each number is below its bound; false for NaN.
 [[gnu::always_inline]] inline bool AllBelow(const Four& v, const Four& bounds) {
-  const FourPlaces no_sign = FourPlaces{} + std::numeric_limits<std::int64_t>::max();
-  const auto size = reinterpret_cast<Four>(reinterpret_cast<FourPlaces>(v) & no_sign);
-  FourPlaces below = size < bounds;
-  below &= __builtin_shuffle(below, FourPlaces{2, 3, 0, 1});
+  const FourIntegers no_sign = FourIntegers{} + std::numeric_limits<std::int64_t>::max();
+  const auto size = reinterpret_cast<Four>(reinterpret_cast<FourIntegers>(v) & no_sign);
+  FourIntegers below = size < bounds;
+  below &= __builtin_shuffle(below, FourIntegers{2, 3, 0, 1});
   return (below[0] & below[1]) != 0;
 }
 
@@ -79,8 +77,8 @@ TimedCluster ToCluster(const VoxelSums& s, double leaf_size_m) {
     n += 1.0;
     first += v;
     squares += v * v;
-    next += v * __builtin_shuffle(v, FourPlaces{1, 2, 3, 0});
-    across += v * __builtin_shuffle(v, FourPlaces{2, 3, 0, 1});
+    next += v * __builtin_shuffle(v, FourIntegers{1, 2, 3, 0});
+    across += v * __builtin_shuffle(v, FourIntegers{2, 3, 0, 1});
     if (++point == end) break;
     ReadPoint(*point, &v);
     v -= centre;

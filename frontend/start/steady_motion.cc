@@ -26,6 +26,8 @@ constexpr double kShifts[][3] = {
 constexpr std::size_t kGrids = std::size(kShifts);
 // As many do where speeds are far apart.
 constexpr std::size_t kCoarseGrids = 2;
+// A motion is open to the other if that does not refute it by more.
+constexpr double kOpenSigmas = 2.0;
 
 double Votes(const std::vector<double>& one, const std::vector<double>& other) {
   BlockVotes votes;
@@ -50,6 +52,7 @@ SteadyMotionSearch::SteadyMotionSearch(const SteadyMotionOptions& options, const
       block_points_[static_cast<std::size_t>(block)] += cluster.count;
     }
   }
+  for (const SteadyMotionGrid& grid : grids_) blocks_.push_back(grid.InOrder(block_of_));
   duration_s_ = std::max(1e-3, scans_.back().time_s - scans_.front().time_s);
   middle_s_ = 0.5 * (scans_.front().time_s + scans_.back().time_s);
   // L has its maximum over speeds by which the last scan is a voxel off.
@@ -143,8 +146,13 @@ SteadyMotionSearch::Evidence SteadyMotionSearch::EvidenceIn(const SteadyMotionSe
                                                             Scratch* scratch) const {
   Evidence sums;
   sums.blocks.resize(places.block_points_.size(), 0.0);
-  for (std::size_t i = 0; i < grids; ++i)
-    grids_[i].AddSharpness(way, places.block_of_, places.few_, scratch, &sums);
+  for (std::size_t i = 0; i < grids; ++i) {
+    if (&places == this) {
+      grids_[i].AddSharpness(way, blocks_[i], few_, scratch, &sums);
+    } else {
+      grids_[i].AddSharpness(way, grids_[i].InOrder(places.block_of_), places.few_, scratch, &sums);
+    }
+  }
   for (std::size_t b = 0; b < sums.blocks.size(); ++b)
     sums.blocks[b] /= static_cast<double>(grids) * (places.block_points_[b] + kHalfPoints);
   sums.shared /= static_cast<double>(grids);
@@ -152,15 +160,15 @@ SteadyMotionSearch::Evidence SteadyMotionSearch::EvidenceIn(const SteadyMotionSe
   return sums;
 }
 
-std::vector<SteadyMotionSearch::Evidence> SteadyMotionSearch::CoarseEvidence(
-    const std::vector<SteadyMotion>& motions) const {
+std::vector<SteadyMotionSearch::Evidence> SteadyMotionSearch::EvidenceOf(
+    const std::vector<SteadyMotion>& motions, std::size_t grids) const {
   // So many share scratch memory, which else goes back to the system each time.
   constexpr std::size_t kTogether = 8;
   std::vector<Evidence> evidence(motions.size());
   ParallelChunks(motions.size(), kTogether, [&](std::size_t begin, std::size_t end) {
     Scratch scratch;
     for (std::size_t i = begin; i < end; ++i)
-      evidence[i] = EvidenceOf(WayUnder(motions[i]), kCoarseGrids, &scratch);
+      evidence[i] = EvidenceOf(WayUnder(motions[i]), grids, &scratch);
   });
   return evidence;
 }
@@ -209,61 +217,61 @@ bool SteadyMotionSearch::RaysRepeat() const {
   // Of 16 to 64 rings standing leaves 0.2 to 0.7 of what moving does, of rosettes 0.9 to 1.2.
   constexpr double kVoxelsAside = 5.0, kMuchLess = 0.8;
   const double aside_m_s = kVoxelsAside * options_.voxel_size_m / duration_s_;
-  const std::vector<Evidence> evidence = CoarseEvidence({{}, {aside_m_s, 0.0}, {-aside_m_s, 0.0}});
+  const std::vector<Evidence> evidence =
+      EvidenceOf({{}, {aside_m_s, 0.0}, {-aside_m_s, 0.0}}, kCoarseGrids);
   return evidence[0].sparse < kMuchLess * std::min(evidence[1].sparse, evidence[2].sparse);
 }
 
-FoundMotion SteadyMotionSearch::Find() const {
-  // Scans see mostly the same: a speed at which they have much less in common than at others is
-  // none, though nothing that they see contradicts it.
-  constexpr double kLeastShared = 0.5;
+std::vector<SteadyMotion> SteadyMotionSearch::Candidates() const {
   // In standard deviations of the acceleration.
   constexpr double kMostFromRest = 1.5;
+  std::vector<SteadyMotion> candidates;
   const auto most_steps = static_cast<int>(most_speed_m_s_ / step_m_s_);
-  const auto coarse_speed = [&](std::size_t i) {
-    return step_m_s_ * (static_cast<int>(i) - most_steps);
-  };
-  std::vector<SteadyMotion> steady;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(2 * most_steps + 1); ++i)
-    steady.push_back({coarse_speed(i), 0.0});
-  const std::vector<Evidence> coarse = CoarseEvidence(steady);
-  double most_shared = 0.0;
-  for (const Evidence& evidence : coarse) most_shared = std::max(most_shared, evidence.shared);
-  const auto possible = [&](const Evidence& e) { return e.shared >= kLeastShared * most_shared; };
-  std::size_t best = static_cast<std::size_t>(most_steps);
-  double most = -std::numeric_limits<double>::infinity();
-  for (std::size_t i = 0; i < coarse.size(); ++i) {
-    const double total = Total(steady[i], coarse[i].blocks);
-    if (total <= most || !possible(coarse[i])) continue;
-    best = i;
-    most = total;
-  }
+  for (int i = -most_steps; i <= most_steps; ++i) candidates.push_back({step_m_s_ * i, 0.0});
   // A sensor that sets off ends at twice its mean speed.
   const double most_mean_m_s = 0.5 * kMostFromRest * options_.acceleration_sigma_m_s2 * duration_s_;
   const auto most_off = static_cast<int>(std::min(most_mean_m_s, most_speed_m_s_) / step_m_s_);
-  const auto from_rest = [&](std::size_t i) {
-    const double mean_m_s = step_m_s_ * (static_cast<int>(i) - most_off);
-    return SteadyMotion{mean_m_s, 2.0 * mean_m_s / duration_s_};
-  };
-  SteadyMotion start = steady[best];
-  std::vector<SteadyMotion> setting_off;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(2 * most_off + 1); ++i)
-    setting_off.push_back(from_rest(i));
-  const std::vector<Evidence> off = CoarseEvidence(setting_off);
-  for (std::size_t i = 0; i < off.size(); ++i) {
-    const double total = Total(setting_off[i], off[i].blocks);
-    if (total <= most || !possible(off[i])) continue;
-    start = setting_off[i];
+  for (int i = -most_off; i <= most_off; ++i)
+    candidates.push_back({step_m_s_ * i, 2.0 * step_m_s_ * i / duration_s_});
+  return candidates;
+}
+
+std::size_t SteadyMotionSearch::Likeliest(const std::vector<SteadyMotion>& candidates,
+                                          std::size_t grids, double refuted_sigmas,
+                                          std::vector<Rival>* rivals) const {
+  // Scans see mostly the same: a speed at which they have much less in common than at others is
+  // none, though nothing that they see contradicts it.
+  constexpr double kLeastShared = 0.5;
+  const std::vector<Evidence> evidence = EvidenceOf(candidates, grids);
+  double most_shared = 0.0;
+  for (const Evidence& e : evidence) most_shared = std::max(most_shared, e.shared);
+  const auto possible = [&](const Evidence& e) { return !(e.shared < kLeastShared * most_shared); };
+  std::size_t best = 0;
+  double most = -std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < candidates.size(); ++i) {
+    const double total = Total(candidates[i], evidence[i].blocks);
+    if (total <= most || !possible(evidence[i])) continue;
+    best = i;
     most = total;
   }
+  rivals->clear();
+  for (std::size_t i = 0; i < candidates.size(); ++i) {
+    if (possible(evidence[i]) && Votes(evidence[best].blocks, evidence[i].blocks) < refuted_sigmas)
+      rivals->push_back({candidates[i], evidence[i].blocks});
+  }
+  return best;
+}
+
+FoundMotion SteadyMotionSearch::Find() const {
+  // Most candidates are refuted so clearly that one grid suffices.
+  constexpr double kClearly = 2.0 * kOpenSigmas;
   std::vector<Rival> rivals;
-  for (std::size_t i = 0; i < coarse.size(); ++i) {
-    if (possible(coarse[i])) rivals.push_back({steady[i], coarse[i].blocks});
-  }
-  for (std::size_t i = 0; i < off.size(); ++i) {
-    if (possible(off[i])) rivals.push_back({setting_off[i], off[i].blocks});
-  }
-  const SteadyMotion found = Climb(start);
+  Likeliest(Candidates(), 1, kClearly, &rivals);
+  std::vector<SteadyMotion> left;
+  for (const Rival& rival : rivals) left.push_back(rival.motion);
+  const std::size_t best =
+      Likeliest(left, kCoarseGrids, std::numeric_limits<double>::infinity(), &rivals);
+  const SteadyMotion found = Climb(left[best]);
   return {found, OpenSpeed(found, rivals)};
 }
 
@@ -271,7 +279,6 @@ double SteadyMotionSearch::OpenSpeed(const SteadyMotion& motion,
                                      const std::vector<Rival>& rivals) const {
   // Speeds nearer than so many steps are told apart in all grids.
   constexpr int kNearSteps = 4;
-  constexpr double kRefutedSigmas = 2.0;
   const WayAlong way = WayUnder(motion);
   Scratch scratch;
   const std::vector<double> ours = EvidenceOf(way, kGrids, &scratch).blocks;
@@ -279,14 +286,14 @@ double SteadyMotionSearch::OpenSpeed(const SteadyMotion& motion,
   double open_m_s = 0.0;
   for (const Rival& rival : rivals) {
     const double apart = std::abs(rival.motion.speed_m_s - motion.speed_m_s);
-    if (apart > kNearSteps * step_m_s_ && Votes(ours_coarse, rival.blocks) < kRefutedSigmas)
+    if (apart > kNearSteps * step_m_s_ && Votes(ours_coarse, rival.blocks) < kOpenSigmas)
       open_m_s = std::max(open_m_s, apart);
   }
   for (int step = -kNearSteps; step <= kNearSteps; ++step) {
     const double apart = step_m_s_ * step;
     const SteadyMotion other = {motion.speed_m_s + apart, motion.acceleration_m_s2};
     if (step != 0 &&
-        Votes(ours, EvidenceOf(WayUnder(other), kGrids, &scratch).blocks) < kRefutedSigmas)
+        Votes(ours, EvidenceOf(WayUnder(other), kGrids, &scratch).blocks) < kOpenSigmas)
       open_m_s = std::max(open_m_s, std::abs(apart));
   }
   return open_m_s;

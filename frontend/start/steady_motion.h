@@ -95,8 +95,9 @@ class SteadyMotionSearch {
   // By the blocks of `places`, which has the same scans.
   Evidence EvidenceIn(const SteadyMotionSearch& places, const WayAlong& way, std::size_t grids,
                       Scratch* scratch) const;
-  // Of each of these motions, in the coarse grids.
-  std::vector<Evidence> CoarseEvidence(const std::vector<SteadyMotion>& motions) const;
+  // Of each of these motions, in so many grids.
+  std::vector<Evidence> EvidenceOf(const std::vector<SteadyMotion>& motions,
+                                   std::size_t grids) const;
   // L from that of its blocks.
   double Total(const SteadyMotion& motion, const std::vector<double>& blocks) const;
   // Another motion that is possible, and L_b under it in the coarse grids.
@@ -104,6 +105,11 @@ class SteadyMotionSearch {
     SteadyMotion motion;
     std::vector<double> blocks;
   };
+  // All that are looked for: steady, and from rest.
+  std::vector<SteadyMotion> Candidates() const;
+  // The likeliest of these, whose place is given back, and those that it does not refute.
+  std::size_t Likeliest(const std::vector<SteadyMotion>& candidates, std::size_t grids,
+                        double refuted_sigmas, std::vector<Rival>* rivals) const;
   // FoundMotion::open_speed_m_s.
   double OpenSpeed(const SteadyMotion& motion, const std::vector<Rival>& rivals) const;
   // From a motion to the maximum near by.
@@ -118,6 +124,7 @@ class SteadyMotionSearch {
   std::vector<std::int32_t> block_of_;  // of each cluster of each scan
   std::vector<double> block_points_;
   std::vector<SteadyMotionGrid> grids_;
+  std::vector<std::vector<std::int32_t>> blocks_;  // of each grid: block_of_ in its order
   Sparse few_ = Sparse::kBlurred;
   double middle_s_ = 0.0, duration_s_ = 0.0, step_m_s_ = 0.0, most_speed_m_s_ = 0.0;
 };

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "core/base/processor.h"
 #include "core/map/voxel_key.h"
@@ -14,35 +15,6 @@ constexpr float kLeastPoints = 5.0F;
 // How thick these are taken to be where they are to tell nothing: half way, by the logarithm,
 // between what is sharp and 1 m.
 constexpr double kUnknownM = 0.12;
-
-// Smallest eigenvalue of a covariance of the plan.
-double LeastVariance(double xx, double xy, double yy) {
-  const double half = 0.5 * (xx - yy);
-  return 0.5 * (xx + yy) - std::sqrt(half * half + xy * xy);
-}
-
-// Smallest eigenvalue of a covariance: the first root of its characteristic polynomial, which is
-// concave up to there, so that Newton's steps from zero do not pass it. Steps that are none to
-// speak of beside `scale` end it.
-double LeastVariance(double xx, double xy, double yy, double xz, double yz, double zz,
-                     double scale) {
-  constexpr int kMostSteps = 50;
-  constexpr double kTolerance = 1e-6;
-  const double minor = yy * zz - yz * yz;
-  const double trace = xx + yy + zz;
-  const double minors = minor + xx * (yy + zz) - xy * xy - xz * xz;
-  const double determinant = xx * minor - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz);
-  double root = 0.0;
-  for (int i = 0; i < kMostSteps; ++i) {
-    const double value = ((root - trace) * root + minors) * root - determinant;
-    const double slope = (3.0 * root - 2.0 * trace) * root + minors;
-    if (value >= 0.0 || slope <= 0.0) break;
-    const double step = -value / slope;
-    root += step;
-    if (step < kTolerance * scale) break;
-  }
-  return root;
-}
 
 }  // namespace
 
@@ -90,7 +62,8 @@ SteadyMotionGrid::SteadyMotionGrid(double voxel_size_m, double noise_m,
     const auto n = static_cast<float>(cluster.count);
     const auto y = static_cast<float>(place.p.y() - middle.y());
     const auto z = static_cast<float>(place.p.z() - middle.z());
-    members_.push_back({n, n * y, n * c(0, 0), n * c(0, 1), n * (c(1, 1) + y * y), place.cluster});
+    members_.push_back({n, n * y, n * c(0, 0), n * c(0, 1), n * (c(1, 1) + y * y)});
+    cluster_.push_back(place.cluster);
     heights_.push_back({n * z, n * c(0, 2), n * (c(1, 2) + y * z), n * (c(2, 2) + z * z)});
     x_m_.push_back(static_cast<float>(place.p.x()));
     time_s_.push_back(scan.cluster_times_s.empty()
@@ -98,10 +71,35 @@ SteadyMotionGrid::SteadyMotionGrid(double voxel_size_m, double noise_m,
                           : static_cast<float>(scan.cluster_times_s[place.in_scan]));
     scan_.push_back(place.scan);
   }
+  MakeBatches();
+}
+
+void SteadyMotionGrid::MakeBatches() {
+  // What is summed of so many stays in the nearest cache.
+  constexpr std::size_t kMostMembers = 512;
+  std::size_t members = 0;
+  for (std::size_t c = 0; c < columns_.size(); ++c) {
+    const Column& column = columns_[c];
+    members += column.end - column.begin;
+    if (c == 0 || members > kMostMembers || column.in_space != columns_[c - 1].in_space) {
+      batches_.push_back({c, c, 0, 0});
+      members = column.end - column.begin;
+    }
+    batches_.back().end = c + 1;
+  }
+}
+
+std::vector<std::int32_t> SteadyMotionGrid::InOrder(
+    const std::vector<std::int32_t>& of_clusters) const {
+  std::vector<std::int32_t> of_members;
+  of_members.reserve(cluster_.size());
+  for (const std::int32_t cluster : cluster_)
+    of_members.push_back(of_clusters[static_cast<std::size_t>(cluster)]);
+  return of_members;
 }
 
 LAMINA_FOR_EACH_PROCESSOR
-void SteadyMotionGrid::FindAlong(const WayAlong& way, Scratch* scratch) const {
+std::size_t SteadyMotionGrid::FindAlong(const WayAlong& way, Scratch* scratch) const {
   const std::size_t count = members_.size();
   const std::vector<float> way_m(way.positions_m.begin(), way.positions_m.end());
   const std::vector<float> speed_m_s(way.speeds_m_s.begin(), way.speeds_m_s.end());
@@ -109,6 +107,7 @@ void SteadyMotionGrid::FindAlong(const WayAlong& way, Scratch* scratch) const {
   scratch->along.resize(count);
   float* const x_m = scratch->x_m.data();
   std::int32_t* const along = scratch->along.data();
+  std::int32_t first = std::numeric_limits<std::int32_t>::max(), last = 0;
   for (std::size_t i = 0; i < count; ++i) {
     const auto k = static_cast<std::size_t>(scan_[i]);
     const float x = x_m_[i] + (way_m[k] + speed_m_s[k] * time_s_[i]);
@@ -116,49 +115,55 @@ void SteadyMotionGrid::FindAlong(const WayAlong& way, Scratch* scratch) const {
     along[i] = static_cast<std::int32_t>(voxel);
     x_m[i] = x - (voxel + 0.5F) * voxel_size_m_;
   }
+  for (std::size_t i = 0; i < count; ++i) first = std::min(first, along[i]);
+  for (std::size_t i = 0; i < count; ++i) {
+    along[i] -= first;
+    last = std::max(last, along[i]);
+  }
+  return static_cast<std::size_t>(last) + 1;
 }
 
 LAMINA_FOR_EACH_PROCESSOR
-void SteadyMotionGrid::SumVoxels(const Column& column, Scratch* scratch) const {
+void SteadyMotionGrid::SumVoxels(Batch* batch, Scratch* scratch) const {
+  const std::size_t begin = columns_[batch->begin].begin, end = columns_[batch->end - 1].end;
+  if (scratch->plans.size() < end - begin) scratch->plans.resize(end - begin);
   std::int32_t* const along = scratch->along.data();
-  std::int32_t first = along[column.begin], last = first;
-  for (std::size_t i = column.begin; i < column.end; ++i) {
-    first = std::min(first, along[i]);
-    last = std::max(last, along[i]);
-  }
-  const auto numbers = static_cast<std::size_t>(last - first) + 1;
-  if (scratch->voxel_at.size() < numbers) scratch->voxel_at.resize(numbers, kNone);
-  scratch->voxels.clear();
-  scratch->numbers.clear();
-  for (std::size_t i = column.begin; i < column.end; ++i) {
-    std::int32_t& at = scratch->voxel_at[static_cast<std::size_t>(along[i] - first)];
-    if (at == kNone) {
-      at = static_cast<std::int32_t>(scratch->voxels.size());
-      scratch->voxels.emplace_back().first_scan = scan_[i];
-      scratch->numbers.push_back(along[i] - first);
+  std::int32_t* const place_at = scratch->place_at.data();
+  VoxelPlan* const plans = scratch->plans.data();
+  const float* const x_m = scratch->x_m.data();
+  std::int32_t next = batch->first;
+  for (std::size_t c = batch->begin; c < batch->end; ++c) {
+    const std::int32_t first = next;  // places before it are of other columns
+    for (std::size_t i = columns_[c].begin; i < columns_[c].end; ++i) {
+      const Member& m = members_[i];
+      const float x = x_m[i], nx = m.n * x;
+      std::int32_t& place = place_at[along[i]];
+      const bool is_new = place < first;
+      if (is_new) place = next++;
+      along[i] = place;
+      VoxelPlan& voxel = plans[place - batch->first];
+      if (is_new) {
+        voxel = {m.n, nx, m.y, m.xx + nx * x, m.xy + m.y * x, m.yy, scan_[i], 0};
+        continue;
+      }
+      voxel.n += m.n;
+      voxel.x += nx;
+      voxel.y += m.y;
+      voxel.xx += m.xx + nx * x;
+      voxel.xy += m.xy + m.y * x;
+      voxel.yy += m.yy;
+      voxel.others |= voxel.first_scan ^ scan_[i];
     }
-    along[i] = at;
-    Voxel& voxel = scratch->voxels[static_cast<std::size_t>(at)];
-    voxel.others |= voxel.first_scan ^ scan_[i];
-    const Member& m = members_[i];
-    const float x = scratch->x_m[i], nx = m.n * x;
-    voxel.n += m.n;
-    voxel.x += nx;
-    voxel.y += m.y;
-    voxel.xx += m.xx + nx * x;
-    voxel.xy += m.xy + m.y * x;
-    voxel.yy += m.yy;
   }
-  for (const std::int32_t number : scratch->numbers)
-    scratch->voxel_at[static_cast<std::size_t>(number)] = kNone;
-  if (column.in_space) AddHeights(column, scratch);
+  batch->count = next - batch->first;
 }
 
-void SteadyMotionGrid::AddHeights(const Column& column, Scratch* scratch) const {
-  scratch->heights.assign(scratch->voxels.size(), Height());
-  for (std::size_t i = column.begin; i < column.end; ++i) {
-    Height& sums = scratch->heights[static_cast<std::size_t>(scratch->along[i])];
-    const Height& m = heights_[i];
+void SteadyMotionGrid::AddHeights(const Batch& batch, Scratch* scratch) const {
+  scratch->heights.assign(static_cast<std::size_t>(batch.count), VoxelHeights());
+  for (std::size_t i = columns_[batch.begin].begin; i < columns_[batch.end - 1].end; ++i) {
+    VoxelHeights& sums =
+        scratch->heights[static_cast<std::size_t>(scratch->along[i] - batch.first)];
+    const VoxelHeights& m = heights_[i];
     sums.z += m.z;
     sums.xz += m.xz + m.z * scratch->x_m[i];
     sums.yz += m.yz;
@@ -166,44 +171,46 @@ void SteadyMotionGrid::AddHeights(const Column& column, Scratch* scratch) const 
   }
 }
 
-float SteadyMotionGrid::SharpnessOf(const Voxel& voxel, const Height* height) const {
-  const double per_point = 1.0 / static_cast<double>(voxel.n);
-  const double x = per_point * voxel.x, y = per_point * voxel.y;
-  const double xx = per_point * voxel.xx - x * x, xy = per_point * voxel.xy - x * y,
-               yy = per_point * voxel.yy - y * y;
-  double variance = 0.0;
-  if (height == nullptr) {
-    variance = LeastVariance(xx, xy, yy);
-  } else {
-    const double z = per_point * height->z;
-    variance =
-        LeastVariance(xx, xy, yy, per_point * height->xz - x * z, per_point * height->yz - y * z,
-                      per_point * height->zz - z * z, noise2_);
+void SteadyMotionGrid::Sharpen(const Batch& batch, float sparse, Scratch* scratch,
+                               Evidence* sums) const {
+  const auto count = static_cast<std::size_t>(batch.count);
+  scratch->sharpness.assign(count, sparse);
+  scratch->dense.resize(count);
+  std::size_t dense = 0;
+  float shared = 0.0F, few = 0.0F;
+  // Without branches: which voxels are sparse cannot be foreseen.
+  for (std::size_t v = 0; v < count; ++v) {
+    const VoxelPlan& voxel = scratch->plans[v];
+    const int is_dense = static_cast<int>(voxel.n >= kLeastPoints);
+    scratch->dense[dense] = static_cast<std::int32_t>(v);
+    dense += static_cast<std::size_t>(is_dense);
+    shared += voxel.n * static_cast<float>(voxel.others != 0);
+    few += voxel.n * static_cast<float>(1 - is_dense);
   }
-  return -0.5F * std::log(static_cast<float>(std::max(0.0, variance) + noise2_));
+  scratch->dense.resize(dense);
+  sums->shared += shared;
+  sums->sparse += few;
+  FindSharpness(scratch->plans.data(),
+                columns_[batch.begin].in_space ? scratch->heights.data() : nullptr, scratch->dense,
+                noise2_, scratch->sharpness.data());
 }
 
-void SteadyMotionGrid::AddSharpness(const WayAlong& way, const std::vector<std::int32_t>& block_of,
+void SteadyMotionGrid::AddSharpness(const WayAlong& way, const std::vector<std::int32_t>& blocks,
                                     Sparse few, Scratch* scratch, Evidence* sums) const {
   const auto sparse = static_cast<float>(
       few == Sparse::kBlurred ? 0.0 : -0.5 * std::log(kUnknownM * kUnknownM + noise2_));
-  FindAlong(way, scratch);
-  for (const Column& column : columns_) {
-    SumVoxels(column, scratch);
-    scratch->sharpness.clear();
-    for (std::size_t v = 0; v < scratch->voxels.size(); ++v) {
-      const Voxel& voxel = scratch->voxels[v];
-      const bool is_sparse = voxel.n < kLeastPoints;
-      if (voxel.others != 0) sums->shared += voxel.n;
-      if (is_sparse) sums->sparse += voxel.n;
-      scratch->sharpness.push_back(
-          is_sparse ? sparse
-                    : SharpnessOf(voxel, column.in_space ? &scratch->heights[v] : nullptr));
-    }
-    for (std::size_t i = column.begin; i < column.end; ++i) {
-      const Member& m = members_[i];
-      const auto block = static_cast<std::size_t>(block_of[static_cast<std::size_t>(m.cluster)]);
-      sums->blocks[block] += m.n * scratch->sharpness[static_cast<std::size_t>(scratch->along[i])];
+  scratch->place_at.assign(FindAlong(way, scratch), -1);
+  std::int32_t voxels = 0;
+  for (Batch batch : batches_) {
+    batch.first = voxels;
+    SumVoxels(&batch, scratch);
+    voxels += batch.count;
+    if (columns_[batch.begin].in_space) AddHeights(batch, scratch);
+    Sharpen(batch, sparse, scratch, sums);
+    const float* const sharpness = scratch->sharpness.data();
+    for (std::size_t i = columns_[batch.begin].begin; i < columns_[batch.end - 1].end; ++i) {
+      sums->blocks[static_cast<std::size_t>(blocks[i])] +=
+          members_[i].n * sharpness[scratch->along[i] - batch.first];
     }
   }
 }

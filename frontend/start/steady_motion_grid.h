@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "frontend/start/steady_scan.h"
+#include "frontend/start/voxel_sharpness.h"
 
 namespace lamina {
 
@@ -28,16 +29,6 @@ class SteadyMotionGrid {
                    const std::vector<SteadyScan>& scans, const std::vector<char>& is_in_space,
                    const Eigen::Vector3d& shift);
 
-  // Sums over the points of a voxel, about its middle, in the plan.
-  struct Voxel {
-    float n = 0.0F, x = 0.0F, y = 0.0F, xx = 0.0F, xy = 0.0F, yy = 0.0F;
-    std::int32_t first_scan = 0;
-    std::int32_t others = 0;  // not 0 if further scans see it
-  };
-  // Those beside them of what is judged in space.
-  struct Height {
-    float z = 0.0F, xz = 0.0F, yz = 0.0F, zz = 0.0F;
-  };
   // Voxels of few points. Blurred: as of 1 m, so that what puts the points of all scans together is
   // sharper. Rays that are the same in each scan meet a wall along u in the same spots if the
   // sensor stands, and in others where it moves, whichever is true: then they tell nothing.
@@ -45,12 +36,16 @@ class SteadyMotionGrid {
   // Memory that one judgement leaves to the next.
   struct Scratch {
     std::vector<float> x_m;           // of each cluster, from the middle of its voxel along u
-    std::vector<std::int32_t> along;  // number of that voxel along u, later in `voxels`
-    // Of one column: the voxel at each number along u, kNone but while it is summed, and these.
-    std::vector<std::int32_t> voxel_at, numbers;
-    std::vector<Voxel> voxels;
-    std::vector<Height> heights;   // of a column in space alone
-    std::vector<float> sharpness;  // of each voxel
+    std::vector<std::int32_t> along;  // number of that voxel along u, later its place among all
+    // The place of the voxel at each number along u: of the column that is summed, or of one
+    // before.
+    std::vector<std::int32_t> place_at;
+    // Of a batch of columns: sums about the middle of each voxel, what is found of them, and which
+    // of them are not sparse.
+    std::vector<VoxelPlan> plans;
+    std::vector<VoxelHeights> heights;  // of columns in space alone
+    std::vector<float> sharpness;
+    std::vector<std::int32_t> dense;
   };
 
   // What several grids say of one way.
@@ -59,13 +54,14 @@ class SteadyMotionGrid {
     double shared = 0.0;         // points in voxels that several scans see
     double sparse = 0.0;         // points in voxels that hold few
   };
+  // What belongs to the clusters of all scans, in the order in which this grid has them.
+  std::vector<std::int32_t> InOrder(const std::vector<std::int32_t>& of_clusters) const;
   // Adds, under this way, n_i (-1/2 log(lambda_i + s^2)) of each cluster i to the sum of its block.
-  void AddSharpness(const WayAlong& way, const std::vector<std::int32_t>& block_of, Sparse few,
+  // `blocks`: InOrder.
+  void AddSharpness(const WayAlong& way, const std::vector<std::int32_t>& blocks, Sparse few,
                     Scratch* scratch, Evidence* sums) const;
 
  private:
-  static constexpr std::int32_t kNone = -1;
-
   // Clusters [begin, end) of the sorted ones.
   struct Column {
     std::size_t begin = 0, end = 0;
@@ -74,20 +70,31 @@ class SteadyMotionGrid {
   // Sums over the points of a cluster, about where it is along u and the middle of its column.
   struct Member {
     float n, y, xx, xy, yy;
-    std::int32_t cluster;  // its number among those of all scans
   };
 
-  void FindAlong(const WayAlong& way, Scratch* scratch) const;
-  // Of one column, into scratch->voxels and what is beside them.
-  void SumVoxels(const Column& column, Scratch* scratch) const;
-  void AddHeights(const Column& column, Scratch* scratch) const;
-  float SharpnessOf(const Voxel& voxel, const Height* height) const;
+  // Columns [begin, end) that are judged together, of one kind, and their voxels, whose places
+  // among all are [first, first + count).
+  struct Batch {
+    std::size_t begin = 0, end = 0;
+    std::int32_t first = 0, count = 0;
+  };
+
+  // Returns how many numbers along u there are.
+  std::size_t FindAlong(const WayAlong& way, Scratch* scratch) const;
+  // The batches that the columns are taken in.
+  void MakeBatches();
+  void SumVoxels(Batch* batch, Scratch* scratch) const;
+  void AddHeights(const Batch& batch, Scratch* scratch) const;
+  // Of the voxels of a batch; adds what is shared and sparse.
+  void Sharpen(const Batch& batch, float sparse, Scratch* scratch, Evidence* sums) const;
 
   float voxel_size_m_, inverse_size_;
   double noise2_;
   std::vector<Column> columns_;
+  std::vector<Batch> batches_;
   std::vector<Member> members_;
-  std::vector<Height> heights_;  // of each member
+  std::vector<std::int32_t> cluster_;  // of each member: its number among those of all scans
+  std::vector<VoxelHeights> heights_;  // of each member
   // Of each member: its position along u if the sensor stood still, its scan, and its time in that.
   std::vector<float> x_m_, time_s_;
   std::vector<std::int32_t> scan_;
