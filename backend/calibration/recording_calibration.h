@@ -11,9 +11,9 @@
 #include <vector>
 
 #include "backend/calibration/sensor_calibration.h"
-#include "backend/mapping/map_thickness.h"
 #include "backend/mapping/mapped_scan.h"
 #include "backend/mapping/options.h"
+#include "backend/opening/map_thickness.h"
 #include "core/geometry/scan_source.h"
 
 namespace lamina {

@@ -36,7 +36,7 @@ struct ScanPreparationOptions {
     kTime,     // per-point time of the file; a scan without it is taken as instantaneous
     kAzimuth,  // a spinning sensor without per-point time: time from the azimuth of the point
     kAuto,     // per-point time where the file has it, otherwise off; first scans may tell more
-               // (backend/mapping/deskew_choice.h, sweep_choice.h)
+               // (backend/opening/deskew_choice.h, sweep_choice.h)
   };
   Deskew deskew = Deskew::kAuto;
 

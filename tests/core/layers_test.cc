@@ -53,6 +53,7 @@ const std::map<std::string, std::vector<std::vector<std::string>>> kRooms = {
       {"backend/window"},
       {"backend/pieces"},
       {"backend/bundle/formulations", "backend/mapping"},
+      {"backend/opening"},
       {"backend/registration", "backend/calibration", "backend/session"},
       {"backend/tiles"}}},
 };

@@ -15,10 +15,10 @@
 #include <vector>
 
 #include "backend/calibration/opening_calibration.h"
-#include "backend/mapping/deskew_choice.h"
-#include "backend/mapping/map_thickness.h"
 #include "backend/mapping/mapping.h"
-#include "backend/mapping/sweep_choice.h"
+#include "backend/opening/deskew_choice.h"
+#include "backend/opening/map_thickness.h"
+#include "backend/opening/sweep_choice.h"
 #include "backend/session/scan_record.h"
 #include "config/config.h"
 #include "core/base/error.h"

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "backend/mapping/deskew_choice.h"
-#include "backend/mapping/sweep_choice.h"
+#include "backend/opening/deskew_choice.h"
+#include "backend/opening/sweep_choice.h"
 #include "config/config.h"
 #include "io/recording/scan_source.h"
 #include "tools/cli/common.h"

@@ -3,8 +3,8 @@
 
 #include <string>
 
-#include "backend/mapping/map_thickness.h"
 #include "backend/mapping/options.h"
+#include "backend/opening/map_thickness.h"
 
 namespace lamina {
 

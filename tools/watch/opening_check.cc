@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <iterator>
 
-#include "backend/mapping/deskew_choice.h"
-#include "backend/mapping/sweep_choice.h"
+#include "backend/opening/deskew_choice.h"
+#include "backend/opening/sweep_choice.h"
 #include "tools/run/fitting_config.h"
 #include "tools/run/opening_lines.h"
 

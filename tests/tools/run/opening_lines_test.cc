@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "backend/mapping/deskew_choice.h"
+#include "backend/opening/deskew_choice.h"
 #include "core/base/angle.h"
 #include "tests/support/program/run_helpers.h"
 #include "tests/support/scenes/random_scenes.h"

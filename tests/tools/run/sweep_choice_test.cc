@@ -1,5 +1,5 @@
 // Whether scans without times are sweeps, of which sense and cut: by the thickness of their planes.
-#include "backend/mapping/sweep_choice.h"
+#include "backend/opening/sweep_choice.h"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
-#include "backend/mapping/deskew_choice.h"
+#include "backend/opening/deskew_choice.h"
 
-#include "backend/mapping/opening_look.h"
+#include "backend/opening/opening_look.h"
 
 namespace lamina {
 namespace {

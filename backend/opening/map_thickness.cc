@@ -1,4 +1,4 @@
-#include "backend/mapping/map_thickness.h"
+#include "backend/opening/map_thickness.h"
 
 #include <algorithm>
 #include <cmath>

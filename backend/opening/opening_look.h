@@ -1,7 +1,7 @@
 // The map of a few scans under one way of understanding the times of their points: what choices
 // between such ways compare (deskew_choice.h, sweep_choice.h).
 //
-// Private to backend/mapping.
+// Private to backend/opening.
 #pragma once
 
 #include <atomic>
@@ -10,8 +10,8 @@
 #include <optional>
 #include <utility>
 
-#include "backend/mapping/map_thickness.h"
 #include "backend/mapping/options.h"
+#include "backend/opening/map_thickness.h"
 #include "core/geometry/scan_source.h"
 
 namespace lamina {

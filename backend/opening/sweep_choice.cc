@@ -1,4 +1,4 @@
-#include "backend/mapping/sweep_choice.h"
+#include "backend/opening/sweep_choice.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
-#include "backend/mapping/opening_look.h"
 #include "backend/mapping/scan_decoder.h"
+#include "backend/opening/opening_look.h"
 #include "core/base/error.h"
 #include "frontend/scan/horizontal_view.h"
 

@@ -1,4 +1,4 @@
-#include "backend/mapping/opening_look.h"
+#include "backend/opening/opening_look.h"
 
 #include <algorithm>
 #include <vector>
