@@ -21,6 +21,8 @@ void RunOutput::Add(const FinalPose& pose) {
   poses_.push_back(pose);
   ScanRecord& scan = open_.front();
   if (pose.given_up) scan.GiveUp();
+  // The verdict is on the poses that are written: those of a start may have been overruled since.
+  scan.T_world_lidar = pose.pose.T_world_lidar;
   table_.Append(scan);
   open_.pop_front();
 }

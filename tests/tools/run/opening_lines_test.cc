@@ -268,6 +268,8 @@ TEST_F(OpeningTest, ASmallPlaceOnTheWayCounts) {
   // Lorries about a car leave gaps.
   EXPECT_EQ(fit("lorries", {13, 13, 5, 13, 13, 13}, 0.2).name, "");
   EXPECT_EQ(fit("yard", {13, 13, 5, 5, 13, 13}, 0.2).name, "handheld");
+  // On a motorway most of what a wide view meets may be the ground near by and the vehicle itself.
+  EXPECT_EQ(fit("motorway", {5, 5, 5, 5, 5, 5}, 0.5).name, "");
 }
 
 // Points that lie anywhere on a sphere about the sensor, but for what is straight up and down.
