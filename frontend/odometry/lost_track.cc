@@ -77,17 +77,34 @@ bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& cluste
   Vector6d twist = motion_.Twist(stamp_ns);
   // Scans that follow one another as a sensor delivers them lie where the motion before leads.
   constexpr double kFollowS = 0.25;
-  const std::vector<PointCluster> deskewed = DeskewClusters(clusters, twist);
+  std::vector<PointCluster> deskewed = DeskewClusters(clusters, twist);
   const bool follows = motion_.clock_trusted() && motion_.Gap(stamp_ns) <= kFollowS;
   const bool far = search_options_.enabled && !follows;
-  const MatchResult match =
+  MatchResult match =
       far ? SearchFor(deskewed, prediction, map) : matcher_.MatchPose(deskewed, prediction, map);
+  const double dt = motion_.Gap(stamp_ns);
+  const auto twist_to = [&](const SE3& T) {
+    return Vector6d(TwistLog(motion_.T_world_last().Inverse() * T) / dt);
+  };
+  // A sensor that is shaken has bent scans, each in its own way, until they are deskewed by what
+  // the match has found.
+  constexpr int kMostPasses = 4;
+  const bool timed = AnyTimed(clusters) && motion_.TellsSweep(stamp_ns);
+  MatchResult next = match;
+  std::vector<PointCluster> again;
+  for (int pass = 0; pass < kMostPasses && timed && match.fit() < kLeastFit; ++pass) {
+    if (next.status == MatchResult::Status::kTooFewMatches) break;
+    DeskewClusters(clusters, twist_to(next.T_world_lidar), &again);
+    next = matcher_.Match(again, prediction, next.T_world_lidar, map);
+    if (next.fit() <= match.fit()) continue;
+    match = next;
+    deskewed = again;
+  }
   if (match.status == MatchResult::Status::kTooFewMatches || match.overlap() < least_overlap)
     return false;
   if (match.fit() < kLeastFit && (far || !FitsHereAlone(deskewed, prediction, map, match)))
     return false;
-  const double dt = motion_.Gap(stamp_ns);
-  if (dt > 0.0) twist = TwistLog(motion_.T_world_last().Inverse() * match.T_world_lidar) / dt;
+  if (dt > 0.0) twist = twist_to(match.T_world_lidar);
   scan->T_first_lidar = match.T_world_lidar;
   scan->clusters = DeskewClusters(clusters, twist);
   return true;

@@ -37,6 +37,13 @@ double MotionModel::Gap(StampNs stamp_ns) const {
   return interrupted_ ? 0.0 : std::max(0.0, SecondsBetween(last_stamp_ns_, stamp_ns));
 }
 
+bool MotionModel::TellsSweep(StampNs stamp_ns) const {
+  // The way since a scan long ago says little of it.
+  constexpr double kMotionOfS = 2.0;
+  const double dt = Gap(stamp_ns);
+  return dt > 0.0 && dt <= kMotionOfS;
+}
+
 Vector6d MotionModel::Twist(StampNs stamp_ns) const {
   const double dt = Gap(stamp_ns);
   if (interrupted_ || dt <= 0.0) return Vector6d::Zero();

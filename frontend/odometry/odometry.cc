@@ -117,11 +117,7 @@ SweepMotion Odometry::SweepTo(const SE3& T_world_lidar, const Vector6d& accelera
 }
 
 int Odometry::DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const {
-  const double dt = motion_.Gap(stamp_ns);
-  // The way since a scan long ago says little of the motion during this one.
-  constexpr double kMotionOfS = 2.0;
-  const bool timed = AnyTimed(clusters) && dt > 0.0 && dt <= kMotionOfS;
-  return timed ? options_.deskew_passes : 0;
+  return AnyTimed(clusters) && motion_.TellsSweep(stamp_ns) ? options_.deskew_passes : 0;
 }
 
 void Odometry::MatchDeskewed(const std::vector<TimedCluster>& clusters,

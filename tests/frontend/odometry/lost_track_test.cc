@@ -2,8 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include "core/base/angle.h"
 #include "frontend/odometry/odometry.h"
 #include "tests/support/scenes/bay_street.h"
+#include "tests/support/scenes/shaken_sensor.h"
 
 namespace lamina {
 namespace {
@@ -152,6 +154,22 @@ TEST_F(LostTrackTest, FollowsScansThatNeverHadMuchInCommon) {
   }
   EXPECT_GE(followed, 6);
   EXPECT_LE(strictly, 4);
+}
+
+// A trotting robot turns to and fro by degrees from scan to scan, and during each.
+TEST_F(LostTrackTest, FollowsAShakenSensor) {
+  const World room = World::Room();
+  int followed = 0;
+  for (const double phase : {0.0, 1.0, 2.0, 3.0, 4.0, 5.0}) {
+    const ShakenSensor sensor(3.4 * kDegree, 1.9, phase);
+    LostTrack track(options_, map_);
+    for (int i = 0; i < 12; ++i) {
+      const Points points = room.Sample(2000, 0.003, &draws_);
+      track.Add(Stamp(i), sensor.Sweep(points, map_.LeafSize(), 1.0, 0.1 * i), still_);
+      followed += track.scans() > 1 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(followed, 50);  // of 66
 }
 
 TEST_F(LostTrackTest, SprayAgreesWithNothing) {
