@@ -9,28 +9,43 @@ namespace {
 // Points that are asked for.
 constexpr std::size_t kMostPoints = 4000;
 
+// Of the lower of the two leaves, along each axis, that are the nearest to a point.
+VoxelKey BlockOf(const Eigen::Vector3i& lower) {
+  constexpr int kLeaves = 8;
+  const auto block = [](int i) { return i >= 0 ? i / kLeaves : -((kLeaves - 1 - i) / kLeaves); };
+  return PackVoxelKey(block(lower.x()), block(lower.y()), block(lower.z()));
+}
+
+Eigen::Vector3i Corner(int i) { return {i & 1, (i >> 1) & 1, i >> 2}; }
+
 }  // namespace
 
 OccupiedLeaves::OccupiedLeaves(const Submap& place)
     : leaf_size_m_(place.leaf_size_m), index_(place.leaves.size()) {
-  for (const SubmapLeaf& leaf : place.leaves)
-    index_.Insert(PackVoxelKey(leaf.index[0], leaf.index[1], leaf.index[2]));
+  for (const SubmapLeaf& leaf : place.leaves) {
+    const Eigen::Vector3i index(leaf.index[0], leaf.index[1], leaf.index[2]);
+    index_.Insert(PackVoxelKey(index.x(), index.y(), index.z()));
+    for (int corner = 0; corner < 8; ++corner) blocks_.Insert(BlockOf(index - Corner(corner)));
+  }
 }
 
 double OccupiedLeaves::Met(const std::vector<Eigen::Vector3f>& points,
                            const SE3& T_place_query) const {
   const std::size_t stride = std::max<std::size_t>(1, points.size() / kMostPoints);
   const double inverse = 1.0 / leaf_size_m_;
+  const Eigen::Matrix3d R = T_place_query.R();
+  const Eigen::Vector3d half = Eigen::Vector3d::Constant(0.5 * leaf_size_m_);
   std::size_t asked = 0, met = 0;
   for (std::size_t i = 0; i < points.size(); i += stride) {
-    const Eigen::Vector3d p = T_place_query * points[i].cast<double>();
     ++asked;
+    const Eigen::Vector3d p = R * points[i].cast<double>() + T_place_query.t;
+    if (!IsVoxelKeyInRange(p - half, inverse) || !IsVoxelKeyInRange(p + half, inverse)) continue;
+    const Eigen::Vector3i lower = (inverse * (p - half)).array().floor().matrix().cast<int>();
+    if (blocks_.Find(BlockOf(lower)) == VoxelIndex::kNone) continue;
     bool any = false;
     for (int corner = 0; corner < 8 && !any; ++corner) {
-      const Eigen::Vector3d half(corner & 1, (corner >> 1) & 1, corner >> 2);
-      const Eigen::Vector3d at = p + leaf_size_m_ * (half.array() - 0.5).matrix();
-      any = IsVoxelKeyInRange(at, inverse) &&
-            index_.Find(VoxelKeyOf(at, inverse)) != VoxelIndex::kNone;
+      const Eigen::Vector3i at = lower + Corner(corner);
+      any = index_.Find(PackVoxelKey(at.x(), at.y(), at.z())) != VoxelIndex::kNone;
     }
     met += any ? 1 : 0;
   }

@@ -27,6 +27,7 @@ class OccupiedLeaves {
  private:
   double leaf_size_m_;
   VoxelIndex index_;
+  VoxelIndex blocks_;  // of 8 leaves each, in which it may be found that there is a leaf beside
 };
 
 }  // namespace lamina
