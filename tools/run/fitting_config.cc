@@ -137,20 +137,21 @@ constexpr double kSmallPlaceM = 10.0;
 // there is mapped well elsewhere, for more work, so one scan is enough, if it sees far to hardly
 // any side: on a road lorries may stand or drive all about the sensor, and leave gaps. What sees
 // far to many sides is no small place, though most points lie near by, as those of a wide view on
-// the ground and on the vehicle itself: of rooms, mines and tunnels 0.35 at most, of
-// motorways 0.43 and more.
+// the ground and on the vehicle itself: of rooms, mines and tunnels 0.35 at most, of motorways 0.43
+// and more; and scans that see somewhat less are then of the same place.
 const SensorGuess* SmallPlace(const std::vector<SensorGuess>& guesses) {
   constexpr double kHardlyAny = 0.1, kMany = 0.4;
   const SensorGuess* smallest = nullptr;
   int small = 0;
-  bool closed = false;
+  bool closed = false, open = false;
   for (const SensorGuess& guess : guesses) {
+    open = open || guess.far_share >= kMany;
     if (guess.mostly_m >= kSmallPlaceM || guess.far_share >= kMany) continue;
     ++small;
     closed = closed || guess.far_share < kHardlyAny;
     if (smallest == nullptr || guess.mostly_m < smallest->mostly_m) smallest = &guess;
   }
-  return closed || small > 1 ? smallest : nullptr;
+  return closed || (small > 1 && !open) ? smallest : nullptr;
 }
 
 // Scans that were thinned and picked: far apart, and as a rule too few points share a voxel to make

@@ -256,10 +256,13 @@ TEST_F(OpeningTest, ASmallPlaceIsMappedFinerWhereNoConfigurationIsGiven) {
 
 TEST_F(OpeningTest, ASmallPlaceOnTheWayCounts) {
   const auto fit = [&](const std::string& folder, const std::vector<double>& radii,
-                       double farther_share = 0.0) {
+                       double farther_share = 0.0, double first_farther_share = 0.0) {
     Recording scans;
-    for (const double r : radii)
-      scans.push_back({SphereBin(r, farther_share), 0.1 * static_cast<double>(scans.size())});
+    for (const double r : radii) {
+      const double share =
+          scans.empty() && first_farther_share > 0.0 ? first_farther_share : farther_share;
+      scans.push_back({SphereBin(r, share), 0.1 * static_cast<double>(scans.size())});
+    }
     return FitOf(folder, scans);
   };
   EXPECT_EQ(fit("wide", {13, 13, 13, 13, 13, 13}).name, "");
@@ -270,6 +273,9 @@ TEST_F(OpeningTest, ASmallPlaceOnTheWayCounts) {
   EXPECT_EQ(fit("yard", {13, 13, 5, 5, 13, 13}, 0.2).name, "handheld");
   // On a motorway most of what a wide view meets may be the ground near by and the vehicle itself.
   EXPECT_EQ(fit("motorway", {5, 5, 5, 5, 5, 5}, 0.5).name, "");
+  // Where one scan sees so much, others are of the same place, with lorries about.
+  EXPECT_EQ(fit("overtaken", {5, 5, 5, 5, 5, 5}, 0.3, 0.5).name, "");
+  EXPECT_EQ(fit("indoors", {13, 13, 13, 5, 5, 5}, 0.0, 0.5).name, "handheld");
 }
 
 // Points that lie anywhere on a sphere about the sensor, but for what is straight up and down.

@@ -169,7 +169,8 @@ RunVerdict VerdictCounter::Judge() const {
                    "there.");
   judgement.MuchOf(degenerate_, frames_, kDegenerate,
                    "of the scans leave a direction open, which is predicted",
-                   "Corridors, tunnels and open fields do so; nothing but another sensor helps.");
+                   "Corridors, tunnels and open fields do so, where nothing but another sensor "
+                   "helps; so do points without times at speed.");
   const auto pieces = static_cast<std::int64_t>(pieces_.size());
   judgement.Weigh(pieces > 1, false, fmt::format("{} pieces that are not connected", pieces),
                   "Each piece has its own frame and its own map.");
