@@ -188,6 +188,8 @@ SteadyMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
   };
   SteadyMotion best = start;
   double most = evidence_of(best, scratch.data());
+  constexpr std::size_t kNone = 4;
+  std::size_t back = kNone;  // where it came from, which is worse
   for (double step = step_m_s_; step >= kLeastStepMS;) {
     const SteadyMotion from = best;
     const double faster = kAccelerationStepPerS * step;
@@ -199,15 +201,18 @@ SteadyMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
     }};
     std::array<double, 4> evidence{};
     ParallelChunks(beside.size(), 1, [&](std::size_t i, std::size_t) {
-      evidence[i] = evidence_of(beside[i], &scratch[i]);
+      evidence[i] = i == back ? -std::numeric_limits<double>::infinity()
+                              : evidence_of(beside[i], &scratch[i]);
     });
     const auto i = static_cast<std::size_t>(
         std::distance(evidence.begin(), std::max_element(evidence.begin(), evidence.end())));
     if (evidence[i] > most) {
       most = evidence[i];
       best = beside[i];
+      back = i ^ 1U;
     } else {
       step *= 0.5;
+      back = kNone;
     }
   }
   return best;
