@@ -7,22 +7,10 @@ namespace {
 
 using Deskew = ScanPreparationOptions::Deskew;
 
-// Whether scans are lost by their times alone. At a start at speed some are lost by right times as
-// well, and distorted ones tracked, all bent alike: planes that are as thin by the times speak for
-// these.
-bool Misled(const OpeningLook& deskewed, const OpeningLook& as_they_are) {
-  constexpr double kMostlyLost = 0.5;
-  if (deskewed.tracked || !as_they_are.Tells()) return false;
-  return deskewed.lost_share > kMostlyLost || !deskewed.HasPlanes() ||
-         deskewed.map.median_m > as_they_are.map.median_m;
-}
-
 }  // namespace
 
 DeskewChoice ChooseDeskew(const ScanSource& source, std::size_t begin, std::size_t end,
                           const MappingOptions& options, const std::atomic<bool>* stop) {
-  // Differences of fewer per cent are within what maps of so few scans vary by.
-  constexpr double kClearlyThinner = 0.9;
   DeskewChoice choice;
   if (options.preparation.deskew != Deskew::kAuto) return choice;
   const PointTimes times = PointTimesOf(source, begin, end);

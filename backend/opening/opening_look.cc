@@ -53,6 +53,14 @@ OpeningLook LookAt(const ScanSource& source, std::size_t begin, std::size_t end,
   return look;
 }
 
+bool Misled(const OpeningLook& deskewed, const OpeningLook& as_they_are) {
+  constexpr double kMostlyLost = 0.5, kNearlyAllLost = 0.75;
+  if (deskewed.tracked || !as_they_are.Tells()) return false;
+  if (!deskewed.HasPlanes() || deskewed.lost_share > kNearlyAllLost) return true;
+  const double thinner = deskewed.lost_share > kMostlyLost ? kClearlyThinner : 1.0;
+  return deskewed.map.median_m > thinner * as_they_are.map.median_m;
+}
+
 bool Comparable(const OpeningLook& a, const OpeningLook& b) {
   constexpr double kAlike = 0.8;
   const auto alike = [&](double x, double y) { return std::min(x, y) >= kAlike * std::max(x, y); };

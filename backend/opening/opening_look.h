@@ -19,6 +19,10 @@ namespace lamina {
 // So many scans are looked at.
 inline constexpr std::size_t kLookScans = 20;
 
+// Of the thickness of a map, below which another one is clearly thinner: differences of fewer per
+// cent are within what maps of so few scans vary by.
+inline constexpr double kClearlyThinner = 0.9;
+
 struct OpeningLook {
   bool tracked = false;     // throughout
   double lost_share = 0.0;  // of the scans
@@ -35,6 +39,11 @@ struct OpeningLook {
 OpeningLook LookAt(const ScanSource& source, std::size_t begin, std::size_t end,
                    const ScanPreparationOptions& preparation, MappingOptions options,
                    const std::atomic<bool>* stop);
+
+// Whether scans are lost by their times alone. At a start at speed some are lost by right times as
+// well, and distorted ones tracked, all bent alike: planes that are as thin by the times speak for
+// these, and where most scans are lost, planes that are clearly thinner.
+bool Misled(const OpeningLook& deskewed, const OpeningLook& as_they_are);
 
 // Whether the maps of both say anything: the sensor moved, and both found much the same.
 bool Comparable(const OpeningLook& a, const OpeningLook& b);

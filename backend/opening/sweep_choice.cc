@@ -152,7 +152,6 @@ Finding LookForSweep(const ScanSource& source, std::size_t from, std::size_t end
   // Sweeps come to 0.45 to 0.85 of the thickness that they have as they are, on real drives at 3
   // m/s to 0.82; compensated scans to more than they have, and sensors that hardly move to 0.97
   // to 1.03.
-  constexpr double kClearlyThinner = 0.9;
   constexpr std::size_t kLeastScans = 10;
   Finding finding;
   const ThinnedScans scans(source, from, std::min(end, from + kLookScans));
