@@ -11,9 +11,8 @@ constexpr std::size_t kMostPoints = 4000;
 
 // Of the lower of the two leaves, along each axis, that are the nearest to a point.
 VoxelKey BlockOf(const Eigen::Vector3i& lower) {
-  constexpr int kLeaves = 8;
-  const auto block = [](int i) { return i >= 0 ? i / kLeaves : -((kLeaves - 1 - i) / kLeaves); };
-  return PackVoxelKey(block(lower.x()), block(lower.y()), block(lower.z()));
+  constexpr double kLeaves = 8.0;
+  return VoxelKeyOf(lower.cast<double>(), 1.0 / kLeaves);
 }
 
 Eigen::Vector3i Corner(int i) { return {i & 1, (i >> 1) & 1, i >> 2}; }

@@ -83,9 +83,6 @@ bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& cluste
   MatchResult match =
       far ? SearchFor(deskewed, prediction, map) : matcher_.MatchPose(deskewed, prediction, map);
   const double dt = motion_.Gap(stamp_ns);
-  const auto twist_to = [&](const SE3& T) {
-    return Vector6d(TwistLog(motion_.T_world_last().Inverse() * T) / dt);
-  };
   // A sensor that is shaken has bent scans, each in its own way, until they are deskewed by what
   // the match has found.
   constexpr int kMostPasses = 4;
@@ -94,17 +91,17 @@ bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& cluste
   std::vector<PointCluster> again;
   for (int pass = 0; pass < kMostPasses && timed && match.fit() < kLeastFit; ++pass) {
     if (next.status == MatchResult::Status::kTooFewMatches) break;
-    DeskewClusters(clusters, twist_to(next.T_world_lidar), &again);
+    DeskewClusters(clusters, motion_.MeanTwist(next.T_world_lidar, dt), &again);
     next = matcher_.Match(again, prediction, next.T_world_lidar, map);
     if (next.fit() <= match.fit()) continue;
     match = next;
-    deskewed = again;
+    deskewed.swap(again);
   }
   if (match.status == MatchResult::Status::kTooFewMatches || match.overlap() < least_overlap)
     return false;
   if (match.fit() < kLeastFit && (far || !FitsHereAlone(deskewed, prediction, map, match)))
     return false;
-  if (dt > 0.0) twist = twist_to(match.T_world_lidar);
+  if (dt > 0.0) twist = motion_.MeanTwist(match.T_world_lidar, dt);
   scan->T_first_lidar = match.T_world_lidar;
   scan->clusters = DeskewClusters(clusters, twist);
   return true;

@@ -50,6 +50,8 @@ class MotionModel {
   PosePrediction PredictAsAtStart(StampNs stamp_ns) const;
   // Seconds since the last pose; 0 if the clock was interrupted or runs backwards.
   double Gap(StampNs stamp_ns) const;
+  // Body twist, per second, that leads from the last pose to this one in so many seconds.
+  Vector6d MeanTwist(const SE3& T_world_lidar, double dt_s) const;
   // Whether the way since the last pose then says how the sensor moves during a scan.
   bool TellsSweep(StampNs stamp_ns) const;
   // Body twist during a scan at that time, per second; zero where nothing is known of it.

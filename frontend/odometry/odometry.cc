@@ -112,8 +112,7 @@ OdometryFrame Odometry::RegisterDeskewed(StampNs stamp_ns,
 
 SweepMotion Odometry::SweepTo(const SE3& T_world_lidar, const Vector6d& acceleration,
                               double dt) const {
-  const Vector6d mean = TwistLog(motion_.T_world_last().Inverse() * T_world_lidar) / dt;
-  return SweepMotion::WithMean(mean, dt, acceleration);
+  return SweepMotion::WithMean(motion_.MeanTwist(T_world_lidar, dt), dt, acceleration);
 }
 
 int Odometry::DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const {

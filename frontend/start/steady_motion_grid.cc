@@ -82,7 +82,7 @@ void SteadyMotionGrid::MakeBatches() {
     const Column& column = columns_[c];
     members += column.end - column.begin;
     if (c == 0 || members > kMostMembers || column.in_space != columns_[c - 1].in_space) {
-      batches_.push_back({c, c, 0, 0});
+      batches_.push_back({c, c});
       members = column.end - column.begin;
     }
     batches_.back().end = c + 1;
@@ -107,7 +107,8 @@ std::size_t SteadyMotionGrid::FindAlong(const WayAlong& way, Scratch* scratch) c
   scratch->along.resize(count);
   float* const x_m = scratch->x_m.data();
   std::int32_t* const along = scratch->along.data();
-  std::int32_t first = std::numeric_limits<std::int32_t>::max(), last = 0;
+  std::int32_t first = std::numeric_limits<std::int32_t>::max();
+  std::int32_t last = std::numeric_limits<std::int32_t>::min();
   for (std::size_t i = 0; i < count; ++i) {
     const auto k = static_cast<std::size_t>(scan_[i]);
     const float x = x_m_[i] + (way_m[k] + speed_m_s[k] * time_s_[i]);
@@ -115,24 +116,25 @@ std::size_t SteadyMotionGrid::FindAlong(const WayAlong& way, Scratch* scratch) c
     along[i] = static_cast<std::int32_t>(voxel);
     x_m[i] = x - (voxel + 0.5F) * voxel_size_m_;
   }
-  for (std::size_t i = 0; i < count; ++i) first = std::min(first, along[i]);
   for (std::size_t i = 0; i < count; ++i) {
-    along[i] -= first;
+    first = std::min(first, along[i]);
     last = std::max(last, along[i]);
   }
-  return static_cast<std::size_t>(last) + 1;
+  for (std::size_t i = 0; i < count; ++i) along[i] -= first;
+  return count == 0 ? 0 : static_cast<std::size_t>(last - first) + 1;
 }
 
 LAMINA_FOR_EACH_PROCESSOR
-void SteadyMotionGrid::SumVoxels(Batch* batch, Scratch* scratch) const {
-  const std::size_t begin = columns_[batch->begin].begin, end = columns_[batch->end - 1].end;
-  if (scratch->plans.size() < end - begin) scratch->plans.resize(end - begin);
+std::size_t SteadyMotionGrid::SumVoxels(const Batch& batch, std::int32_t before,
+                                        Scratch* scratch) const {
+  const std::size_t members = End(batch) - Begin(batch);
+  if (scratch->plans.size() < members) scratch->plans.resize(members);
   std::int32_t* const along = scratch->along.data();
   std::int32_t* const place_at = scratch->place_at.data();
   VoxelPlan* const plans = scratch->plans.data();
   const float* const x_m = scratch->x_m.data();
-  std::int32_t next = batch->first;
-  for (std::size_t c = batch->begin; c < batch->end; ++c) {
+  std::int32_t next = before;
+  for (std::size_t c = batch.begin; c < batch.end; ++c) {
     const std::int32_t first = next;  // places before it are of other columns
     for (std::size_t i = columns_[c].begin; i < columns_[c].end; ++i) {
       const Member& m = members_[i];
@@ -140,8 +142,8 @@ void SteadyMotionGrid::SumVoxels(Batch* batch, Scratch* scratch) const {
       std::int32_t& place = place_at[along[i]];
       const bool is_new = place < first;
       if (is_new) place = next++;
-      along[i] = place;
-      VoxelPlan& voxel = plans[place - batch->first];
+      along[i] = place - before;
+      VoxelPlan& voxel = plans[along[i]];
       if (is_new) {
         voxel = {m.n, nx, m.y, m.xx + nx * x, m.xy + m.y * x, m.yy, scan_[i], 0};
         continue;
@@ -155,14 +157,13 @@ void SteadyMotionGrid::SumVoxels(Batch* batch, Scratch* scratch) const {
       voxel.others |= voxel.first_scan ^ scan_[i];
     }
   }
-  batch->count = next - batch->first;
+  return static_cast<std::size_t>(next - before);
 }
 
-void SteadyMotionGrid::AddHeights(const Batch& batch, Scratch* scratch) const {
-  scratch->heights.assign(static_cast<std::size_t>(batch.count), VoxelHeights());
-  for (std::size_t i = columns_[batch.begin].begin; i < columns_[batch.end - 1].end; ++i) {
-    VoxelHeights& sums =
-        scratch->heights[static_cast<std::size_t>(scratch->along[i] - batch.first)];
+void SteadyMotionGrid::AddHeights(const Batch& batch, std::size_t voxels, Scratch* scratch) const {
+  scratch->heights.assign(voxels, VoxelHeights());
+  for (std::size_t i = Begin(batch); i < End(batch); ++i) {
+    VoxelHeights& sums = scratch->heights[static_cast<std::size_t>(scratch->along[i])];
     const VoxelHeights& m = heights_[i];
     sums.z += m.z;
     sums.xz += m.xz + m.z * scratch->x_m[i];
@@ -171,15 +172,14 @@ void SteadyMotionGrid::AddHeights(const Batch& batch, Scratch* scratch) const {
   }
 }
 
-void SteadyMotionGrid::Sharpen(const Batch& batch, float sparse, Scratch* scratch,
+void SteadyMotionGrid::Sharpen(std::size_t voxels, bool in_space, float sparse, Scratch* scratch,
                                Evidence* sums) const {
-  const auto count = static_cast<std::size_t>(batch.count);
-  scratch->sharpness.assign(count, sparse);
-  scratch->dense.resize(count);
+  scratch->sharpness.assign(voxels, sparse);
+  scratch->dense.resize(voxels);
   std::size_t dense = 0;
   float shared = 0.0F, few = 0.0F;
   // Without branches: which voxels are sparse cannot be foreseen.
-  for (std::size_t v = 0; v < count; ++v) {
+  for (std::size_t v = 0; v < voxels; ++v) {
     const VoxelPlan& voxel = scratch->plans[v];
     const int is_dense = static_cast<int>(voxel.n >= kLeastPoints);
     scratch->dense[dense] = static_cast<std::int32_t>(v);
@@ -190,8 +190,7 @@ void SteadyMotionGrid::Sharpen(const Batch& batch, float sparse, Scratch* scratc
   scratch->dense.resize(dense);
   sums->shared += shared;
   sums->sparse += few;
-  FindSharpness(scratch->plans.data(),
-                columns_[batch.begin].in_space ? scratch->heights.data() : nullptr, scratch->dense,
+  FindSharpness(scratch->plans.data(), in_space ? scratch->heights.data() : nullptr, scratch->dense,
                 noise2_, scratch->sharpness.data());
 }
 
@@ -200,17 +199,16 @@ void SteadyMotionGrid::AddSharpness(const WayAlong& way, const std::vector<std::
   const auto sparse = static_cast<float>(
       few == Sparse::kBlurred ? 0.0 : -0.5 * std::log(kUnknownM * kUnknownM + noise2_));
   scratch->place_at.assign(FindAlong(way, scratch), -1);
-  std::int32_t voxels = 0;
-  for (Batch batch : batches_) {
-    batch.first = voxels;
-    SumVoxels(&batch, scratch);
-    voxels += batch.count;
-    if (columns_[batch.begin].in_space) AddHeights(batch, scratch);
-    Sharpen(batch, sparse, scratch, sums);
+  std::int32_t before = 0;
+  for (const Batch& batch : batches_) {
+    const std::size_t voxels = SumVoxels(batch, before, scratch);
+    before += static_cast<std::int32_t>(voxels);
+    if (InSpace(batch)) AddHeights(batch, voxels, scratch);
+    Sharpen(voxels, InSpace(batch), sparse, scratch, sums);
     const float* const sharpness = scratch->sharpness.data();
-    for (std::size_t i = columns_[batch.begin].begin; i < columns_[batch.end - 1].end; ++i) {
+    for (std::size_t i = Begin(batch); i < End(batch); ++i) {
       sums->blocks[static_cast<std::size_t>(blocks[i])] +=
-          members_[i].n * sharpness[scratch->along[i] - batch.first];
+          members_[i].n * sharpness[scratch->along[i]];
     }
   }
 }

@@ -36,8 +36,8 @@ class SteadyMotionGrid {
   // Memory that one judgement leaves to the next.
   struct Scratch {
     std::vector<float> x_m;           // of each cluster, from the middle of its voxel along u
-    std::vector<std::int32_t> along;  // number of that voxel along u, later its place among all
-    // The place of the voxel at each number along u: of the column that is summed, or of one
+    std::vector<std::int32_t> along;  // number of that voxel along u, later its place in `plans`
+    // The place among all voxels at each number along u: in the column that is summed, or in one
     // before.
     std::vector<std::int32_t> place_at;
     // Of a batch of columns: sums about the middle of each voxel, what is found of them, and which
@@ -72,21 +72,25 @@ class SteadyMotionGrid {
     float n, y, xx, xy, yy;
   };
 
-  // Columns [begin, end) that are judged together, of one kind, and their voxels, whose places
-  // among all are [first, first + count).
+  // Columns [begin, end) that are judged together, of one kind.
   struct Batch {
     std::size_t begin = 0, end = 0;
-    std::int32_t first = 0, count = 0;
   };
+  // Of their clusters.
+  std::size_t Begin(const Batch& batch) const { return columns_[batch.begin].begin; }
+  std::size_t End(const Batch& batch) const { return columns_[batch.end - 1].end; }
+  bool InSpace(const Batch& batch) const { return columns_[batch.begin].in_space; }
 
   // Returns how many numbers along u there are.
   std::size_t FindAlong(const WayAlong& way, Scratch* scratch) const;
   // The batches that the columns are taken in.
   void MakeBatches();
-  void SumVoxels(Batch* batch, Scratch* scratch) const;
-  void AddHeights(const Batch& batch, Scratch* scratch) const;
-  // Of the voxels of a batch; adds what is shared and sparse.
-  void Sharpen(const Batch& batch, float sparse, Scratch* scratch, Evidence* sums) const;
+  // So many voxels were summed before; returns how many there are in this batch.
+  std::size_t SumVoxels(const Batch& batch, std::int32_t before, Scratch* scratch) const;
+  void AddHeights(const Batch& batch, std::size_t voxels, Scratch* scratch) const;
+  // Of so many voxels; adds what is shared and sparse.
+  void Sharpen(std::size_t voxels, bool in_space, float sparse, Scratch* scratch,
+               Evidence* sums) const;
 
   float voxel_size_m_, inverse_size_;
   double noise2_;

@@ -145,8 +145,9 @@ const SensorGuess* SmallPlace(const std::vector<SensorGuess>& guesses) {
   int small = 0;
   bool closed = false, open = false;
   for (const SensorGuess& guess : guesses) {
-    open = open || guess.far_share >= kMany;
-    if (guess.mostly_m >= kSmallPlaceM || guess.far_share >= kMany) continue;
+    const bool sees_far = guess.far_share >= kMany;
+    open = open || sees_far;
+    if (sees_far || guess.mostly_m >= kSmallPlaceM) continue;
     ++small;
     closed = closed || guess.far_share < kHardlyAny;
     if (smallest == nullptr || guess.mostly_m < smallest->mostly_m) smallest = &guess;

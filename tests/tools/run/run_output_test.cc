@@ -4,6 +4,8 @@
 
 #include <filesystem>
 
+#include "tests/support/good_scan.h"
+
 namespace lamina {
 namespace {
 
@@ -16,21 +18,14 @@ RunVerdict VerdictOn(bool comes_wrong, bool ends_wrong) {
   fs::create_directories(folder);
   RunOutput output(folder.string(), 20);
   for (int i = 0; i < 100; ++i) {
-    const auto x_m = [&](bool wrong) { return i + (wrong && i < 10 && i % 2 == 1 ? 0.5 : 0.0); };
-    ScanRecord scan;
-    scan.scan = i;
-    scan.stamp_ns = 100'000'000LL * i;
-    scan.recorded_stamp = true;
-    scan.status = i == 0 ? "first" : "tracked";
-    scan.T_world_lidar.t.x() = x_m(comes_wrong);
-    scan.clusters = 1000;
-    scan.matched = i == 0 ? 0 : 800;
-    scan.inlier_share = 0.75;
-    output.Add(scan);
+    const auto off_m = [&](bool wrong) { return wrong && i < 10 && i % 2 == 1 ? 0.5 : 0.0; };
+    ScanRecord scan = GoodScan(i);
     FinalPose pose;
     pose.scan = static_cast<std::size_t>(i);
     pose.pose = {scan.stamp_ns, scan.T_world_lidar};
-    pose.pose.T_world_lidar.t.x() = x_m(ends_wrong);
+    pose.pose.T_world_lidar.t.x() += off_m(ends_wrong);
+    scan.T_world_lidar.t.x() += off_m(comes_wrong);
+    output.Add(scan);
     output.Add(pose);
   }
   return output.Judge();

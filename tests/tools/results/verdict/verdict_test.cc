@@ -5,6 +5,8 @@
 
 #include <functional>
 
+#include "tests/support/good_scan.h"
+
 namespace lamina {
 namespace {
 
@@ -17,16 +19,7 @@ constexpr int kMaxIterations = 20;
 RunVerdict VerdictOn(const std::function<void(int i, ScanRecord* scan)>& change = {}) {
   VerdictCounter counter(kMaxIterations);
   for (int i = 0; i < 200; ++i) {
-    ScanRecord scan;
-    scan.scan = i;
-    scan.stamp_ns = 100'000'000LL * i;
-    scan.recorded_stamp = true;
-    scan.status = i == 0 ? "first" : "tracked";
-    scan.T_world_lidar.t.x() = 1.0 * i;
-    scan.clusters = 1000;
-    scan.matched = i == 0 ? 0 : 800;
-    scan.inlier_share = 0.75;
-    scan.iterations = 6;
+    ScanRecord scan = GoodScan(i);
     if (change) change(i, &scan);
     counter.Add(scan);
   }
