@@ -290,6 +290,7 @@ bool Mapper::ApplySolve(const BundleResult& result) {
   for (std::size_t i = 0; i < window_.frames().size(); ++i) {
     window_.Move(i, window_.frames()[i].T_world_lidar, window_.MotionAt(i));
   }
+  open_.Settle();
   map_->Refresh();
   return true;
 }

@@ -13,21 +13,31 @@ void OpenPoses::Add(const MapperScan& scan, const OdometryFrame& frame) {
                      frame.status == OdometryFrame::Status::kLost});
   if (any_keyframe()) Set(frames_.size() - 1, frame.T_world_lidar, frame.sweep);
   if (frame.status != OdometryFrame::Status::kTracked) return;
-  // A lost scan is where it was expected, which tells nothing of the motion to the next one.
-  std::size_t begin = frames_.size() - 1;
-  while (begin > 0 && frames_.size() - begin < 3 && !frames_[begin - 1].lost) --begin;
-  if (frames_.size() - begin < 2) return;
-  Trajectory poses;
-  for (std::size_t k = begin; k < frames_.size(); ++k) poses.push_back(MiddleOf(frames_[k]));
-  const auto settle = [&](std::size_t k) {
-    SweepMotion motion;
-    if (frames_[k].of_scan) return;
-    if (MotionThrough(poses, k - begin, SlidingWindow::kMaxTwistGapS, &motion))
-      frames_[k].T_middle_stamp = AtStamp(motion, frames_[k].middle_ns);
-  };
-  settle(frames_.size() - 2);
-  // The first of all has no pose before it, and is known better by the two after it.
-  if (frames_.size() == 3 && begin == 0) settle(0);
+  // Two poses after a frame tell of the motion during it.
+  for (std::size_t after = std::min<std::size_t>(2, frames_.size() - 1); after > 0; --after)
+    Settle(frames_.size() - 1 - after);
+}
+
+void OpenPoses::Settle() {
+  for (std::size_t i = 0; i + 1 < frames_.size(); ++i) Settle(i);
+}
+
+void OpenPoses::Settle(std::size_t i) {
+  Frame& frame = frames_[i];
+  if (frame.of_scan || frame.lost || frames_[i + 1].lost) return;
+  // A lost scan is where it was expected, which tells nothing of the motion beside it.
+  Trajectory before;
+  for (std::size_t k = i; k > 0 && before.size() < kMotionNeighbours && !frames_[k - 1].lost; --k)
+    before.insert(before.begin(), MiddleOf(frames_[k - 1]));
+  if (before.size() == i) before.insert(before.begin(), left_.begin(), left_.end());
+  Trajectory poses = before;
+  for (std::size_t k = i; k < frames_.size() && k <= i + kMotionNeighbours; ++k) {
+    if (frames_[k].lost) break;
+    poses.push_back(MiddleOf(frames_[k]));
+  }
+  SweepMotion motion;
+  if (MotionThrough(poses, before.size(), SlidingWindow::kMaxTwistGapS, &motion))
+    frame.T_middle_stamp = AtStamp(motion, frame.middle_ns);
 }
 
 void OpenPoses::Set(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep) {
@@ -52,7 +62,14 @@ Trajectory OpenPoses::TakeFinal(std::int64_t first_open, std::int64_t before_sca
   Trajectory trajectory;
   while (!frames_.empty() &&
          (frames_.front().keyframe_id < first_open || frames_.front().scan < before_scan)) {
-    trajectory.push_back(PoseOf(frames_.front()));
+    const Frame& oldest = frames_.front();
+    trajectory.push_back(PoseOf(oldest));
+    if (oldest.lost) {
+      left_.clear();
+    } else {
+      if (left_.size() == kMotionNeighbours) left_.erase(left_.begin());
+      left_.push_back(MiddleOf(oldest));
+    }
     frames_.pop_front();
   }
   if (keyframes_.empty()) return trajectory;
@@ -69,7 +86,7 @@ Trajectory OpenPoses::AtStamps() const {
 }
 
 void OpenPoses::Archive(StateArchive& a) {
-  a(&keyframes_, &first_id_);
+  a(&keyframes_, &first_id_, &left_);
   frames_.resize(a.Size(frames_.size(), 1));
   for (Frame& frame : frames_) {
     a(&frame.scan, &frame.stamp_ns, &frame.middle_ns, &frame.keyframe_id, &frame.T_keyframe_lidar,

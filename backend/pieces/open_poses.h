@@ -33,11 +33,13 @@ class OpenPoses {
   void CountFrom(std::int64_t keyframe) { first_id_ = keyframe; }
   void ForgetKeyframes() { keyframes_.clear(); }
 
-  // The frame of a scan, on the newest keyframe. What moved the sensor within the one before is
-  // better known now.
+  // The frame of a scan, on the newest keyframe. The motion during those before is better known
+  // now.
   void Add(const MapperScan& scan, const OdometryFrame& frame);
   // Frame i is here after all, on the newest keyframe.
   void Set(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep);
+  // Keyframes have moved: finds the motion during all frames anew.
+  void Settle();
   std::size_t size() const { return frames_.size(); }
   // From the stamp of the oldest frame to the middle of its sweep.
   StampNs FirstMiddleNs() const { return frames_.front().middle_ns; }
@@ -66,6 +68,8 @@ class OpenPoses {
     bool lost = false;     // and no pose is known but the predicted one
   };
 
+  // Finds the motion during frame i from the poses around it. There must be a frame after it.
+  void Settle(std::size_t i);
   // In the middle of its sweep, and at its stamp.
   StampedPose MiddleOf(const Frame& frame) const;
   StampedPose PoseOf(const Frame& frame) const;
@@ -74,6 +78,9 @@ class OpenPoses {
   // Poses of the keyframes in the window, and of those before them on which frames hang.
   std::deque<SE3> keyframes_;
   std::int64_t first_id_ = 0;  // of the first of them
+  // The last final poses, at most kMotionNeighbours, in the middle of their sweeps, since the last
+  // one that was lost.
+  Trajectory left_;
 };
 
 }  // namespace lamina

@@ -161,6 +161,8 @@ void SlidingWindow::PopOldest(FinalKeyframe* left) {
     map_->FixWindow(frame.leaves[i], frame.in_map[i], weight, frame.id);
     map_->Release(frame.leaves[i]);
   }
+  if (left_.size() == kMotionNeighbours) left_.erase(left_.begin());
+  left_.push_back({frame.stamp_ns, frame.T_world_lidar});
   frames_.pop_front();
 }
 
@@ -193,14 +195,15 @@ void SlidingWindow::Move(std::size_t i, const SE3& T_world_lidar, const SweepMot
 }
 
 SweepMotion SlidingWindow::MotionAt(std::size_t i, const StampedPose* next) const {
-  const std::size_t begin = i == 0 ? 0 : i - 1;
-  Trajectory poses;
-  for (std::size_t k = begin; k < std::min(i + 3, frames_.size()); ++k) {
+  // Those that have left the window stay neighbours of its oldest frames.
+  Trajectory poses = left_;
+  for (std::size_t k = i - std::min(i, kMotionNeighbours);
+       k < std::min(i + kMotionNeighbours + 1, frames_.size()); ++k) {
     poses.push_back({frames_[k].stamp_ns, frames_[k].T_world_lidar});
   }
   if (next != nullptr) poses.push_back(*next);
   SweepMotion motion = frames_[i].sweep;
-  MotionThrough(poses, i - begin, kMaxTwistGapS, &motion);
+  MotionThrough(poses, left_.size() + std::min(i, kMotionNeighbours), kMaxTwistGapS, &motion);
   return motion;
 }
 
@@ -302,6 +305,7 @@ void SlidingWindow::FindLeaves(WindowFrame* frame) const {
 }
 
 void SlidingWindow::Archive(StateArchive& a) {
+  a(&left_);
   frames_.resize(a.Size(frames_.size(), 1));
   for (WindowFrame& frame : frames_) {
     a(&frame.id, &frame.stamp_ns, &frame.T_world_lidar, &frame.sweep.twist,

@@ -102,8 +102,9 @@ class SlidingWindow {
   // Moves frame i to a new pose and motion. The map must be refreshed afterwards.
   void Move(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep);
 
-  // The motion during frame i, from the poses of its neighbours in the window (sweep_motion.h):
-  // those within kMaxTwistGapS. `next`: the pose after the newest one, or null.
+  // The motion during frame i, from the poses of its neighbours (sweep_motion.h), in the window or
+  // the last ones that have left it: those within kMaxTwistGapS. `next`: the pose after the newest
+  // frame, or null.
   SweepMotion MotionAt(std::size_t i, const StampedPose* next = nullptr) const;
 
   // Holds frames that a solution leads astray to the frontend's motion from now on; true if there
@@ -145,6 +146,7 @@ class SlidingWindow {
   SlidingWindowOptions options_;
   VoxelMap* map_;
   std::deque<WindowFrame> frames_;
+  Trajectory left_;  // the last poses that have left the window, at most kMotionNeighbours
   std::vector<PointCluster> moved_;  // of a frame that is being moved: memory that is used again
 };
 

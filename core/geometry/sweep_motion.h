@@ -37,15 +37,26 @@ struct SweepMotion {
   Vector6d TwistAt(double tau) const { return twist + tau * acceleration; }
 };
 
+// How many poses on either side of a scan its motion may be found from.
+constexpr std::size_t kMotionNeighbours = 7;
+
 // The motion during the scan at pose i: through the poses before and after it, with velocities
 // v_b over the time t_b since the one and v_a over t_a until the other,
 //
 //     xi = (t_a v_b + t_b v_a) / (t_a + t_b),    a = 2 (v_a - v_b) / (t_a + t_b).
 //
-// Where one of them is missing, or stamps do not increase or lie more than max_gap_s apart, through
-// the other, and the acceleration stays as it is, or is that at the pose after it if it is the one
-// before that is missing. False, and *motion untouched, if there is none. One that is of the scan
-// itself stays as it is.
+// That alone misses a tenth of what a vibration of 1.4 Hz does within half a sweep of 0.1 s: of a
+// roll of 0.6 degrees, a centimetre at 25 m. The polynomial of fourth degree through two poses on
+// either side misses less than a hundredth, but makes more of the poses' noise. So each component
+// of xi and a is moved towards that polynomial, as near as it comes to it with two powers over the
+// sweep, by the share of motion in the differences of third order of the poses around (of fourth
+// order for a): 1 - n / d, d their mean square, and n that of the sixth order, which are noise
+// almost alone, each over the square of what independent noise of the poses makes of it.
+//
+// Where one of the neighbours is missing, or stamps do not increase or lie more than max_gap_s
+// apart, through the other, and the acceleration stays as it is, or is that at the pose after it if
+// it is the one before that is missing. False, and *motion untouched, if there is none. One that is
+// of the scan itself stays as it is.
 bool MotionThrough(const Trajectory& poses, std::size_t i, double max_gap_s, SweepMotion* motion);
 
 // The motions during two scans of which only the difference is known, as at the start of a map: one

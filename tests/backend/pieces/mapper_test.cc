@@ -196,12 +196,12 @@ TEST(Mapper, WhatAStandingSensorKeepsDoesNotGrow) {
   BackendOptions options;
   options.keyframe_after_frames = 30;
   Parked parked(options);
-  parked.Stand(600);
+  parked.Stand(720);
   const std::size_t bytes = parked.StateBytes(), map_bytes = parked.map_.bytes();
   EXPECT_EQ(parked.mapper_.OpenFrames().size(), std::size_t{Parked::kFinalAfter});
   parked.Stand(3000);
   EXPECT_EQ(parked.mapper_.OpenFrames().size(), std::size_t{Parked::kFinalAfter});
-  EXPECT_EQ(parked.final_, 3600U - Parked::kFinalAfter);
+  EXPECT_EQ(parked.final_, 3720U - Parked::kFinalAfter);
   EXPECT_EQ(parked.StateBytes(), bytes);
   EXPECT_EQ(parked.map_.bytes(), map_bytes);
 }

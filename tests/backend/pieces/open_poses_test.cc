@@ -62,5 +62,36 @@ TEST(OpenPosesTest, TheMotionWithinAScanIsThatThroughItsNeighbours) {
   EXPECT_LT(WorstM(open, 2), 1e-9);
 }
 
+// Bundle adjustment finds the sensor to be slower than the frontend thought, which changes where it
+// was at the stamps before the middles of the sweeps, too: also of the oldest frame, whose
+// neighbours are final.
+TEST(OpenPosesTest, KeyframesThatMoveTakeTheMotionWithinTheirScansAlong) {
+  constexpr double kSlower = 0.5;
+  OpenPoses open;
+  for (std::int64_t k = 0; k < 12; ++k) {
+    Add(k, OdometryFrame::Status::kTracked, 0.0, &open);
+    open.AddKeyframe(TrueAt(k * kPeriodNs + kMiddleNs));
+    open.Set(static_cast<std::size_t>(k), open.newest_keyframe(), SweepMotion());
+  }
+  const auto slow_down = [&](std::int64_t from) {
+    for (std::int64_t k = from; k < 12; ++k)
+      open.Keyframe(k).t = kSlower * TrueAt(k * kPeriodNs + kMiddleNs).t;
+    open.Settle();
+  };
+  slow_down(0);
+  const auto expect_slow = [](const Trajectory& poses) {
+    for (const StampedPose& pose : poses)
+      EXPECT_NEAR(pose.T_world_lidar.t.x(), kSlower * TrueAt(pose.stamp_ns).t.x(), 1e-9);
+  };
+  expect_slow(open.TakeFinal(4, 0));
+  // Those that stay are moved once more.
+  slow_down(4);
+  Trajectory rest = open.AtStamps();
+  ASSERT_EQ(rest.size(), 8u);
+  // There is no pose after the newest one.
+  rest.pop_back();
+  expect_slow(rest);
+}
+
 }  // namespace
 }  // namespace lamina

@@ -306,6 +306,23 @@ TEST(SlidingWindow, MotionIsThatThroughTheFramesBeforeAndAfter) {
   EXPECT_NEAR(window.MotionAt(3, &next).twist(3), 4.0, 1e-9);
 }
 
+TEST(SlidingWindow, FramesThatHaveLeftTellTheMotionDuringTheOldest) {
+  VoxelMap map(UncappedMap());
+  SlidingWindow window(SlidingWindowOptions(), &map);
+  for (std::int64_t k = 0; k < 12; ++k) {
+    WindowFrame frame;
+    frame.id = k;
+    frame.stamp_ns = k * kPeriodNs;
+    frame.T_world_lidar.t.x() = 0.1 * static_cast<double>(k * k);
+    window.Push(frame);
+  }
+  for (int k = 0; k < 9; ++k) window.PopOldest();
+  for (std::size_t k = 0; k < 2; ++k) {
+    EXPECT_NEAR(window.MotionAt(k).twist(3), 2.0 * static_cast<double>(9 + k), 1e-9);
+    EXPECT_NEAR(window.MotionAt(k).acceleration(3), 20.0, 1e-9);
+  }
+}
+
 SE3 Along(double x) { return SE3(Eigen::Quaterniond::Identity(), {x, 0.0, 0.0}); }
 
 // A window of four frames a metre apart, the match of the third least sure along x, by 1 cm.

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstddef>
+#include <functional>
 
 #include "tests/support/scenes/random_scenes.h"
 
@@ -40,6 +42,71 @@ TEST(SweepMotion, ThroughThreePosesIsTheirs) {
             .norm(),
         1e-9);
   }
+}
+
+// A car that goes straight on its springs: 10 m/s, heaving by 1.5 cm and rolling by 0.4 degrees
+// somewhat more than once a second.
+SE3 OnSprings(double t) {
+  return SE3(ExpSO3(0.007 * std::sin(7.0 * t + 1.0) * Eigen::Vector3d::UnitX()),
+             {10.0 * t, 0.0, 0.015 * std::sin(9.0 * t)});
+}
+
+// The mean over the scans of a path, at 10 Hz, of how far apart the true path and the motion that
+// is found are at the ends of their sweeps; each within `beside` poses on either side.
+double MeanErrorAtEnds(const std::function<SE3(double)>& path, const Trajectory& poses,
+                       std::size_t beside) {
+  constexpr double kEndS = 0.05;
+  double sum = 0.0;
+  int count = 0;
+  for (std::size_t i = beside; i + beside < poses.size(); ++i) {
+    const auto pose = poses.begin() + static_cast<std::ptrdiff_t>(i);
+    const auto reach = static_cast<std::ptrdiff_t>(beside);
+    SweepMotion found;
+    EXPECT_TRUE(
+        MotionThrough(Trajectory(pose - reach, pose + reach + 1), beside, kMaxGapS, &found));
+    const double t = SecondsBetween(0, pose->stamp_ns);
+    for (const double tau : {-kEndS, kEndS}) {
+      sum += LocalDelta(path(t).Inverse() * path(t + tau), found.PoseAt(tau)).norm();
+      ++count;
+    }
+  }
+  return sum / count;
+}
+
+TEST(SweepMotion, PosesBeyondTheNeighboursTellOfAVibration) {
+  Trajectory poses;
+  for (int k = 0; k < 40; ++k) poses.push_back({k * StampNs{100000000}, OnSprings(0.1 * k)});
+  const double three = MeanErrorAtEnds(OnSprings, poses, 1);
+  EXPECT_GT(three, 4e-4);
+  EXPECT_LT(MeanErrorAtEnds(OnSprings, poses, kMotionNeighbours), 0.25 * three);
+  // Stamps that jitter, and every fifth scan dropped.
+  Draws draws(3);
+  Trajectory uneven;
+  for (int k = 0; k < 40; ++k) {
+    if (k % 5 == 4) continue;
+    const double t = 0.1 * k + draws.Uniform(-0.01, 0.01);
+    const auto stamp_ns = static_cast<StampNs>(1e9 * t);
+    uneven.push_back({stamp_ns, OnSprings(SecondsBetween(0, stamp_ns))});
+  }
+  EXPECT_LT(MeanErrorAtEnds(OnSprings, uneven, kMotionNeighbours),
+            0.5 * MeanErrorAtEnds(OnSprings, uneven, 1));
+}
+
+// What poses are off by must not bend the scans more than it has to: the poses beyond the
+// neighbours, which would add to it, are left alone where they show nothing else.
+TEST(SweepMotion, NoiseOfPosesIsNotTakenForMotion) {
+  const auto steady = [](double t) {
+    return SE3(Eigen::Quaterniond::Identity(), {10.0 * t, 0.0, 0.0});
+  };
+  Draws draws(4);
+  Trajectory poses;
+  for (int k = 0; k < 400; ++k) {
+    poses.push_back({k * StampNs{100000000}, steady(0.1 * k)});
+    poses.back().T_world_lidar.t +=
+        0.003 * Eigen::Vector3d(draws.Normal(1.0), draws.Normal(1.0), draws.Normal(1.0));
+  }
+  EXPECT_LT(MeanErrorAtEnds(steady, poses, kMotionNeighbours),
+            1.1 * MeanErrorAtEnds(steady, poses, 1));
 }
 
 TEST(SweepMotion, AtTheEndKeepsTheAccelerationAndTheWay) {

@@ -2,6 +2,8 @@
 // steady motion would have it.
 #include <gtest/gtest.h>
 
+#include <functional>
+
 #include "tests/support/promises.h"
 
 namespace lamina {
@@ -55,6 +57,23 @@ TEST(AdverseRooms, ASensorOfFewRingsIsNotRaisedOutOfThem) {
   EXPECT_LT(verdict.worst_m, 0.10) << verdict.broken;
   EXPECT_EQ(verdict.lost, 0u) << verdict.broken;
   EXPECT_GE(verdict.judged, 8u) << verdict.broken;
+}
+
+// A vehicle on its springs, a hand that walks: each sweep is bent by a velocity that changes from
+// scan to scan. What is wrong of it at 20 m bends the map, and bundle adjustment with it.
+TEST(AdverseShake, WhatVibratesIsMappedAsPreciselyAsWhatDoesNot) {
+  Promise hall, street;
+  hall.config = "handheld";
+  hall.synth = {"--scene hall --sensor os1"};
+  street.config = "livox_avia";
+  street.synth = {"--scene street --sensor avia --speed 3"};
+  for (Promise& promise : {std::ref(hall), std::ref(street)}) {
+    promise.synth.push_back("--sweep --noise 0.02 --frames 40 --profile shake");
+    promise.synth.push_back("--shake-hz 1.4 --shake-deg 0.6 --shake-m 0.02 --seed 231");
+    const Verdict verdict = Tried(promise, 1);
+    EXPECT_LT(verdict.worst_m, 0.0045) << promise.synth[0] << ": " << verdict.broken;
+    EXPECT_EQ(verdict.judged, 40u) << promise.synth[0];
+  }
 }
 
 // What takes a pose back by a metre is no motion, which the next ones would follow.

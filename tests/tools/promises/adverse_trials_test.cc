@@ -148,9 +148,13 @@ TEST(AdverseLorry, AMatchThatLeavesASteadyMotionIsDoubted) {
   Promise promise = Within(0.1);
   promise.synth = {"--scene lorry --sensor mid360 --sweep --frames 40 --noise 0.02"};
   promise.config = "handheld";
-  const Verdict verdict = Tried(promise, 6);
-  EXPECT_LT(verdict.worst_m, 0.10);
-  EXPECT_GE(verdict.judged, 8u);
+  std::size_t judged = 0;
+  for (const int seed : {1, 6}) {
+    const Verdict verdict = Tried(promise, seed);
+    EXPECT_LT(verdict.worst_m, 0.10) << seed;
+    judged += verdict.judged;
+  }
+  EXPECT_GE(judged, 20u);
 }
 
 // Of a few rings, or a few points, what goes along looks as sharp as what stands: such a start is
@@ -347,7 +351,7 @@ TEST(AdverseGaps, TheFirstScanFoundAgainIsWhereTheMapHasIt) {
 TEST(AdverseGaps, AMapOfTheWrongPlaceDoesNotProveIt) {
   Promise promise;
   promise.synth = {"--scene glass --sensor vlp16 --rings 0 --points 0 --frames 45",
-                   "--profile gaps --sweep --noise 0.015 --seed 92"};
+                   "--profile gaps --sweep --noise 0.015 --seed 113"};
   const Verdict verdict = Tried(promise, 1);
   EXPECT_LT(verdict.worst_m, 0.1) << verdict.broken;
   EXPECT_GT(verdict.pieces, 1u);
