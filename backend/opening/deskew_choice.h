@@ -2,8 +2,10 @@
 // compensated for the sensor's motion when they were made, and kept the times; in others the times
 // are understood wrongly, in a wrong unit or against stamps that are not theirs.
 //
-// A few scans are mapped twice, deskewed and as they are. Where the sensor moved, one of both bends
-// what is plane, so the right choice gives the thinner map (MeasureThickness), or the only one.
+// Of a spinning sensor that moves, the elevation angles of the points tell it: those of its beams
+// as they were measured, which a compensation moves (beam_angles.h). Of others a few scans are
+// mapped twice, deskewed and as they are. Where the sensor moved, one of both bends what is plane,
+// so the right choice gives the thinner map (MeasureThickness), or the only one.
 #pragma once
 
 #include <atomic>
@@ -24,6 +26,7 @@ struct DeskewChoice {
   Verdict verdict = Verdict::kDeskew;
   // Those of the maps that were compared, metres; 0 where nothing was.
   double deskewed_m = 0.0, as_they_are_m = 0.0;
+  bool by_beams = false;  // that scans are compensated is told by the beams' elevation angles
 };
 
 // For scans [begin, end) of a recording. Looks at the first ones, and where they tell nothing

@@ -33,7 +33,7 @@ OpeningLook LookAt(const ScanSource& source, std::size_t begin, std::size_t end,
   options.preparation = preparation;
   options.loops.enabled = false;
   OpeningLook look;
-  Trajectory poses;
+  Trajectory& poses = look.poses;
   MappingCallbacks callbacks;
   callbacks.on_final_pose = [&](const FinalPose& pose) {
     if (!pose.skipped) poses.push_back(pose.pose);

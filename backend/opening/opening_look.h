@@ -28,6 +28,7 @@ struct OpeningLook {
   double lost_share = 0.0;  // of the scans
   double way_m = 0.0, turn_rad = 0.0;
   Vector6d start_velocity = Vector6d::Zero();  // of the first scan, in the body, per second
+  Trajectory poses;                            // at the scans' stamps
   MapThickness map;
 
   // Whether its map tells anything: the sensor moved, and there are planes.

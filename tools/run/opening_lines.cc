@@ -181,6 +181,11 @@ std::string DescribeAgainstDeskewing(const DeskewChoice& choice) {
   const std::string what = choice.verdict == DeskewChoice::Verdict::kCompensated
                                ? "scans are compensated for motion already"
                                : "the points' times are understood wrongly, or are none";
+  if (choice.by_beams) {
+    return what +
+           ": their points lie at the elevations of the sensor's beams once its motion is "
+           "taken back, not as they are";
+  }
   if (choice.deskewed_m == 0.0) {
     return what + ": scans are lost if deskewed by the points' times, and tracked as they are";
   }

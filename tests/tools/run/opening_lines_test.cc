@@ -131,14 +131,47 @@ TEST_F(OpeningTest, SweepsWithoutTimesAreDeskewedByAzimuth) {
   EXPECT_GT(off_m(), 2.0 * deskewed_m);
 }
 
+// A drive whose points are in the frame of a vehicle on which the sensor is tilted: no beam is at
+// one elevation there.
+class Tilted final : public ScanSource {
+ public:
+  explicit Tilted(bool compensated) : drive_(LongDrive(compensated)) {}
+  std::size_t size() const override { return drive_.size(); }
+  std::string Name(std::size_t i) const override { return drive_.Name(i); }
+  StampNs Stamp(std::size_t i) const override { return drive_.Stamp(i); }
+  Scan Read(std::size_t i) const override {
+    const Eigen::AngleAxisf tilt(0.15F, Eigen::Vector3f::UnitX());
+    Scan scan = drive_.Read(i);
+    for (ScanPoint& p : scan.points) {
+      const Eigen::Vector3f tilted = tilt * Eigen::Vector3f(p.x, p.y, p.z);
+      p = {tilted.x(), tilted.y(), tilted.z(), p.intensity};
+    }
+    return scan;
+  }
+
+ private:
+  const SweptDrive& drive_;
+};
+
 TEST(DeskewChoice, IsTheThinnerMapsWhereTheSensorMoved) {
+  const MappingOptions options;
+  const DeskewChoice swept = ChooseDeskew(Tilted(false), 0, 20, options, nullptr);
+  EXPECT_EQ(swept.verdict, DeskewChoice::Verdict::kDeskew);
+  EXPECT_LT(swept.deskewed_m, swept.as_they_are_m);
+  const DeskewChoice still = ChooseDeskew(Tilted(true), 0, 20, options, nullptr);
+  EXPECT_EQ(still.verdict, DeskewChoice::Verdict::kCompensated);
+  EXPECT_FALSE(still.by_beams);
+  EXPECT_LT(still.as_they_are_m, 0.9 * still.deskewed_m);
+}
+
+TEST(DeskewChoice, IsThatOfTheBeamsOfASpinningSensor) {
   const MappingOptions options;
   const DeskewChoice swept = ChooseDeskew(LongDrive(false), 0, 20, options, nullptr);
   EXPECT_EQ(swept.verdict, DeskewChoice::Verdict::kDeskew);
-  EXPECT_LT(swept.deskewed_m, swept.as_they_are_m);
   const DeskewChoice still = ChooseDeskew(LongDrive(true), 0, 20, options, nullptr);
   EXPECT_EQ(still.verdict, DeskewChoice::Verdict::kCompensated);
-  EXPECT_LT(still.as_they_are_m, 0.9 * still.deskewed_m);
+  EXPECT_TRUE(still.by_beams);
+  EXPECT_EQ(still.deskewed_m, 0.0) << "no maps were compared";
 }
 
 TEST_F(OpeningTest, StampsOutsideOfTheSweepAreNamed) {

@@ -1,0 +1,27 @@
+// Whether the points of scans lie where the beams of a spinning sensor measured them, or where a
+// compensation for the sensor's motion has moved them: each beam turns at one elevation angle, so
+// that a histogram of all points' elevations has as many peaks as there are beams. Points that were
+// moved by the way since their time have it blurred, and have it sharp again once that is taken
+// back. Tells where maps do not: at a steady speed both make the same map.
+//
+// Private to backend/opening.
+#pragma once
+
+#include <cstddef>
+
+#include "core/geometry/scan.h"
+#include "core/geometry/scan_source.h"
+
+namespace lamina {
+
+enum class BeamAngles {
+  kUnknown,  // no such beams, no motion, or points that are not in the sensor's frame
+  kAsMeasured,
+  kCompensated
+};
+
+// By some of the scans from `begin` on whose stamps these poses have. They are those that the scans
+// as they are tell: of a steady motion, of which only the pose in a sweep is doubtful, not the way.
+BeamAngles BeamAnglesOf(const ScanSource& source, std::size_t begin, const Trajectory& poses);
+
+}  // namespace lamina

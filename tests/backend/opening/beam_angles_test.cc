@@ -1,0 +1,122 @@
+#include "backend/opening/beam_angles.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/base/angle.h"
+#include "tests/support/scenes/random_scenes.h"
+
+namespace lamina {
+namespace {
+
+constexpr int kSweeps = 10, kAzimuths = 600;
+constexpr double kSweepS = 0.1;
+
+// Drives along x on a road between two walls, 16 beams 2 degrees apart; every map of this place is
+// as thin, whatever its scans are bent by.
+class Street final : public ScanSource {
+ public:
+  explicit Street(double speed_m_s) : speed_m_s_(speed_m_s) {
+    for (int k = 0; k < kSweeps; ++k) scans_.push_back(Sweep(k));
+  }
+
+  // Brings all points to where the sensor was so long after the stamp.
+  Street& CompensatedTo(double moment_s) {
+    for (Scan& scan : scans_) {
+      for (std::size_t i = 0; i < scan.points.size(); ++i) {
+        scan.points[i].x +=
+            static_cast<float>(speed_m_s_ * (static_cast<double>(scan.time_s[i]) - moment_s));
+      }
+    }
+    return *this;
+  }
+  // Beams at any angle.
+  Street& WithoutBeams() {
+    Draws draws(1);
+    for (Scan& scan : scans_) {
+      for (ScanPoint& p : scan.points)
+        p.z += 0.05F * std::hypot(p.x, p.y) * static_cast<float>(draws.Uniform(-1.0, 1.0));
+    }
+    return *this;
+  }
+  Trajectory Poses() const {
+    Trajectory poses;
+    for (const Scan& scan : scans_) {
+      poses.push_back({scan.stamp_ns, SE3()});
+      poses.back().T_world_lidar.t.x() = speed_m_s_ * SecondsBetween(0, scan.stamp_ns);
+    }
+    return poses;
+  }
+
+  std::size_t size() const override { return scans_.size(); }
+  std::string Name(std::size_t i) const override { return std::to_string(i); }
+  StampNs Stamp(std::size_t i) const override { return scans_[i].stamp_ns; }
+  Scan Read(std::size_t i) const override { return scans_[i]; }
+
+ private:
+  static Scan Sweep(int k) {
+    Scan scan;
+    scan.stamp_ns = k * static_cast<StampNs>(kSweepS * 1e9);
+    for (int step = 0; step < kAzimuths; ++step) {
+      const double azimuth = -2.0 * M_PI * step / kAzimuths;
+      for (double elevation_deg = -15.0; elevation_deg <= 15.0; elevation_deg += 2.0) {
+        const double elevation = Radians(elevation_deg);
+        const Eigen::Vector3d ray(std::cos(elevation) * std::cos(azimuth),
+                                  std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
+        const double to_wall = 8.0 / std::max(1e-9, std::abs(ray.y()));
+        const double range = ray.z() < 0.0 ? std::min(to_wall, -1.8 / ray.z()) : to_wall;
+        if (range > 60.0) continue;
+        const Eigen::Vector3f p = (range * ray).cast<float>();
+        scan.points.push_back({p.x(), p.y(), p.z(), 0.0F});
+        scan.time_s.push_back(static_cast<float>(kSweepS * step / kAzimuths));
+      }
+    }
+    return scan;
+  }
+
+  double speed_m_s_;
+  std::vector<Scan> scans_;
+};
+
+TEST(BeamAngles, OfSweepsAreThoseOfTheBeams) {
+  for (const double speed_m_s : {4.0, 10.0, 35.0}) {
+    const Street street(speed_m_s);
+    EXPECT_EQ(BeamAnglesOf(street, 0, street.Poses()), BeamAngles::kAsMeasured) << speed_m_s;
+  }
+}
+
+TEST(BeamAngles, OfCompensatedScansAreNotWhateverTheMomentTheyWereBroughtTo) {
+  for (const double speed_m_s : {4.0, 10.0, 35.0}) {
+    for (const double moment_s : {0.0, 0.5 * kSweepS, kSweepS}) {
+      const Street street = Street(speed_m_s).CompensatedTo(moment_s);
+      EXPECT_EQ(BeamAnglesOf(street, 0, street.Poses()), BeamAngles::kCompensated)
+          << speed_m_s << " " << moment_s;
+    }
+  }
+}
+
+TEST(BeamAngles, TellNothingOfASensorThatStandsOrHasNone) {
+  const Street standing(0.0);
+  EXPECT_EQ(BeamAnglesOf(standing, 0, standing.Poses()), BeamAngles::kUnknown);
+  const Street swept = Street(10.0).WithoutBeams();
+  EXPECT_EQ(BeamAnglesOf(swept, 0, swept.Poses()), BeamAngles::kUnknown);
+  const Street compensated = Street(10.0).CompensatedTo(0.0).WithoutBeams();
+  EXPECT_EQ(BeamAnglesOf(compensated, 0, compensated.Poses()), BeamAngles::kUnknown);
+}
+
+TEST(BeamAngles, AreOfTheScansThatThePosesAreOf) {
+  const Street street(10.0);
+  Trajectory later = street.Poses();
+  later.erase(later.begin(), later.begin() + 4);
+  EXPECT_EQ(BeamAnglesOf(street, 2, later), BeamAngles::kAsMeasured);
+  EXPECT_EQ(BeamAnglesOf(street, 6, later), BeamAngles::kUnknown) << "of none of them";
+  EXPECT_EQ(BeamAnglesOf(street, 0, {}), BeamAngles::kUnknown);
+}
+
+}  // namespace
+}  // namespace lamina
