@@ -106,8 +106,11 @@ Vector6d MeanSquareDifference(const std::vector<MeanVelocity>& velocities, std::
 // component: motion is smooth, so that differences of the sixth order are noise almost alone.
 Vector6d ShareOfMotion(const std::vector<MeanVelocity>& velocities, std::size_t order) {
   constexpr std::size_t kNoiseOrder = 6;
+  // Noise is told by few differences, and that of poses which share a map is not independent.
+  constexpr double kNoiseTimes = 3.0;
   if (velocities.size() <= order) return Vector6d::Zero();
-  const Vector6d noise = MeanSquareDifference(velocities, std::min(kNoiseOrder, velocities.size()));
+  const Vector6d noise =
+      kNoiseTimes * MeanSquareDifference(velocities, std::min(kNoiseOrder, velocities.size()));
   const Vector6d all = MeanSquareDifference(velocities, order);
   Vector6d share = Vector6d::Zero();
   for (int k = 0; k < 6; ++k) {

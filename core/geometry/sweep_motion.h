@@ -50,7 +50,7 @@ constexpr std::size_t kMotionNeighbours = 7;
 // either side misses less than a hundredth, but makes more of the poses' noise. So each component
 // of xi and a is moved towards that polynomial, as near as it comes to it with two powers over the
 // sweep, by the share of motion in the differences of third order of the poses around (of fourth
-// order for a): 1 - n / d, d their mean square, and n that of the sixth order, which are noise
+// order for a): 1 - 3 n / d, d their mean square, and n that of the sixth order, which are noise
 // almost alone, each over the square of what independent noise of the poses makes of it.
 //
 // Where one of the neighbours is missing, or stamps do not increase or lie more than max_gap_s
