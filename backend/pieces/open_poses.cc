@@ -67,8 +67,7 @@ Trajectory OpenPoses::TakeFinal(std::int64_t first_open, std::int64_t before_sca
     if (oldest.lost) {
       left_.clear();
     } else {
-      if (left_.size() == kMotionNeighbours) left_.erase(left_.begin());
-      left_.push_back(MiddleOf(oldest));
+      AddNeighbour(MiddleOf(oldest), &left_);
     }
     frames_.pop_front();
   }

@@ -161,8 +161,7 @@ void SlidingWindow::PopOldest(FinalKeyframe* left) {
     map_->FixWindow(frame.leaves[i], frame.in_map[i], weight, frame.id);
     map_->Release(frame.leaves[i]);
   }
-  if (left_.size() == kMotionNeighbours) left_.erase(left_.begin());
-  left_.push_back({frame.stamp_ns, frame.T_world_lidar});
+  AddNeighbour({frame.stamp_ns, frame.T_world_lidar}, &left_);
   frames_.pop_front();
 }
 

@@ -153,6 +153,11 @@ SweepMotion MotionBetween(const Trajectory& poses, std::size_t i, double max_gap
 
 }  // namespace
 
+void AddNeighbour(const StampedPose& pose, Trajectory* last) {
+  if (last->size() == kMotionNeighbours) last->erase(last->begin());
+  last->push_back(pose);
+}
+
 bool MotionThrough(const Trajectory& poses, std::size_t i, double max_gap_s, SweepMotion* motion) {
   if (motion->of_scan) return true;
   double before_s = 0.0, after_s = 0.0;

@@ -39,6 +39,8 @@ struct SweepMotion {
 
 // How many poses on either side of a scan its motion may be found from.
 constexpr std::size_t kMotionNeighbours = 7;
+// Adds a pose to the last ones before a scan, of which no more than these are kept.
+void AddNeighbour(const StampedPose& pose, Trajectory* last);
 
 // The motion during the scan at pose i: through the poses before and after it, with velocities
 // v_b over the time t_b since the one and v_a over t_a until the other,
