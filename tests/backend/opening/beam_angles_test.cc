@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <limits>
 #include <string>
 #include <utility>
 #include <vector>
@@ -43,6 +45,14 @@ class Street final : public ScanSource {
         p.z += 0.05F * std::hypot(p.x, p.y) * static_cast<float>(draws.Uniform(-1.0, 1.0));
     }
     return *this;
+  }
+  // Adds a point to the middle of each scan.
+  void Spoil(const ScanPoint& point, float time_s) {
+    for (Scan& scan : scans_) {
+      const auto middle = static_cast<std::ptrdiff_t>(scan.points.size() / 2);
+      scan.points.insert(scan.points.begin() + middle, point);
+      scan.time_s.insert(scan.time_s.begin() + middle, time_s);
+    }
   }
   Trajectory Poses() const {
     Trajectory poses;
@@ -107,6 +117,16 @@ TEST(BeamAngles, TellNothingOfASensorThatStandsOrHasNone) {
   EXPECT_EQ(BeamAnglesOf(swept, 0, swept.Poses()), BeamAngles::kUnknown);
   const Street compensated = Street(10.0).CompensatedTo(0.0).WithoutBeams();
   EXPECT_EQ(BeamAnglesOf(compensated, 0, compensated.Poses()), BeamAngles::kUnknown);
+}
+
+TEST(BeamAngles, PointsAndTimesThatAreNoneDoNotCount) {
+  constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
+  constexpr float kFar = std::numeric_limits<float>::infinity();
+  Street street(10.0);
+  street.Spoil({kNone, 1.0F, 1.0F, 0.0F}, 0.0F);
+  street.Spoil({kFar, kFar, -kFar, 0.0F}, 0.0F);
+  street.Spoil({5.0F, 5.0F, 1.0F, 0.0F}, kNone);
+  EXPECT_EQ(BeamAnglesOf(street, 0, street.Poses()), BeamAngles::kAsMeasured);
 }
 
 TEST(BeamAngles, AreOfTheScansThatThePosesAreOf) {
