@@ -5,6 +5,7 @@
 #include <cmath>
 #include <vector>
 
+#include "backend/window/sliding_window.h"
 #include "core/base/angle.h"
 #include "core/base/error.h"
 #include "core/geometry/sweep_motion.h"
@@ -87,8 +88,7 @@ BeamAngles BeamAnglesOf(const ScanSource& source, std::size_t begin, const Traje
   for (std::size_t i = begin; i < source.size() && scans < kScans && k < poses.size(); ++i) {
     if (source.Stamp(i) != poses[k].stamp_ns) continue;
     SweepMotion motion;
-    constexpr double kMaxGapS = 0.5;
-    if (!MotionThrough(poses, k++, kMaxGapS, &motion)) continue;
+    if (!MotionThrough(poses, k++, SlidingWindow::kMaxTwistGapS, &motion)) continue;
     try {
       const Scan scan = source.Read(i);
       if (scan.points.empty() || scan.time_s.empty()) continue;

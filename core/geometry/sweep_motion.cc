@@ -102,15 +102,19 @@ Vector6d MeanSquareDifference(const std::vector<MeanVelocity>& velocities, std::
   return sum / static_cast<double>(velocities.size() - order + 1);
 }
 
-// How much of the differences of this order is motion and not noise of the poses, component by
-// component: motion is smooth, so that differences of the sixth order are noise almost alone.
-Vector6d ShareOfMotion(const std::vector<MeanVelocity>& velocities, std::size_t order) {
+// What differences must exceed to be motion: motion is smooth, so that those of the sixth order are
+// noise of the poses almost alone.
+Vector6d NoiseOf(const std::vector<MeanVelocity>& velocities) {
   constexpr std::size_t kNoiseOrder = 6;
   // Noise is told by few differences, and that of poses which share a map is not independent.
   constexpr double kNoiseTimes = 3.0;
+  return kNoiseTimes * MeanSquareDifference(velocities, std::min(kNoiseOrder, velocities.size()));
+}
+
+// How much of the differences of this order is motion and not noise, component by component.
+Vector6d ShareOfMotion(const std::vector<MeanVelocity>& velocities, const Vector6d& noise,
+                       std::size_t order) {
   if (velocities.size() <= order) return Vector6d::Zero();
-  const Vector6d noise =
-      kNoiseTimes * MeanSquareDifference(velocities, std::min(kNoiseOrder, velocities.size()));
   const Vector6d all = MeanSquareDifference(velocities, order);
   Vector6d share = Vector6d::Zero();
   for (int k = 0; k < 6; ++k) {
@@ -144,10 +148,11 @@ SweepMotion MotionBetween(const Trajectory& poses, std::size_t i, double max_gap
     path.Through(poses[i + 2]);
   if (!path.BeyondThree()) return motion;
   const std::vector<MeanVelocity> velocities = VelocitiesAround(poses, i, max_gap_s);
+  const Vector6d noise = NoiseOf(velocities);
   const SweepMotion curved = path.Nearest(half_s);
-  motion.twist += ShareOfMotion(velocities, 3).cwiseProduct(curved.twist - motion.twist);
+  motion.twist += ShareOfMotion(velocities, noise, 3).cwiseProduct(curved.twist - motion.twist);
   motion.acceleration +=
-      ShareOfMotion(velocities, 4).cwiseProduct(curved.acceleration - motion.acceleration);
+      ShareOfMotion(velocities, noise, 4).cwiseProduct(curved.acceleration - motion.acceleration);
   return motion;
 }
 

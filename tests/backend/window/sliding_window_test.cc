@@ -284,16 +284,20 @@ TEST(SlidingWindow, FarAwayClustersAreLeftOut) {
   window.PopOldest();
 }
 
+// Number k of frames that accelerate along x, by 0.2 m from one step to the next.
+WindowFrame Accelerating(std::int64_t k, StampNs stamp_ns) {
+  WindowFrame frame;
+  frame.id = k;
+  frame.stamp_ns = stamp_ns;
+  frame.T_world_lidar.t.x() = 0.1 * static_cast<double>(k * k);
+  return frame;
+}
+
 TEST(SlidingWindow, MotionIsThatThroughTheFramesBeforeAndAfter) {
   VoxelMap map(UncappedMap());
   SlidingWindow window(SlidingWindowOptions(), &map);
-  for (std::int64_t k = 0; k < 4; ++k) {
-    WindowFrame frame;
-    frame.id = k;
-    frame.stamp_ns = k < 3 ? k * kPeriodNs : 20 * kPeriodNs;
-    frame.T_world_lidar.t.x() = 0.1 * static_cast<double>(k * k);
-    window.Push(frame);
-  }
+  for (std::int64_t k = 0; k < 4; ++k)
+    window.Push(Accelerating(k, k < 3 ? k * kPeriodNs : 20 * kPeriodNs));
   for (std::size_t k = 0; k < 2; ++k) {
     EXPECT_NEAR(window.MotionAt(k).twist(3), 2.0 * static_cast<double>(k), 1e-9);
     EXPECT_NEAR(window.MotionAt(k).acceleration(3), 20.0, 1e-9);
@@ -309,13 +313,7 @@ TEST(SlidingWindow, MotionIsThatThroughTheFramesBeforeAndAfter) {
 TEST(SlidingWindow, FramesThatHaveLeftTellTheMotionDuringTheOldest) {
   VoxelMap map(UncappedMap());
   SlidingWindow window(SlidingWindowOptions(), &map);
-  for (std::int64_t k = 0; k < 12; ++k) {
-    WindowFrame frame;
-    frame.id = k;
-    frame.stamp_ns = k * kPeriodNs;
-    frame.T_world_lidar.t.x() = 0.1 * static_cast<double>(k * k);
-    window.Push(frame);
-  }
+  for (std::int64_t k = 0; k < 12; ++k) window.Push(Accelerating(k, k * kPeriodNs));
   for (int k = 0; k < 9; ++k) window.PopOldest();
   for (std::size_t k = 0; k < 2; ++k) {
     EXPECT_NEAR(window.MotionAt(k).twist(3), 2.0 * static_cast<double>(9 + k), 1e-9);
