@@ -53,7 +53,9 @@ struct BundleProblem {
   // empty otherwise.
   std::vector<std::vector<WeightedPoint>> points;
   std::vector<RelativePrior> priors;
-  std::vector<HeldDirection> holds;  // what observability.h found open
+  // Directions along which frames stay: in batches what observability.h found open, in the sliding
+  // window the degenerate directions of matches (SlidingWindow::HoldFirst).
+  std::vector<HeldDirection> holds;
   // The first pose is held where nothing else holds the whole (no fixed cluster).
   bool hold_first_pose = true;
 };

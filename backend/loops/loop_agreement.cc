@@ -2,12 +2,22 @@
 
 #include <algorithm>
 
+#include "backend/loops/loop_closure.h"
 #include "core/base/angle.h"
 
 namespace lamina {
 
 PoseDifference DifferenceAt(const Eigen::Vector3d& p, const SE3& a, const SE3& b) {
   return {(a * p - b * p).norm(), RotationAngle(a, b)};
+}
+
+PoseDifference WithDrift(const PoseDifference& slack, const LoopOptions& options, double way_m) {
+  return {slack.m + 0.01 * options.max_drift_percent * way_m,
+          slack.rad + Radians(0.01 * options.max_drift_deg_per_100m * way_m)};
+}
+
+PoseDifference AgreementBound(const LoopOptions& options, double way_m) {
+  return WithDrift({0.5, Radians(1.5)}, options, way_m);
 }
 
 Loop LoopOf(const SubmapPair& pair, const SubmapMatch& match, const VerificationOptions& options) {
@@ -24,7 +34,7 @@ Loop LoopOf(const SubmapPair& pair, const SubmapMatch& match, const Verification
 bool IsWhereExpected(const Loop& loop, const SubmapPair& pair, const PlaceImage& query) {
   constexpr double kMostM = 2.0, kMostDeg = 3.0;
   return DifferenceAt(query.middle(), pair.T_from_to, loop.match.T_other_query)
-      .Within(kMostM, Radians(kMostDeg));
+      .Within({kMostM, Radians(kMostDeg)});
 }
 
 void KeepNearest(std::size_t most, std::vector<std::pair<double, std::size_t>>* near) {
@@ -45,11 +55,11 @@ bool LoopClosure::Agree(const Loop& a, const Loop& b) const {
 }
 
 bool LoopClosure::AgreesAfter(double way_m, const SE3& T_from_to, const Loop& loop) const {
-  const double most_m = kAgreeM + 0.01 * options_.max_drift_percent * way_m;
-  if (most_m > kMostAgreeM) return false;
-  const double most_deg = kAgreeDeg + 0.01 * options_.max_drift_deg_per_100m * way_m;
-  return DifferenceAt(places_[loop.to].image.middle(), T_from_to, loop.match.T_other_query)
-      .Within(most_m, Radians(most_deg));
+  // After so much drift agreement is no evidence.
+  const PoseDifference most = AgreementBound(options_, way_m);
+  return most.m <= kMostAgreeM &&
+         DifferenceAt(places_[loop.to].image.middle(), T_from_to, loop.match.T_other_query)
+             .Within(most);
 }
 
 // With what edges and loops accepted before say. The way along them leads through other submaps'

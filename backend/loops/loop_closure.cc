@@ -19,7 +19,7 @@ namespace {
 // What an edge is off by however short the way: submaps are not quite rigid.
 constexpr double kInnerSigmaM = 0.05, kInnerSigmaDeg = 0.1;
 // What the bounds on drift allow on top of their share of the way.
-constexpr double kSlackM = 1.5, kSlackDeg = 3.0;
+const PoseDifference kSlack{1.5, Radians(3.0)};
 // Beside a corrected map the prediction is a hypothesis of its own.
 constexpr double kPredictedWithinM = 6.0;
 constexpr std::size_t kPredictions = 3;
@@ -100,13 +100,6 @@ LoopClosure::LoopClosure(const LoopOptions& options, const VoxelMapOptions& map,
   CheckOptions(options, "loops");
 }
 LoopClosure::~LoopClosure() = default;
-
-double LoopClosure::DriftM(double way_m) const {
-  return kSlackM + 0.01 * options_.max_drift_percent * way_m;
-}
-double LoopClosure::DriftRad(double way_m) const {
-  return Radians(kSlackDeg + 0.01 * options_.max_drift_deg_per_100m * way_m);
-}
 
 double LoopClosure::WayM(std::size_t submap) const {
   const Submap& from = submaps_[submap];
@@ -205,12 +198,12 @@ void LoopClosure::TakeOut(const DispensableSubmap& dispensable) {
   loops_.erase(std::remove_if(loops_.begin(), loops_.end(),
                               [&](const Loop& loop) { return loop.from == out || loop.to == out; }),
                loops_.end());
-  const auto move_up = [&](std::size_t* position) { *position -= *position > out ? 1 : 0; };
+  const auto close_gap = [&](std::size_t* position) { *position -= *position > out ? 1 : 0; };
   for (Loop& loop : loops_) {
-    move_up(&loop.from);
-    move_up(&loop.to);
+    close_gap(&loop.from);
+    close_gap(&loop.to);
   }
-  for (TrimmedSubmap& trimmed : trimmed_) move_up(&trimmed.holder);
+  for (TrimmedSubmap& trimmed : trimmed_) close_gap(&trimmed.holder);
   const auto at = static_cast<std::ptrdiff_t>(out);
   submaps_.erase(submaps_.begin() + at);
   places_.erase(places_.begin() + at);
@@ -256,7 +249,8 @@ std::vector<LoopClosure::Hypothesis> LoopClosure::Hypotheses(
   std::vector<std::pair<double, std::size_t>> near;
   for (std::size_t id = 0; id < query; ++id) {
     if (places_[query].way_m - places_[id].way_m - WayM(id) < options_.min_way_m) continue;
-    const double distance = (middle(id) - here).norm(), drift = DriftM(ways[id]);
+    const double distance = (middle(id) - here).norm(),
+                 drift = WithDrift(kSlack, options_, ways[id]).m;
     if (distance > drift + reach_m) continue;
     others.push_back(id);
     images.push_back(&places_[id].image);
@@ -317,8 +311,8 @@ std::string LoopClosure::DriftRefusal(const Loop& loop) const {
   const SE3 predicted = anchors_[loop.from].Inverse() * anchors_[loop.to];
   const PoseDifference off =
       DifferenceAt(places_[loop.to].image.middle(), predicted, loop.match.T_other_query);
-  return off.Within(DriftM(loop.way_m), DriftRad(loop.way_m)) ? ""
-                                                              : "farther off than odometry drifts";
+  return off.Within(WithDrift(kSlack, options_, loop.way_m)) ? ""
+                                                             : "farther off than odometry drifts";
 }
 
 void LoopClosure::Correct() {

@@ -77,8 +77,6 @@ class LoopClosure {
 
   // Ways from the newest submap to each, along edges and accepted loops.
   std::vector<double> Ways() const;
-  double DriftM(double way_m) const;
-  double DriftRad(double way_m) const;
   std::vector<Hypothesis> Hypotheses(const std::vector<double>& ways) const;
   void FindLoops(const SubmapQuery& query);
   std::string DriftRefusal(const Loop& loop) const;

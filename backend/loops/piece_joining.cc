@@ -16,8 +16,6 @@
 namespace lamina {
 namespace {
 
-// Drift between loops counts so far.
-constexpr double kMostAgreeDeg = 5.0;
 // What a single loop must show.
 constexpr double kSingleOverlap = 0.85, kSingleStructure = 0.7, kSingleFactor = 2.0;
 // Submaps whose middles are so close under a join have seen the same.
@@ -160,13 +158,14 @@ bool PieceJoiner::Agree(const Loop& x, const Loop& y, std::size_t a) const {
   };
   const double way = submaps_.WayBetween(side(x, true), side(y, true)) +
                      submaps_.WayBetween(side(x, false), side(y, false));
-  const double most_m = std::min(kMostAgreeM, kAgreeM + 0.01 * options_.max_drift_percent * way);
-  const double most_deg =
-      std::min(kMostAgreeDeg, kAgreeDeg + 0.01 * options_.max_drift_deg_per_100m * way);
+  // Joins must agree however long the way between them is: their submaps' poses are corrected ones.
+  constexpr double kMostAgreeDeg = 5.0;
+  PoseDifference most = AgreementBound(options_, way);
+  most.m = std::min(kMostAgreeM, most.m);
+  most.rad = std::min(Radians(kMostAgreeDeg), most.rad);
   const SE3 T_x = BetweenParts(x, a), T_y = BetweenParts(y, a);
   const std::size_t b_side = side(x, false);
-  return DifferenceAt(result_.graph.poses[b_side] * Middle(b_side), T_x, T_y)
-      .Within(most_m, Radians(most_deg));
+  return DifferenceAt(result_.graph.poses[b_side] * Middle(b_side), T_x, T_y).Within(most);
 }
 
 std::size_t PieceJoiner::SizeOf(const Group& group) const {

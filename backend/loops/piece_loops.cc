@@ -38,15 +38,6 @@ std::int64_t PieceLoops::NextKeyframe(std::int64_t piece) const {
   return track->closure().submaps().back().keyframes.back().id + 1;
 }
 
-bool PieceLoops::AnyAccepted() const {
-  const auto closures = pieces();
-  return std::any_of(closures.begin(), closures.end(), [](const auto& piece) {
-    const auto& loops = piece.second->loops();
-    return std::any_of(loops.begin(), loops.end(),
-                       [](const Loop& loop) { return loop.status == Loop::Status::kAccepted; });
-  });
-}
-
 std::map<std::int64_t, const LoopClosure*> PieceLoops::pieces() const {
   std::map<std::int64_t, const LoopClosure*> closures;
   for (const auto& [piece, track] : tracks_) closures[piece] = &track->closure();

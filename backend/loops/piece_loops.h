@@ -35,8 +35,6 @@ class PieceLoops {
   // The number of the next keyframe of a piece whose track is finished.
   std::int64_t NextKeyframe(std::int64_t piece) const;
 
-  // Whether any loop was accepted: if not, nothing is corrected.
-  bool AnyAccepted() const;
   // Waits for what is under way.
   std::map<std::int64_t, const LoopClosure*> pieces() const;
 

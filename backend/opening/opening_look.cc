@@ -16,7 +16,7 @@ constexpr std::size_t kLeastPlanes = 50;
 Vector6d StartVelocity(const Trajectory& poses) {
   const double gap_s = SecondsBetween(poses[0].stamp_ns, poses[1].stamp_ns);
   if (gap_s <= 0.0) return Vector6d::Zero();
-  return TwistLog(poses[0].T_world_lidar.Inverse() * poses[1].T_world_lidar) / gap_s;
+  return MeanTwist(poses[0].T_world_lidar, poses[1].T_world_lidar, gap_s);
 }
 
 }  // namespace

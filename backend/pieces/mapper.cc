@@ -172,6 +172,7 @@ bool Mapper::RefineFirstOrLast(const OdometryFrame& frame) {
   if (frame.sweep.of_scan && open_.NextKeyframe() == 1) return SplitShake(frame);
   return RefineLastTwist(frame.stamp_ns, frame.T_world_lidar);
 }
+
 SE3 Mapper::FirstMiddle(const SweepMotion& sweep) const {
   return T_world_start_ * AtStamp(sweep, open_.FirstMiddleNs()).Inverse();
 }
@@ -209,7 +210,7 @@ bool Mapper::SplitShake(const OdometryFrame& second) {
   const WindowFrame& first = window_.frames().front();
   if (!first.alone || first.measured.empty()) return false;
   const double dt = SecondsBetween(first.stamp_ns, second.stamp_ns);
-  const Vector6d mean = TwistLog(first.T_world_lidar.Inverse() * second.T_world_lidar) / dt;
+  const Vector6d mean = MeanTwist(first.T_world_lidar, second.T_world_lidar, dt);
   window_.Move(0, first.T_world_lidar, FirstOfTwo(mean, dt, first.sweep, second.sweep));
   return true;
 }

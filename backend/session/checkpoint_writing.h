@@ -41,7 +41,6 @@ class CheckpointWriting {
                     OnCheckpoint on_checkpoint);
 
   void Request() { requested_ = true; }
-  bool requested() const { return requested_; }
   // Scans in the newest one that is whole.
   std::int64_t newest() const { return newest_; }
 

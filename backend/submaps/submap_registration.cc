@@ -188,7 +188,7 @@ void SubmapRegistration::JudgePlanes(const SubmapQuery& query, const VoxelMap& m
     on_planes += upright ? 1 : 0;
     const Eigen::Vector3f normal = R * plane.normal;
     if (std::abs(normal.dot(surface.normal)) < kSameCosine) continue;
-    const double distance = surface.normal.cast<double>().dot(p - surface.mean);
+    const double distance = surface.Distance(p);
     const double square =
         distance * distance / (floor2 + static_cast<double>(surface.variance + plane.variance));
     if (square > kSigmas * kSigmas) continue;

@@ -85,6 +85,11 @@ SE3 TwistExp(const Vector6d& twist);
 // The twist with TwistExp(twist) = T.
 Vector6d TwistLog(const SE3& T);
 
+// The constant twist that leads from a to b in so many seconds.
+inline Vector6d MeanTwist(const SE3& a, const SE3& b, double seconds) {
+  return TwistLog(a.Inverse() * b) / seconds;
+}
+
 // The geodesic from a (s = 0) to b (s = 1); s outside of [0, 1] extrapolates.
 inline SE3 Interpolate(const SE3& a, const SE3& b, double s) {
   return a * TwistExp(s * TwistLog(a.Inverse() * b));

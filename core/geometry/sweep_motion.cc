@@ -12,7 +12,7 @@ Vector6d Velocity(const StampedPose& a, const StampedPose& b, double max_gap_s, 
   *dt = SecondsBetween(a.stamp_ns, b.stamp_ns);
   if (!(*dt > 0.0) || *dt > max_gap_s) *dt = 0.0;
   if (*dt == 0.0) return Vector6d::Zero();
-  return TwistLog(a.T_world_lidar.Inverse() * b.T_world_lidar) / *dt;
+  return MeanTwist(a.T_world_lidar, b.T_world_lidar, *dt);
 }
 
 // The path of a sensor about one of its poses, in that pose's tangent space: at time tau after it,

@@ -22,6 +22,9 @@ struct Surface {
 
   std::uint16_t frames = 0;  // that contributed, saturating
   Kind kind = Kind::kEmpty;
+
+  // Signed distance of a point from the plane; of a plane alone.
+  double Distance(const Eigen::Vector3d& p) const { return normal.cast<double>().dot(p - mean); }
 };
 static_assert(sizeof(Surface) == 48);
 
@@ -29,7 +32,7 @@ static_assert(sizeof(Surface) == 48);
 // deviations of what the plane's thickness and the noise make together.
 inline double KernelWeight(const Surface& plane, const Eigen::Vector3d& p, double noise_floor_m,
                            double kernel_sigma) {
-  const double distance = plane.normal.cast<double>().dot(p - plane.mean);
+  const double distance = plane.Distance(p);
   const double variance = noise_floor_m * noise_floor_m + static_cast<double>(plane.variance);
   return GemanMcClureWeight(distance * distance / (kernel_sigma * kernel_sigma * variance));
 }

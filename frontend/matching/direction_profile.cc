@@ -52,7 +52,7 @@ double InverseScale2(const PointCluster& cluster, const Surface& surface,
 
 // 1 - rho of a cluster whose mean is at p.
 double KernelFit(const Surface& surface, const Eigen::Vector3d& p, double inverse_scale2) {
-  const double distance = surface.normal.cast<double>().dot(p - surface.mean);
+  const double distance = surface.Distance(p);
   return 1.0 / (1.0 + distance * distance * inverse_scale2);
 }
 

@@ -52,9 +52,9 @@ class PlaneScore {
 
  private:
   double Fit(const Surface& plane, const Eigen::Vector3d& p) const {
-    const Eigen::Vector3d normal = plane.normal.cast<double>();
-    const double distance = normal.dot(p - plane.mean);
-    return SightWeight(plane, normal, p - t_) * GemanMcClureWeight(distance * distance * inverse2_);
+    const double distance = plane.Distance(p);
+    return SightWeight(plane, plane.normal.cast<double>(), p - t_) *
+           GemanMcClureWeight(distance * distance * inverse2_);
   }
 
   Eigen::Matrix3d R_;

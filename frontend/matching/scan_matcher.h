@@ -166,9 +166,10 @@ struct MatchResult {
   // held (scaled tangent, 1/m^2).
   Matrix6d prior_information = Matrix6d::Zero();
 
-  // Makes it degenerate for other reasons than its planes: with no direction that is held, ...
+  // Marks the match degenerate for another reason than its planes.
   void MakeDegenerate() { degenerate = std::max(1, degenerate); }
-  // ... or, if it is not degenerate yet, with this one (a unit vector of the scaled tangent).
+  // The same, and records this direction (a unit vector of the scaled tangent) if none was yet. Its
+  // degenerate_information stays zero: bundle adjustment does not hold it.
   void MakeDegenerate(const Vector6d& direction);
   // Its pose may as well be so far from here (tangent): that is in the covariance from now on, and
   // the way there is degenerate.
@@ -225,9 +226,9 @@ class ScanMatcher {
                                const VoxelMap& map, const Matrix6d& directions) const;
 
   // How well the clusters lie on the map's planes at a pose: the mean over the clusters of
-  // GemanMcClureWeight((distance / scale_m)^2) - chance, a cluster without a plane around it
-  // counting 0.
-  // Visits every `stride`-th cluster: cheap enough to compare hundreds of poses.
+  // SightWeight * GemanMcClureWeight((distance / scale_m)^2) - chance, a cluster without a plane
+  // around it counting 0. Visits every `stride`-th cluster: cheap enough to compare hundreds of
+  // poses.
   double Score(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
                const VoxelMap& map, double scale_m, std::size_t stride = 1,
                double chance = 0.0) const;

@@ -91,7 +91,7 @@ bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& cluste
   std::vector<PointCluster> again;
   for (int pass = 0; pass < kMostPasses && timed && match.fit() < kLeastFit; ++pass) {
     if (next.status == MatchResult::Status::kTooFewMatches) break;
-    DeskewClusters(clusters, motion_.MeanTwist(next.T_world_lidar, dt), &again);
+    DeskewClusters(clusters, motion_.TwistTo(next.T_world_lidar, dt), &again);
     next = matcher_.Match(again, prediction, next.T_world_lidar, map);
     if (next.fit() <= match.fit()) continue;
     match = next;
@@ -101,7 +101,7 @@ bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& cluste
     return false;
   if (match.fit() < kLeastFit && (far || !FitsHereAlone(deskewed, prediction, map, match)))
     return false;
-  if (dt > 0.0) twist = motion_.MeanTwist(match.T_world_lidar, dt);
+  if (dt > 0.0) twist = motion_.TwistTo(match.T_world_lidar, dt);
   scan->T_first_lidar = match.T_world_lidar;
   scan->clusters = DeskewClusters(clusters, twist);
   return true;

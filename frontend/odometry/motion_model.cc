@@ -37,10 +37,6 @@ double MotionModel::Gap(StampNs stamp_ns) const {
   return interrupted_ ? 0.0 : std::max(0.0, SecondsBetween(last_stamp_ns_, stamp_ns));
 }
 
-Vector6d MotionModel::MeanTwist(const SE3& T_world_lidar, double dt_s) const {
-  return TwistLog(T_world_last_.Inverse() * T_world_lidar) / dt_s;
-}
-
 bool MotionModel::TellsSweep(StampNs stamp_ns) const {
   // The way since a scan long ago says little of it.
   constexpr double kMotionOfS = 2.0;
@@ -167,7 +163,7 @@ void MotionModel::Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follow
   const bool moved = follows && dt > 0.0;
   Vector6d velocity = Vector6d::Zero();
   if (moved) {
-    velocity = MeanTwist(T_world_lidar, dt);
+    velocity = TwistTo(T_world_lidar, dt);
     if (moving_known() && clock_trusted_) velocity = WithoutLeap(dt, velocity);
     UpdateCovariances(dt, covariance);
   } else {

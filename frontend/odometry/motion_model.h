@@ -15,10 +15,9 @@
 // A change of the velocity that is far beyond V_last + (a dt)^2 is no motion: it takes back what
 // the pose before was wrong by, and the velocity follows it no further than that may be.
 //
-// Where stamps are made
-// up, scans may be any part of a drive, picked by the way or by hand: the next step is as long as
-// the last one, give or take half of the longest of late. After a gap of
-// kHeldS the velocity is taken to die down, a turn within half a second, the way within ten.
+// Where stamps are made up, scans may be any part of a drive, picked by the way or by hand: the
+// next step is as long as the last one, give or take half of the longest of late. After a gap of
+// 0.3 s the velocity is taken to die down, a turn within half a second, the way within ten.
 #pragma once
 
 #include "core/geometry/scan.h"
@@ -51,7 +50,9 @@ class MotionModel {
   // Seconds since the last pose; 0 if the clock was interrupted or runs backwards.
   double Gap(StampNs stamp_ns) const;
   // Body twist, per second, that leads from the last pose to this one in so many seconds.
-  Vector6d MeanTwist(const SE3& T_world_lidar, double dt_s) const;
+  Vector6d TwistTo(const SE3& T_world_lidar, double dt_s) const {
+    return MeanTwist(T_world_last_, T_world_lidar, dt_s);
+  }
   // Whether the way since the last pose then says how the sensor moves during a scan.
   bool TellsSweep(StampNs stamp_ns) const;
   // Body twist during a scan at that time, per second; zero where nothing is known of it.

@@ -34,7 +34,6 @@ void OdometryOptions::Visit(OptionVisitor& v) {
   v.Integer("deskew_passes", &deskew_passes, 0, 10);
   v.Number("lost_inlier_ratio", &lost_inlier_ratio, 0.0, 1.0);
   v.Number("doubtful_fit_ratio", &doubtful_fit_ratio, 0.0, 1.0);
-  v.Number("min_overlap", &min_overlap, 0.0, 1.0);
   v.Number("max_prediction_sigmas", &max_prediction_sigmas, 0.5, 1e3);
   v.Number("vouched_gap_s", &vouched_gap_s, 0.0, 1e6);
   v.Number("max_sigma_m", &max_sigma_m, 0.001, 1e3);
@@ -64,10 +63,10 @@ OdometryFrame Odometry::Register(StampNs stamp_ns, const std::vector<TimedCluste
   frame = RegisterDeskewed(stamp_ns, clusters, map, map_is_older, passes);
   const bool deskewed_alone = passes > 0 && Starting(map_is_older) && !may_be_shaken_;
   if (!deskewed_alone || frame.status != OdometryFrame::Status::kLost) return frame;
-  // The map of a first scan has that as it is. A second one that is deskewed alone parts from it at
-  // speed, where both as they are agree.
-  const OdometryFrame bent = RegisterDeskewed(stamp_ns, clusters, map, map_is_older, 0);
-  return bent.status == OdometryFrame::Status::kTracked ? bent : frame;
+  // The first scan is in the map undeskewed, as no motion was known. At speed a second one that is
+  // deskewed does not fit it, where one that is undeskewed, and distorted alike, does.
+  const OdometryFrame undeskewed = RegisterDeskewed(stamp_ns, clusters, map, map_is_older, 0);
+  return undeskewed.status == OdometryFrame::Status::kTracked ? undeskewed : frame;
 }
 
 bool Odometry::Starting(bool map_is_older) const {
@@ -112,7 +111,7 @@ OdometryFrame Odometry::RegisterDeskewed(StampNs stamp_ns,
 
 SweepMotion Odometry::SweepTo(const SE3& T_world_lidar, const Vector6d& acceleration,
                               double dt) const {
-  return SweepMotion::WithMean(motion_.MeanTwist(T_world_lidar, dt), dt, acceleration);
+  return SweepMotion::WithMean(motion_.TwistTo(T_world_lidar, dt), dt, acceleration);
 }
 
 int Odometry::DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const {

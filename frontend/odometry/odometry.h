@@ -36,10 +36,8 @@ struct OdometryOptions {
   // Lost when, after a search too, the share of inliers is below this part of its recent median ...
   double lost_inlier_ratio = 0.35;
   // ... or, where the prediction does not vouch for the match, if what meets a plane at all fits it
-  // worse than this part of the recent median, ...
+  // worse than this part of the recent median.
   double doubtful_fit_ratio = 0.85;
-  // ... or less of the scan than this meets one.
-  double min_overlap = 0.25;
   // Standard deviations from the prediction beyond which it does not, and beyond which a match is
   // degenerate along the direction that it knows least.
   double max_prediction_sigmas = 4.5;

@@ -103,7 +103,7 @@ JointEquations EquationsAt(const std::vector<TimedCluster>& timed, const SE3& T,
 
 UnsteadyMotion UnsteadyPart(const SweepMotion& sweep, const SE3& T_world_last,
                             const SE3& T_world_lidar, double gap_s) {
-  const Vector6d mean = TwistLog(T_world_last.Inverse() * T_world_lidar) / gap_s;
+  const Vector6d mean = MeanTwist(T_world_last, T_world_lidar, gap_s);
   UnsteadyMotion unsteady;
   unsteady << sweep.acceleration, (sweep.twist - mean) / gap_s - 0.5 * sweep.acceleration;
   return unsteady;
@@ -130,7 +130,7 @@ bool ShakenSweep::Suspected(const ShakenScan& scan, const MatchResult& match) co
 }
 
 SweepMotion ShakenSweep::MotionOf(const ShakenScan& scan, const State& state) const {
-  const Vector6d mean = TwistLog(scan.T_world_last.Inverse() * state.T_world_lidar) / scan.gap_s;
+  const Vector6d mean = MeanTwist(scan.T_world_last, state.T_world_lidar, scan.gap_s);
   SweepMotion motion = SweepMotion::WithMean(mean + scan.gap_s * state.unsteady.tail<6>(),
                                              scan.gap_s, state.unsteady.head<6>());
   motion.of_scan = true;

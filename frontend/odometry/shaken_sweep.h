@@ -28,10 +28,9 @@
 //     acceleration of sweep_acceleration.h), not by a little, and by the votes of so many blocks of
 //     space (block_votes.h) that neither chance nor a thing that moves explains it.
 //   - It is none that is expected. By the motion options accelerations are of the standard
-//   deviation
-//     s, each scan's its own; between two, the acceleration changing evenly by sqrt(2) s, the
-//     velocity ends t sqrt(2) s / 6 away from m + t a / 2. With S of both and the covariance C of
-//     what was found,
+//     deviation s, each scan's its own; between two, the acceleration changing evenly by sqrt(2) s,
+//     the velocity ends t sqrt(2) s / 6 away from m + t a / 2. With S of both and the covariance C
+//     of what was found,
 //
 //         [a; b]' (S + C)^-1 [a; b]
 //

@@ -11,7 +11,8 @@
 namespace lamina {
 namespace {
 
-// What is known better than this, or more blocks face, has no second minimum near by.
+// A direction that is known better than this, or faced by more blocks, has no second minimum near
+// the first.
 constexpr double kWellKnownM = 0.003, kManyBlocks = 20.0;
 
 // What planes hold better was the right minimum in generated scenes, all but those of few points
@@ -110,7 +111,8 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
   const DirectionProfile profile(setting_off ? some : *deskewed, map, match.T_world_lidar, v,
                                  options_.matcher.noise_floor_m);
   if (!setting_off && !divided && profile.Blocks() > kManyBlocks) return;
-  // Of a pose that is unsure itself its scan has made the map that this one meets.
+  // Where the last pose was uncertain, so is the map that its scan made, and a profile against that
+  // map cannot correct this pose.
   if (!motion_.moving_known() || (!open && sigma_m > kSteadyM)) {
     DoubtWeakest(profile, v, frame);
     return;

@@ -8,7 +8,7 @@
 // distance from the sensor. With p_i the points of one scan brought to the other's frame, and r_j
 // the range there of the beam nearest to p_i, over the n points that have one within 8 cm,
 //
-//     A(T) = sum_i rho((|p_i| - r_j) / s) / (n + n_0),    rho of core/geometry/robust_kernel.h,
+//     A(T) = sum_i w((|p_i| - r_j) / s) / (n + n_0),    w of core/geometry/robust_kernel.h,
 //
 // is a share: how many beams come to lie on one another, which is what the pattern decides, does
 // not count. In a forest it is 0.4 to 0.6 at the right pose and below 0.2 where lines lie on lines.

@@ -21,8 +21,7 @@ constexpr double kUsualSigmas = 2.0;
 
 // How much a cluster at p that meets this plane counts along u, as far as it fits.
 double FitAlong(const Surface& plane, const Eigen::Vector3d& p, const Eigen::Vector3d& u) {
-  const Eigen::Vector3d normal = plane.normal.cast<double>();
-  const double facing = normal.dot(u), distance = normal.dot(p - plane.mean);
+  const double facing = plane.normal.cast<double>().dot(u), distance = plane.Distance(p);
   return facing * facing * GemanMcClureWeight(distance * distance / (kScaleM * kScaleM));
 }
 
@@ -154,7 +153,7 @@ void StartTrack::Move(const SE3& correction) {
 Vector6d StartTrack::Twist(const std::vector<SE3>& poses, std::size_t scan) const {
   const std::size_t after = std::max<std::size_t>(scan, 1);
   if (after >= poses.size()) return Vector6d::Zero();
-  return TwistLog(poses[after - 1].Inverse() * poses[after]) / GapS(after);
+  return MeanTwist(poses[after - 1], poses[after], GapS(after));
 }
 
 SweepMotion StartTrack::Sweep(const std::vector<SE3>& poses, std::size_t scan) const {

@@ -11,15 +11,14 @@
 // Hypotheses are ways along the unit vector u, the direction that the fewest planes face: there few
 // clusters decide. Each minimum of the second scan begins one, fast ones though it is faint, where
 // the sensor sees far: among traffic as fast as the sensor little that faces the way stands. Each
-// scan after it is where the
-// motion so far leads, or in a minimum beside that, so that a way may part from another later: a
-// lorry that starts alongside is half a metre behind only when eight scans have been taken. Cluster
-// i of each scan meets a plane under a hypothesis at the distance d_i, and fits by
-// rho_i = rho(d_i / s), with rho of core/geometry/robust_kernel.h and s as narrow as minima are.
-// Two hypotheses are compared by blocks of 4 m about the sensor, in which clusters are of one thing
-// and move together: block b has one vote, however near and large that thing is,
+// scan after it is where the motion so far leads, or in a minimum beside that, so that a way may
+// part from another later: a lorry that starts alongside is half a metre behind only when eight
+// scans have been taken. Cluster i of each scan meets a plane under a hypothesis at some distance,
+// and has there the fit f_i of matching/plane_score.h, of a scale as narrow as minima are. Two
+// hypotheses are compared by blocks of 4 m about the sensor, in which clusters are of one thing and
+// move together: block b has one vote, however near and large that thing is,
 //
-//     v_b = D_b / sqrt(1 + D_b^2),    D_b = sum (rho'_i - rho_i),    z = sum v_b / sqrt(sum v_b^2),
+//     v_b = D_b / sqrt(1 + D_b^2),    D_b = sum (f'_i - f_i),    z = sum v_b / sqrt(sum v_b^2),
 //
 // and by whether a sensor moves like that: each change of speed along u, in standard deviations c_k
 // of the motion options' acceleration, costs
@@ -161,7 +160,7 @@ class StartTrack {
  private:
   struct Hypothesis {
     std::vector<SE3> poses;  // T_world_lidar of each scan
-    // rho of each cluster of all scans but the first; negative where there is no plane.
+    // Fit of each cluster of all scans but the first; negative where there is no plane.
     std::vector<float> fits;
     MatchResult match;  // of the newest; not archived
 

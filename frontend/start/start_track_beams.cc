@@ -132,6 +132,7 @@ bool StartTrack::TakeByBeams() {
   told_by_all_ = true;
   // Its planes are those of all scans, and no lines of two lie on one another in them.
   match_.degenerate_directions.setZero();
+  match_.degenerate_information.setZero();
   return true;
 }
 

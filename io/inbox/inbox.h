@@ -92,7 +92,7 @@ struct InboxNotice {
   std::string reason;
 };
 
-// What was handed out of a sequence in an earlier life.
+// What was handed out of a sequence by an earlier run of the process.
 struct SequenceProgress {
   std::string sequence;
   std::size_t files = 0;  // at least 1
@@ -107,7 +107,7 @@ struct SequenceProgress {
 class Inbox {
  public:
   using Clock = std::chrono::steady_clock;
-  // True for names that were dealt with in an earlier life. Asked once for each name.
+  // True for names that were dealt with in an earlier run. Asked once for each name.
   using Known = std::function<bool(const std::string& name)>;
 
   // Looks at the whole inbox. `now` is for tests. Throws OptionError; InputError if the folder is
@@ -116,7 +116,7 @@ class Inbox {
         Known known, std::function<Clock::time_point()> now = Clock::now);
   ~Inbox();
 
-  // Before the first Next(): what an earlier life had handed out of a sequence. Numbers and stamps
+  // Before the first Next(): what an earlier run had handed out of a sequence. Numbers and stamps
   // go on from there, and earlier files are late.
   void Continue(const SequenceProgress& progress);
 

@@ -38,7 +38,7 @@ class InboxRecordings {
   void Mark(const std::string& name, std::uint32_t scan);
   void RemoveUnmarked(std::uint32_t scan);
 
-  // That its scans up to this one were handed out in an earlier life.
+  // That its scans up to this one were handed out in an earlier run.
   void Continue(const SequenceProgress& progress);
 
   // When Next() has something to do; kNever: not before something happens.
@@ -81,7 +81,7 @@ class InboxRecordings {
   const double settle_s_;
   WaitingFiles waiting_;
   std::map<std::string, SequenceProgress> progress_;
-  std::set<std::string> taken_;  // in this life or an earlier one
+  std::set<std::string> taken_;  // in this run or an earlier one
   std::string name_;             // of the one that is being opened or read
   std::shared_ptr<const ScanSource> open_;
   std::size_t next_ = 0;

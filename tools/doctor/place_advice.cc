@@ -80,7 +80,10 @@ class Adviser {
   bool PointsFell() const { return figures_.points < 0.5 * figures_.points_before; }
   bool FewPoints() const { return figures_.points < kFewPoints; }
   bool TurnsQuickly() const { return figures_.step_deg > 0.5 * config_.frontend.search.range_deg; }
-  bool MeetsLittle() const { return figures_.overlap < config_.frontend.min_overlap; }
+  bool MeetsLittle() const {
+    constexpr double kLittleOverlap = 0.25;
+    return figures_.overlap < kLittleOverlap;
+  }
   bool FarApart() const { return figures_.step_m > config_.map.root_size_m; }
 
   std::string LargerVoxels() const {

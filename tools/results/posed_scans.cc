@@ -10,13 +10,13 @@
 namespace lamina {
 namespace {
 
-Vector6d MeanTwist(const Trajectory& poses, std::size_t i) {
+Vector6d TwistAround(const Trajectory& poses, std::size_t i) {
   Vector6d sum = Vector6d::Zero();
   int terms = 0;
   for (std::size_t k = i == 0 ? 1 : i; k < std::min(i + 2, poses.size()); ++k) {
     const double dt = SecondsBetween(poses[k - 1].stamp_ns, poses[k].stamp_ns);
     if (dt <= 0.0) continue;
-    sum += TwistLog(poses[k - 1].T_world_lidar.Inverse() * poses[k].T_world_lidar) / dt;
+    sum += MeanTwist(poses[k - 1].T_world_lidar, poses[k].T_world_lidar, dt);
     ++terms;
   }
   return terms > 0 ? Vector6d(sum / terms) : sum;
@@ -48,7 +48,7 @@ std::vector<PosedScan> PoseScans(const ScanSource& scans, const Trajectory& traj
   for (size_t i = 0; i < poses.size(); ++i) {
     const auto scan = std::lower_bound(by_stamp.begin(), by_stamp.end(),
                                        std::make_pair(wanted[i].stamp_ns, size_t{0}));
-    posed[i] = {scan->second, poses[i].T_world_lidar, SweepMotion(), MeanTwist(poses, i)};
+    posed[i] = {scan->second, poses[i].T_world_lidar, SweepMotion(), TwistAround(poses, i)};
     MotionThrough(poses, i, kAnyGapS, &posed[i].sweep);
   }
   return posed;

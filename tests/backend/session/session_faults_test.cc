@@ -215,7 +215,7 @@ TEST_F(SessionFaultsTest, AFileThatIsGoneWhileRepeatingKeepsItsPose) {
     EXPECT_EQ(ReadTrajectory(setup.folder + "/trajectory_tum.txt").size(), 13U);
   }
   {
-    // ... and in a later life, when it becomes final.
+    // ... and in a later run, when it becomes final.
     Session session(setup, {});
     Map(&session, recording_, 24);
     session.Finish();

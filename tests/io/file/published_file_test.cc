@@ -22,10 +22,10 @@ class PublishedFileTest : public FilesTest {
 };
 
 TEST_F(PublishedFileTest, ShowsWhatWasAppendedAndTheLastTail) {
-  Write("a.txt", "of an earlier life");
+  Write("a.txt", "of an earlier run");
   PublishedFile file(File());
   file.Append("one\n");
-  EXPECT_EQ(Shown(), "of an earlier life");
+  EXPECT_EQ(Shown(), "of an earlier run");
   file.Publish("open\n");
   EXPECT_EQ(Shown(), "one\nopen\n");
   file.Publish("open, and longer\n");

@@ -56,7 +56,7 @@ TEST_F(PiecesFilesTest, TwoFoldersAreTwoPiecesAndEachIsWhatRunMakesOfIt) {
   const Recording room = SyntheticRecording(synth::SceneKind::kRoom, 10, 1);
   WriteRecording("in/a", street);
   WriteRecording("in/b", room);
-  Write("session/map_surfels_piece7.ply", "of an earlier life");
+  Write("session/map_surfels_piece7.ply", "of an earlier run");
   Once();
   Run(Path("in/a"), {}, 0, "a");
   // Of itself it would map a room finer.

@@ -128,7 +128,7 @@ class LiveView {
   void SetStatus(LiveStatus status);
   // Indices must grow; throws std::logic_error otherwise.
   void AddFrame(const LiveFrame& frame);
-  // A frame of an earlier life, which has no times. Before any AddFrame.
+  // A frame of an earlier run, which has no times. Before any AddFrame.
   void AddPast(const LivePose& pose);
   // New poses of frames, by index. Those that are no longer kept in full are passed over; those of
   // frames that are still to be added wait for them.
