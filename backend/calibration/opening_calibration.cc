@@ -169,7 +169,7 @@ bool LooksFor(const ScanPreparationOptions& preparation) {
 }
 
 MapThickness ThicknessOf(Mapping* mapping) {
-  mapping->Settle();
+  mapping->TakeInDueSolves();
   return MeasureThickness(mapping->map(), mapping->options().mapper.backend.min_surfel_frames);
 }
 

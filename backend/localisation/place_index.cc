@@ -348,9 +348,9 @@ std::optional<SE3> PlaceIndex::Lie(const std::vector<FinalKeyframe>& keyframes,
   return T * T_lidar_own;
 }
 
-std::optional<SE3> PlaceIndex::Settle(const FoundPlace& found,
-                                      const std::vector<FinalKeyframe>& last,
-                                      const PlaceSource& map) const {
+std::optional<SE3> PlaceIndex::RefinePose(const FoundPlace& found,
+                                          const std::vector<FinalKeyframe>& last,
+                                          const PlaceSource& map) const {
   if (last.empty()) return found.T_piece_own;
   const SE3 T_piece_last = found.T_piece_own * last.back().T_world_lidar;
   const Nearby nearby = NearbyOf(found.piece, T_piece_last.t, map);

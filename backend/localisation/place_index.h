@@ -57,8 +57,8 @@ class PlaceIndex {
 
   // A place that was found, by the newest of the `last` keyframes and then the newest alone: what
   // the sensor's own piece is bent by does not matter to it. Nothing if they do not lie there.
-  std::optional<SE3> Settle(const FoundPlace& found, const std::vector<FinalKeyframe>& last,
-                            const PlaceSource& map) const;
+  std::optional<SE3> RefinePose(const FoundPlace& found, const std::vector<FinalKeyframe>& last,
+                                const PlaceSource& map) const;
 
   // A place where the sensor was, taken on over the keyframes since, each of which is registered by
   // itself: T_piece_own for the newest. Nothing if one of them does not lie there.

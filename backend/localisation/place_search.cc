@@ -74,7 +74,7 @@ std::optional<FoundPlace> PlaceSearch::Look(const std::vector<FinalKeyframe>& wi
   if (!reason_.empty()) return std::nullopt;
   const Eigen::Vector3d sensor = submap.T_world_submap * submap.keyframes.back().T_submap_lidar.t;
   FoundPlace found = candidates_.front().place;
-  const std::optional<SE3> settled = places.Settle(found, window, map);
+  const std::optional<SE3> settled = places.RefinePose(found, window, map);
   if (!settled) {
     reason_ = "the last scans do not lie there";
     return std::nullopt;
@@ -88,7 +88,7 @@ std::optional<FoundPlace> PlaceSearch::Look(const std::vector<FinalKeyframe>& wi
   last_ = {found};
   for (const PlaceCandidate& candidate : candidates_) {
     if (!candidate.same_as_best) continue;
-    if (const auto T = places.Settle(candidate.place, window, map))
+    if (const auto T = places.RefinePose(candidate.place, window, map))
       last_.push_back({candidate.place.piece, *T});
   }
   last_keyframe_ = window.empty() ? -1 : window.back().id;

@@ -109,7 +109,7 @@ MappedScan Mapping::Add(const Scan& scan, const std::string& recording) {
 
 MappedScan Mapping::Add(DecodedScan scan) {
   if (finished_) throw std::logic_error("no scan can be added to a mapping that is finished");
-  Settle();
+  TakeInDueSolves();
   MappedScan& report = scan.report;
   ++counts_.scans;
   Recording* const recording = FindOrBegin(report);
@@ -134,7 +134,7 @@ MappedScan Mapping::Add(DecodedScan scan) {
     if (recording->mapper != nullptr) recording->mapper->StartDueSolve();
   }
   SolveSilent(report.index);
-  if (callbacks_.on_settled) callbacks_.on_settled();
+  if (callbacks_.on_scan_done) callbacks_.on_scan_done();
   return std::move(report);
 }
 
@@ -189,12 +189,12 @@ void Mapping::BeginPiece(const SE3& T_world_start, Recording* recording) {
   recording->mapper =
       std::make_unique<PieceMapper>(options_.mapper, &map_, recording->piece, T_world_start);
   if (searches_ != nullptr) searches_->Begin(recording->piece);
-  Listen(&recording->mapper->mapper());
+  ForwardFinalKeyframes(&recording->mapper->mapper());
 }
 
-void Mapping::Listen(Mapper* mapper) {
+void Mapping::ForwardFinalKeyframes(Mapper* mapper) {
   if (loops_ == nullptr && searches_ == nullptr && !callbacks_.on_final_keyframe) return;
-  mapper->TellFinalKeyframes([this](std::int64_t piece, const FinalKeyframe& keyframe) {
+  mapper->SetOnFinalKeyframe([this](std::int64_t piece, const FinalKeyframe& keyframe) {
     if (loops_ != nullptr) loops_->Track(piece)->Add(keyframe);
     if (PlaceSearch* const search = SearchOf(piece); search != nullptr) search->Add(keyframe);
     if (callbacks_.on_final_keyframe) callbacks_.on_final_keyframe(piece, keyframe);
@@ -274,28 +274,34 @@ RegisteredScan Mapping::Register(Recording* recording, MappedScan* report,
   }
   const Stopwatch watch;
   RegisteredScan frame = recording->Process(scan, map_.RoomForPiece());
-  if (frame.to_restart) {
-    // Where the sensor is, or would be had it not been lost: what is drawn stays readable.
-    const SE3 start =
-        frame.goes_on ? frame.odometry.T_world_lidar : frame.odometry.T_world_predicted;
-    const bool follows = frame.goes_on && map_.CanHold(start.t);
-    std::vector<WindowFrame> settled;
-    if (follows) settled = recording->mapper->mapper().SettledFrames();
-    recording->before.push_back(recording->piece);
-    if (recording->mapper != nullptr && recording->mapper->mapper().start_given_up())
-      GiveUpStart(recording);
-    End(recording, report->index);
-    const std::unique_ptr<PieceMapper> before = std::move(recording->mapper);
-    ++counts_.restarts;
-    BeginPiece(map_.CanHold(start.t) ? start : SE3(), recording);
-    recording->mapper->mapper().StartAfter(before->mapper());
-    if (follows) recording->mapper->mapper().GoOnFrom(before->mapper(), std::move(settled));
+  if (frame.ends != PieceEnd::kNone) {
+    BeginNextPiece(frame, report->index, recording);
     report->began_piece = true;
-    if (loops_ != nullptr) lost_searches_->Begin(recording->piece, recording->before);
     frame = recording->Process(scan, false);
   }
   report->odometry_ms = watch.Milliseconds();
   return frame;
+}
+
+void Mapping::BeginNextPiece(const RegisteredScan& last, std::size_t scan, Recording* recording) {
+  // Where the sensor is, or would be had it not been lost: what is drawn stays readable.
+  const bool continued = last.ends == PieceEnd::kContinued;
+  const SE3 start = continued ? last.odometry.T_world_lidar : last.odometry.T_world_predicted;
+  const bool holds = map_.CanHold(start.t);
+  std::vector<WindowFrame> settled;
+  if (continued && holds) settled = recording->mapper->mapper().SettledFrames();
+  recording->before.push_back(recording->piece);
+  if (recording->mapper != nullptr && recording->mapper->mapper().start_given_up())
+    GiveUpStart(recording);
+  End(recording, scan);
+  // Null where the piece that ends is one of the map that the sensor was localised in.
+  const std::unique_ptr<PieceMapper> before = std::move(recording->mapper);
+  ++counts_.restarts;
+  BeginPiece(holds ? start : SE3(), recording);
+  if (before != nullptr) recording->mapper->mapper().StartAfter(before->mapper());
+  if (continued && holds)
+    recording->mapper->mapper().GoOnFrom(before->mapper(), std::move(settled));
+  if (loops_ != nullptr) lost_searches_->Begin(recording->piece, recording->before);
 }
 
 // A recording that has fallen silent gets the solve that ends it, before its poses are final by
@@ -304,7 +310,7 @@ void Mapping::SolveSilent(std::size_t scan) {
   const std::int64_t silent = std::max(1, options_.mapper.backend.final_after_frames / 2);
   for (auto& [name, recording] : recordings_) {
     if (static_cast<std::int64_t>(scan) - recording.last_scan != silent) continue;
-    Settle();
+    TakeInDueSolves();
     if (recording.mapper != nullptr) recording.mapper->FinishSolves();
   }
 }
@@ -341,7 +347,7 @@ void Mapping::Finish() {
     if (recording.mapper == nullptr) continue;
     recording.mapper->FinishSolves();
     CountSolves(recording.mapper->TakeSolves(), counts_.scans);
-    recording.mapper->mapper().TellWindow();
+    recording.mapper->mapper().EmitWindowKeyframes();
   }
   if (loops_ != nullptr) loops_->Finish();
   ShowOpenPoses(Visitor());
@@ -359,7 +365,7 @@ std::vector<Eigen::Vector3d> Mapping::NewestKeyframe() const {
   return newest->second.mapper->mapper().NewestKeyframe();
 }
 
-void Mapping::Settle() {
+void Mapping::TakeInDueSolves() {
   for (auto& [name, recording] : recordings_) {
     if (recording.mapper != nullptr) recording.mapper->TakeInDueSolve();
   }
@@ -372,7 +378,7 @@ void Mapping::ArchiveRecording(StateArchive& a, Recording* recording) {
   if (a.reading() && maps) {
     recording->mapper =
         std::make_unique<PieceMapper>(options_.mapper, &map_, recording->piece, SE3());
-    Listen(&recording->mapper->mapper());
+    ForwardFinalKeyframes(&recording->mapper->mapper());
   } else if (a.reading()) {
     recording->localiser = std::make_unique<Localiser>(options_.mapper, &map_, recording->piece);
   }

@@ -121,9 +121,9 @@ class Mapping {
   // Waits for the solve that takes effect before the next scan, of whichever recording that is, and
   // takes it in. Without that it may or may not have taken effect: what is saved would depend on
   // the speed of the threads.
-  void Settle();
-  // All of the state but the map; in on_settled or between two scans, after Settle(). Reading
-  // starts the solve again that was under way, and needs the map as it was.
+  void TakeInDueSolves();
+  // All of the state but the map; in on_scan_done or between two scans, after TakeInDueSolves().
+  // Reading starts the solve again that was under way, and needs the map as it was.
   void Archive(StateArchive& a);
 
  private:
@@ -164,8 +164,10 @@ class Mapping {
   void Map(Recording* recording, MappedScan* report, std::vector<TimedCluster>* clusters);
   RegisteredScan Register(Recording* recording, MappedScan* report,
                           std::vector<TimedCluster>* clusters);
+  // After the last one, which `scan` has ended.
+  void BeginNextPiece(const RegisteredScan& last, std::size_t scan, Recording* recording);
   // To be told of keyframes that leave the window of a mapper.
-  void Listen(Mapper* mapper);
+  void ForwardFinalKeyframes(Mapper* mapper);
   // The map of the piece, when a correction by loops takes effect.
   void CorrectMap(std::int64_t piece);
   void SolveSilent(std::size_t scan);

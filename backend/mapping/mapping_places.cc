@@ -56,7 +56,7 @@ void Mapping::GoOnAt(const FoundPlace& found, Recording* recording, const Mapped
     const auto parts = loops_->Track(found.piece)->Resume(last.back().T_world_lidar.t);
     if (parts) map_.ReplaceFixed(*parts);
     recording->mapper = std::make_unique<PieceMapper>(options_.mapper, &map_, found.piece, SE3());
-    Listen(&recording->mapper->mapper());
+    ForwardFinalKeyframes(&recording->mapper->mapper());
     recording->mapper->mapper().Resume(last, loops_->NextKeyframe(found.piece));
   }
 }

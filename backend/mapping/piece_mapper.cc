@@ -31,7 +31,7 @@ void PieceMapper::TakeIn() {
 
 RegisteredScan PieceMapper::Process(const MapperScan& scan, bool may_restart) {
   RegisteredScan frame = mapper_.Process(scan, may_restart);
-  if (!frame.to_restart) ++frames_;
+  if (frame.ends == PieceEnd::kNone) ++frames_;
   return frame;
 }
 

@@ -41,7 +41,7 @@ struct MappingCounts {
 struct MappingCallbacks {
   std::function<void(const MappedScan&)> on_scan;  // each scan, in order
   // All that could be done before the next scan has been done, and the state may be saved.
-  std::function<void()> on_settled;
+  std::function<void()> on_scan_done;
   std::function<void(const FinalPose&)> on_final_pose;  // each scan, in order, somewhat later
   std::function<void(const SolveReport&)> on_solve;
   OnPlaceReport on_look;

@@ -24,13 +24,14 @@ RegisteredScan Localiser::Process(const MapperScan& scan, bool may_restart) {
                             map_, /*map_is_older=*/true);
   if (frame.status == OdometryFrame::Status::kLost) {
     tracker_.Lose(frame, *scan.clusters);
-    result.to_restart = may_restart && may_restart_ && tracker_.MayRestart(/*matched=*/true);
+    if (may_restart && may_restart_ && tracker_.MayRestart(/*matched=*/true))
+      result.ends = PieceEnd::kUnconnected;
   } else {
     tracker_.Accept(frame);
   }
   map_->Refresh();  // what was brought back
   MoveToStamp(scan.middle_ns, &frame);
-  if (!result.to_restart) final_.push_back({scan.stamp_ns, frame.T_world_lidar});
+  if (result.ends == PieceEnd::kNone) final_.push_back({scan.stamp_ns, frame.T_world_lidar});
   return result;
 }
 

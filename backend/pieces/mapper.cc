@@ -29,8 +29,8 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   result.odometry = Register(scan);
   OdometryFrame& frame = result.odometry;
   const bool started_over = start_.open() && FollowStart(scan, &frame);
-  result.to_restart = EndsPiece(scan, frame, may_restart, &result.goes_on);
-  if (!result.to_restart) {
+  result.ends = EndOfPiece(scan, frame, may_restart);
+  if (result.ends == PieceEnd::kNone) {
     if (frame.status != OdometryFrame::Status::kLost) {
       matched_ = matched_ || frame.status == OdometryFrame::Status::kTracked;
       tracker_.Accept(frame);
@@ -112,7 +112,7 @@ void Mapper::StartOver(OdometryFrame* frame) {
 
 OdometryFrame Mapper::First(const MapperScan& scan) {
   Odometry& odometry = tracker_.odometry();
-  odometry.TrustClock(!scan.stamp_made_up);
+  odometry.SetStampsRecorded(!scan.stamp_made_up);
   OdometryFrame frame;
   frame.stamp_ns = scan.stamp_ns + scan.middle_ns;
   if (odometry.started()) frame.sweep = odometry.Twist(frame.stamp_ns);
@@ -291,7 +291,7 @@ bool Mapper::ApplySolve(const BundleResult& result) {
   for (std::size_t i = 0; i < window_.frames().size(); ++i) {
     window_.Move(i, window_.frames()[i].T_world_lidar, window_.MotionAt(i));
   }
-  open_.Settle();
+  open_.UpdateMotions();
   map_->Refresh();
   return true;
 }

@@ -52,10 +52,10 @@ class Mapper {
   // leads one of them astray (SlidingWindow::HoldAstray).
   bool ApplySolve(const BundleResult& result);
 
-  // To be told of each keyframe that leaves the window.
-  void TellFinalKeyframes(OnFinalKeyframe tell) { on_final_keyframe_ = std::move(tell); }
-  // Of those that are in the window at the end, too.
-  void TellWindow() const;
+  // Called with each keyframe that leaves the window.
+  void SetOnFinalKeyframe(OnFinalKeyframe tell) { on_final_keyframe_ = std::move(tell); }
+  // Calls it with those still in the window, at the end of the recording.
+  void EmitWindowKeyframes() const;
   // Those in the window, as they stand.
   std::vector<FinalKeyframe> WindowKeyframes() const;
 
@@ -102,10 +102,8 @@ class Mapper {
   // the two do not agree otherwise (shaken_sweep.h).
   OdometryFrame RegisterSecond(const MapperScan& scan);
   void AgreeWithFirst(const MapperScan& scan, OdometryFrame* frame);
-  // Follows what may end the piece: its start, degenerate scans, losses. True if this scan is to
-  // begin another (RegisteredScan::to_restart, and goes_on).
-  bool EndsPiece(const MapperScan& scan, const OdometryFrame& frame, bool may_restart,
-                 bool* goes_on);
+  // Follows what may end the piece: its start, degenerate scans, losses.
+  PieceEnd EndOfPiece(const MapperScan& scan, const OdometryFrame& frame, bool may_restart);
   // Of scans that determine all directions, but whose place against what was mapped before is not
   // known, or may be another: whether they are to begin a piece that goes on.
   bool EndsInOpen(bool may_restart);

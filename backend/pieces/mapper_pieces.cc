@@ -5,11 +5,10 @@
 
 namespace lamina {
 
-bool Mapper::EndsPiece(const MapperScan& scan, const OdometryFrame& frame, bool may_restart,
-                       bool* goes_on) {
+PieceEnd Mapper::EndOfPiece(const MapperScan& scan, const OdometryFrame& frame, bool may_restart) {
   if (start_.given_up() && may_restart) {
     matched_ = false;  // not as it should be: nothing of it is to stay
-    return true;
+    return PieceEnd::kUnconnected;
   }
   stretch_.Follow(frame, tracker_.odometry().motion(), *scan.clusters, *map_, window_,
                   open_.NextKeyframe());
@@ -17,12 +16,11 @@ bool Mapper::EndsPiece(const MapperScan& scan, const OdometryFrame& frame, bool 
   if (!start_.open()) {
     ambiguous_.Follow(frame, tracker_.odometry().motion(), *scan.clusters, *map_, window_,
                       open_.NextKeyframe());
-    *goes_on = EndsInOpen(may_restart);
-    if (*goes_on) return true;
+    if (EndsInOpen(may_restart)) return PieceEnd::kContinued;
   }
-  if (frame.status != OdometryFrame::Status::kLost) return false;
+  if (frame.status != OdometryFrame::Status::kLost) return PieceEnd::kNone;
   tracker_.Lose(frame, *scan.clusters);
-  return may_restart && tracker_.MayRestart(matched_);
+  return may_restart && tracker_.MayRestart(matched_) ? PieceEnd::kUnconnected : PieceEnd::kNone;
 }
 
 bool Mapper::EndsInOpen(bool may_restart) {
@@ -87,7 +85,7 @@ void Mapper::Close() {
   map_->Refresh();
 }
 
-void Mapper::TellWindow() const {
+void Mapper::EmitWindowKeyframes() const {
   if (!on_final_keyframe_) return;
   for (const FinalKeyframe& keyframe : WindowKeyframes()) on_final_keyframe_(piece_, keyframe);
 }

@@ -15,14 +15,14 @@ void OpenPoses::Add(const MapperScan& scan, const OdometryFrame& frame) {
   if (frame.status != OdometryFrame::Status::kTracked) return;
   // Two poses after a frame tell of the motion during it.
   for (std::size_t after = std::min<std::size_t>(2, frames_.size() - 1); after > 0; --after)
-    Settle(frames_.size() - 1 - after);
+    UpdateMotion(frames_.size() - 1 - after);
 }
 
-void OpenPoses::Settle() {
-  for (std::size_t i = 0; i + 1 < frames_.size(); ++i) Settle(i);
+void OpenPoses::UpdateMotions() {
+  for (std::size_t i = 0; i + 1 < frames_.size(); ++i) UpdateMotion(i);
 }
 
-void OpenPoses::Settle(std::size_t i) {
+void OpenPoses::UpdateMotion(std::size_t i) {
   Frame& frame = frames_[i];
   if (frame.of_scan || frame.lost || frames_[i + 1].lost) return;
   // A lost scan is where it was expected, which tells nothing of the motion beside it.

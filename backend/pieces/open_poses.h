@@ -39,7 +39,7 @@ class OpenPoses {
   // Frame i is here after all, on the newest keyframe.
   void Set(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep);
   // Keyframes have moved: finds the motion during all frames anew.
-  void Settle();
+  void UpdateMotions();
   std::size_t size() const { return frames_.size(); }
   // From the stamp of the oldest frame to the middle of its sweep.
   StampNs FirstMiddleNs() const { return frames_.front().middle_ns; }
@@ -69,7 +69,7 @@ class OpenPoses {
   };
 
   // Finds the motion during frame i from the poses around it. There must be a frame after it.
-  void Settle(std::size_t i);
+  void UpdateMotion(std::size_t i);
   // In the middle of its sweep, and at its stamp.
   StampedPose MiddleOf(const Frame& frame) const;
   StampedPose PoseOf(const Frame& frame) const;

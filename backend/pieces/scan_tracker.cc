@@ -35,8 +35,8 @@ void ScanTracker::StartOver() {
 OdometryFrame ScanTracker::Register(StampNs stamp_ns, bool stamp_made_up,
                                     const std::vector<TimedCluster>& clusters, VoxelMap* map,
                                     bool map_is_older) {
-  odometry_.TrustClock(!stamp_made_up);
-  lost_track_.TrustClock(!stamp_made_up);
+  odometry_.SetStampsRecorded(!stamp_made_up);
+  lost_track_.SetStampsRecorded(!stamp_made_up);
   if (odometry_.started()) RecallAround(odometry_.Predict(stamp_ns), clusters, map);
   return odometry_.lost() ? FindAgain(stamp_ns, clusters, *map)
                           : odometry_.Register(stamp_ns, clusters, *map, map_is_older);

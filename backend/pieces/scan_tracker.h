@@ -26,15 +26,21 @@ struct MapperScan {
   StampNs middle_ns = 0;
 };
 
+// Whether a scan ends a piece of the map, was left out of it, and is to begin a piece of its own.
+enum class PieceEnd {
+  kNone,
+  // Lost for so long, after scans that agree with one another, and that the map does not have: rain
+  // and spray begin no map.
+  kUnconnected,
+  // Tracked, but at an unknown place against what was mapped before. The motion up to this scan is
+  // known, and the next piece begins with the keyframes before it.
+  kContinued,
+};
+
 struct RegisteredScan {
   OdometryFrame odometry;
   bool keyframe = false;
-  // This scan is to begin a piece of its own, and was left out of this one: lost for so long, after
-  // scans that agree with one another, and that the map does not have (rain and spray begin no
-  // map), or tracked, but at an unknown place against what was mapped before.
-  bool to_restart = false;
-  // Then: the motion up to this scan is known, and the piece begins with the keyframes before it.
-  bool goes_on = false;
+  PieceEnd ends = PieceEnd::kNone;
 };
 
 // Not thread-safe; deterministic.

@@ -95,7 +95,7 @@ void CheckpointWriting::Complete(std::int64_t scans) {
 
 void CheckpointWriting::Begin(std::int64_t scans) {
   Stopwatch pause;
-  mapping_->Settle();
+  mapping_->TakeInDueSolves();
   requested_ = false;
   job_ = std::make_shared<Job>();
   job_->scans = last_ = scans;

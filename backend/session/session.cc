@@ -59,7 +59,7 @@ Session::Session(SessionSetup setup, SessionHooks hooks)
 MappingCallbacks Session::Callbacks() {
   MappingCallbacks callbacks;
   callbacks.on_scan = [this](const MappedScan& report) { OnScan(report); };
-  callbacks.on_settled = [this] { OnSettled(); };
+  callbacks.on_scan_done = [this] { OnScanDone(); };
   callbacks.on_final_pose = [this](const FinalPose& pose) {
     if (finished_) {
       tail_.push_back(pose);
@@ -107,7 +107,7 @@ void Session::OnScan(const MappedScan& report) {
   if (hooks_.on_scan) hooks_.on_scan(report, row);
 }
 
-void Session::OnSettled() {
+void Session::OnScanDone() {
   // Not before: what a scan leads to after it was told of belongs to it, and to its checkpoint.
   tiles_->SetScan(next_);
   checkpoints_->AfterScan(next_, setup_.session.checkpoint_every_scans);

@@ -116,7 +116,7 @@ class Session {
  private:
   MappingCallbacks Callbacks();
   void OnScan(const MappedScan& report);
-  void OnSettled();
+  void OnScanDone();
   bool FileIsGone(const MappedScan& report) const;
   bool Repeating() const;
 

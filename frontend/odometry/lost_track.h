@@ -37,7 +37,7 @@ class LostTrack {
            double usual_inliers = 0.0);
   void Clear();
   // Whether stamps are measured. Before Add; as long as nothing is said they are.
-  void TrustClock(bool trusted) { motion_.TrustClock(trusted); }
+  void SetStampsRecorded(bool recorded) { motion_.SetStampsRecorded(recorded); }
 
   // Scans that agree, the newest among them; 0 before the first.
   std::int64_t scans() const { return scans_; }

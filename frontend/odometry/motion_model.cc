@@ -64,7 +64,7 @@ PosePrediction MotionModel::Predict(StampNs stamp_ns) const {
     motion << velocity_.head<3>() * Effective(dt, kTurnDecayS),
         velocity_.tail<3>() * Effective(dt, kWayDecayS);
   }
-  const bool timed = dt > 0.0 && (clock_trusted_ || moving_known());
+  const bool timed = dt > 0.0 && (stamps_recorded_ || moving_known());
   const double open_s = timed ? dt : std::max(dt, kUnknownGapS);
   const bool known = moving_known();
   const double turn = Sigma(kDegree * options_.turn_acceleration_sigma_deg_s2,
@@ -72,8 +72,8 @@ PosePrediction MotionModel::Predict(StampNs stamp_ns) const {
   const double way = Sigma(options_.acceleration_sigma_m_s2, options_.start_speed_sigma_m_s, known,
                            last_gap_s_, open_s);
   // What steps without recorded stamps may differ by.
-  const double uneven_turn = clock_trusted_ ? 0.0 : kUneven * long_step_rad_;
-  const double uneven_way = clock_trusted_ ? 0.0 : kUneven * long_step_m_;
+  const double uneven_turn = stamps_recorded_ ? 0.0 : kUneven * long_step_rad_;
+  const double uneven_way = stamps_recorded_ ? 0.0 : kUneven * long_step_m_;
   PosePrediction prediction;
   prediction.T_world_lidar = T_world_last_ * TwistExp(motion);
   prediction.covariance.diagonal()
@@ -92,7 +92,7 @@ PosePrediction MotionModel::PredictAsAtStart(StampNs stamp_ns) const {
 bool MotionModel::uneven() const {
   // By so much the steps of one sensor differ that speeds up and turns.
   constexpr double kEven = 0.25;
-  return !clock_trusted_ && uneven_m_ > kEven * long_step_m_;
+  return !stamps_recorded_ && uneven_m_ > kEven * long_step_m_;
 }
 
 Matrix6d MotionModel::VelocityChange(double dt) const {
@@ -164,7 +164,7 @@ void MotionModel::Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follow
   Vector6d velocity = Vector6d::Zero();
   if (moved) {
     velocity = TwistTo(T_world_lidar, dt);
-    if (moving_known() && clock_trusted_) velocity = WithoutLeap(dt, velocity);
+    if (moving_known() && stamps_recorded_) velocity = WithoutLeap(dt, velocity);
     UpdateCovariances(dt, covariance);
   } else {
     velocity_covariance_.setZero();

@@ -79,12 +79,12 @@ class MotionModel {
   // it gains in a period, as one that was measured from scan to scan.
   void StartMoving(const Vector6d& velocity);
   // Whether stamps are measured. As long as nothing is said they are.
-  void TrustClock(bool trusted) { clock_trusted_ = trusted; }
+  void SetStampsRecorded(bool recorded) { stamps_recorded_ = recorded; }
   // Makes this pose the last one; the next scan is expected there.
   void StartAt(const SE3& T_world_lidar);
 
   bool started() const { return started_; }
-  bool clock_trusted() const { return clock_trusted_; }
+  bool stamps_recorded() const { return stamps_recorded_; }
   // Whether stamps are made up, and steps differ by more than those of a steady sensor.
   bool uneven() const;
   bool moving_known() const { return velocity_known_ && !interrupted_; }
@@ -103,7 +103,7 @@ class MotionModel {
   bool started_ = false, interrupted_ = false, velocity_known_ = false;
   StampNs last_stamp_ns_ = 0;
   double last_gap_s_ = 0.0;  // over which the velocity was measured
-  bool clock_trusted_ = true;
+  bool stamps_recorded_ = true;
   double long_step_m_ = 0.0, long_step_rad_ = 0.0;  // the longest of late
   // By how much one was off from where the one before led, at most of late; at first a share of it.
   double uneven_m_ = 0.0, uneven_rad_ = 0.0;

@@ -313,14 +313,14 @@ bool Odometry::Believed(const OdometryFrame& frame, const SearchedScan& scan,
   // is of another place. Where a clock says that no time for that has passed, planes of one scan of
   // few rings may fit no better: it is enough that no pose near it fits as well.
   if (scan.starting && recent_fits_.empty() && !scan.timed && match.fit() < kLeastFit) {
-    const bool follows = motion_.clock_trusted() && !gap;
+    const bool follows = motion_.stamps_recorded() && !gap;
     return follows && match.fit() >= MatchResult::kFollowingFit &&
            match.status == MatchResult::Status::kConverged && unique();
   }
   // Without a clock near says little, where the scan meets half of what scans did.
   constexpr double kMeetsHalf = 0.5;
   const bool doubtful = match.fit() < usual_fit && match.inlier_share < kMeetsHalf * recent;
-  if (vouched && (motion_.clock_trusted() || !doubtful)) return true;
+  if (vouched && (motion_.stamps_recorded() || !doubtful)) return true;
   if (match.status != MatchResult::Status::kConverged) return false;
   if (match.fit() < std::max(kLeastFit, usual_fit)) return false;
   // Of all the places about where a lost scan may be, some fit by chance.

@@ -126,7 +126,7 @@ class Odometry {
   // Whether a frame at the start, as the ordinary way has it, leaves room for that.
   bool SeemsShaken(const OdometryFrame& frame) const;
   // Whether stamps are measured. Before a scan.
-  void TrustClock(bool trusted) { motion_.TrustClock(trusted); }
+  void SetStampsRecorded(bool recorded) { motion_.SetStampsRecorded(recorded); }
   // A body twist of the last frame that is known better than from the way since the frame before.
   void Assume(const Vector6d& twist) { motion_.Assume(twist); }
   void StartMoving(const Vector6d& twist) { motion_.StartMoving(twist); }

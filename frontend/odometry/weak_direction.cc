@@ -178,7 +178,7 @@ void Odometry::DoubtUnbridged(const PosePrediction& prediction,
 void Odometry::DoubtWeakest(const DirectionProfile& profile, const Vector6d& direction,
                             OdometryFrame* frame) const {
   MatchResult* const match = &frame->match;
-  const double least_m = motion_.clock_trusted() ? kDoubtfulM : kWellKnownM;
+  const double least_m = motion_.stamps_recorded() ? kDoubtfulM : kWellKnownM;
   const DirectionProfile::Posterior posterior = profile.With(0.0, kBesideM);
   const double sigma_m = std::hypot(posterior.sigma_m, posterior.mean_m);
   frame->open_m = sigma_m;
@@ -192,7 +192,8 @@ void Odometry::DoubtSurprising(const PosePrediction& prediction, OdometryFrame* 
   MatchResult* const match = &frame->match;
   const double dt = motion_.Gap(frame->stamp_ns);
   if (frame->status != OdometryFrame::Status::kTracked || lost_ || !motion_.moving_known() ||
-      !motion_.clock_trusted() || dt > options_.vouched_gap_s || match->worst_sigma_m <= kDoubtfulM)
+      !motion_.stamps_recorded() || dt > options_.vouched_gap_s ||
+      match->worst_sigma_m <= kDoubtfulM)
     return;
   const Vector6d v = match->weakest_direction;
   const Vector6d off = TimesArm(LocalDelta(match->T_world_lidar, prediction.T_world_lidar));

@@ -43,7 +43,7 @@ StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& ma
 void StartTrack::Clear() {
   open_ = overruled_ = told_ = told_by_all_ = unsure_ = doubted_ = given_up_ = false;
   sparse_ = shaken_ = false;
-  clocked_ = true;
+  stamps_recorded_ = true;
   scans_.clear();
   hypotheses_.clear();
 }
@@ -54,10 +54,10 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
     const double gap_s = SecondsBetween(scans_.back().stamp_ns, frame.stamp_ns);
     if (gap_s <= 0.0 || gap_s > kMostStartGapS) return Clear();
   }
-  clocked_ = clocked_ && !stamp_made_up;
+  stamps_recorded_ = stamps_recorded_ && !stamp_made_up;
   scans_.push_back({frame.stamp_ns, clusters, frame.T_world_lidar, SweepMotion()});
   if (scans_.size() == 1) {
-    steady_.most_speed_m_s = MostSpeedMS();
+    steady_.max_speed_m_s = MaxSpeedMS();
     return;
   }
   if (scans_.size() == 2) sparse_ = ToldByBeams(frame.match);
@@ -77,7 +77,7 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
     // the steady motion of all scans together tells the way.
     hypotheses_.clear();
   } else if (scans_.size() == 2) {
-    if (clocked_) Begin(frame);
+    if (stamps_recorded_) Begin(frame);
   } else {
     std::vector<Hypothesis> followed;
     for (const Hypothesis& hypothesis : hypotheses_) {
@@ -99,7 +99,7 @@ void StartTrack::Shake(std::size_t scan, const SweepMotion& sweep) {
   scans_[scan].sweep.twist -= Twist(OwnPoses(), scan);
 }
 
-double StartTrack::MostSpeedMS() const {
+double StartTrack::MaxSpeedMS() const {
   // Where the sensor sees as far as that takes it in a second and a half.
   constexpr double kMostSigmas = 3.0, kFarthest = 0.98, kAheadS = 1.5;
   std::vector<double> ranges_m;
@@ -205,7 +205,7 @@ std::vector<SE3> StartTrack::Minima(const std::vector<PointCluster>& clusters,
   std::stable_sort(minima.begin(), minima.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
   if (minima.size() > kMostHypotheses) minima.resize(kMostHypotheses);
-  const bool far = steady_.most_speed_m_s > kUsualSigmas * steady_.speed_sigma_m_s;
+  const bool far = steady_.max_speed_m_s > kUsualSigmas * steady_.speed_sigma_m_s;
   std::vector<SE3> poses;
   for (const auto& [evidence, way_m] : minima) {
     const bool fast = far && std::abs(way_m) > kFastMS * GapS(scans_.size() - 1);
@@ -224,7 +224,7 @@ void StartTrack::Begin(const OdometryFrame& frame) {
   u_ = LeastFaced(Faced({T_first, T}, 1));
   std::vector<SE3> starts = {T};
   // Along u the sensor may have moved so far to either side of where it was.
-  const double reach_m = steady_.most_speed_m_s * GapS(1) + 0.5 * kScaleM;
+  const double reach_m = steady_.max_speed_m_s * GapS(1) + 0.5 * kScaleM;
   for (const SE3& minimum : Minima(clusters, T, map, u_.dot(T_first.t - T.t), reach_m)) {
     if ((minimum.t - T.t).norm() > kSameM) starts.push_back(minimum);
   }
@@ -338,7 +338,7 @@ void StartTrack::Decide() {
   if (unsure_ && last && SettingOff(OwnPoses())) return CheckSettingOff(OwnPoses());
   if (hypotheses_.empty()) {
     // Steps that no clock tells may be uneven, and then no steady motion explains them.
-    if (unsure_ && last) return clocked_ ? GiveUp() : Clear();
+    if (unsure_ && last) return stamps_recorded_ ? GiveUp() : Clear();
     if (!unsure_) Trust();
     return;
   }
@@ -411,8 +411,8 @@ Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
 void StartTrack::Archive(StateArchive& a) {
   a(&open_, &overruled_, &told_, &unsure_, &all_tracked_, &open_m_, &open_along_, &scans_,
     &hypotheses_, &without_planes_, &u_, &follows_, &again_, &doubted_, &sparse_, &shaken_,
-    &clocked_);
-  if (!scans_.empty()) steady_.most_speed_m_s = MostSpeedMS();
+    &stamps_recorded_);
+  if (!scans_.empty()) steady_.max_speed_m_s = MaxSpeedMS();
 }
 
 }  // namespace lamina

@@ -185,8 +185,8 @@ class StartTrack {
   static constexpr double kLikelySigmas = 1.0, kDoubtedSigmas = 2.0;
   // In standard deviations by how much one is better.
   double Better(const Hypothesis& a, const Hypothesis& b) const;
-  // SteadyMotionOptions::most_speed_m_s, by what the first scan sees.
-  double MostSpeedMS() const;
+  // SteadyMotionOptions::max_speed_m_s, by what the first scan sees.
+  double MaxSpeedMS() const;
   // Since the scan before.
   double GapS(std::size_t scan) const;
   // Of the change of velocity between the ways to a scan and to the one before it: what the motion
@@ -353,9 +353,9 @@ class StartTrack {
   // Whether a match left the way open, whether all scans so far were tracked, and whether many of
   // them together speak against odometry's way: then only all may tell another.
   bool unsure_ = false, all_tracked_ = true, doubted_ = false;
-  bool clocked_ = true;  // stamps are recorded
-  bool sparse_ = false;  // ToldByBeams
-  bool shaken_ = false;  // some scan looked so
+  bool stamps_recorded_ = true;  // stamps are recorded
+  bool sparse_ = false;          // ToldByBeams
+  bool shaken_ = false;          // some scan looked so
   // By how much at most, and along which direction.
   double open_m_ = 0.0;
   Eigen::Vector3d open_along_ = Eigen::Vector3d::Zero();

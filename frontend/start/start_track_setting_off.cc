@@ -23,13 +23,13 @@ void StartTrack::Trust() {
   const std::vector<SE3> own = OwnPoses();
   const bool setting_off = SettingOff(own);
   // Steps that no clock tells may be uneven: of these only one that stands is steady.
-  const bool steady = setting_off || (clocked_ && (doubted_ || Slow(own)));
+  const bool steady = setting_off || (stamps_recorded_ && (doubted_ || Slow(own)));
   if (!all_tracked_ || !steady) return Clear();
   if (!setting_off) follows_ = false;
   const bool last = scans_.size() >= kMostScans;
   if (last && setting_off) return CheckSettingOff(own);
   const bool asked = last || scans_.size() == kFewScans || scans_.size() == kManyScans;
-  if (clocked_ && asked) CheckGoingAlong(own, last);
+  if (stamps_recorded_ && asked) CheckGoingAlong(own, last);
 }
 
 bool StartTrack::Slow(const std::vector<SE3>& poses) const {

@@ -80,7 +80,7 @@ StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
   steady.open_speed_m_s = found.open_speed_m_s;
   steady.told = found.open_speed_m_s <= std::max(kKnownMS, steady.speed_m_s) &&
                 found.open_speed_m_s <= kMostOpenMS &&
-                steady.speed_m_s <= kMostOfReach * options.most_speed_m_s;
+                steady.speed_m_s <= kMostOfReach * options.max_speed_m_s;
   // Scans from nearly one place have their points in the same few spots of each wall, and look
   // sharp for that alone.
   const bool standing = std::abs(way.positions_m.back()) < steady_.voxel_size_m;

@@ -63,7 +63,7 @@ SteadyMotionSearch::SteadyMotionSearch(const SteadyMotionOptions& options, const
   for (const PointCluster& cluster : scans_.front().clusters)
     ranges_m.push_back((cluster.mean - scans_.front().centre).norm());
   if (!ranges_m.empty())
-    most_speed_m_s_ = std::min(options_.most_speed_m_s, 2.0 * UpperMedian(&ranges_m) / duration_s_);
+    max_speed_m_s_ = std::min(options_.max_speed_m_s, 2.0 * UpperMedian(&ranges_m) / duration_s_);
   if (RaysRepeat()) few_ = Sparse::kTellNothing;
 }
 
@@ -231,11 +231,11 @@ std::vector<SteadyMotion> SteadyMotionSearch::Candidates() const {
   // In standard deviations of the acceleration.
   constexpr double kMostFromRest = 1.5;
   std::vector<SteadyMotion> candidates;
-  const auto most_steps = static_cast<int>(most_speed_m_s_ / step_m_s_);
+  const auto most_steps = static_cast<int>(max_speed_m_s_ / step_m_s_);
   for (int i = -most_steps; i <= most_steps; ++i) candidates.push_back({step_m_s_ * i, 0.0});
   // A sensor that sets off ends at twice its mean speed.
   const double most_mean_m_s = 0.5 * kMostFromRest * options_.acceleration_sigma_m_s2 * duration_s_;
-  const auto most_off = static_cast<int>(std::min(most_mean_m_s, most_speed_m_s_) / step_m_s_);
+  const auto most_off = static_cast<int>(std::min(most_mean_m_s, max_speed_m_s_) / step_m_s_);
   for (int i = -most_off; i <= most_off; ++i)
     candidates.push_back({step_m_s_ * i, 2.0 * step_m_s_ * i / duration_s_});
   return candidates;

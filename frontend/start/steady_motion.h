@@ -48,7 +48,7 @@ struct SteadyMotionOptions {
   double speed_sigma_m_s = 15.0;
   double acceleration_sigma_m_s2 = 4.0;
   // Faster than this it is not looked for.
-  double most_speed_m_s = 30.0;
+  double max_speed_m_s = 30.0;
 };
 
 struct SteadyMotion {
@@ -126,7 +126,7 @@ class SteadyMotionSearch {
   std::vector<SteadyMotionGrid> grids_;
   std::vector<std::vector<std::int32_t>> blocks_;  // of each grid: block_of_ in its order
   Sparse few_ = Sparse::kBlurred;
-  double middle_s_ = 0.0, duration_s_ = 0.0, step_m_s_ = 0.0, most_speed_m_s_ = 0.0;
+  double middle_s_ = 0.0, duration_s_ = 0.0, step_m_s_ = 0.0, max_speed_m_s_ = 0.0;
 };
 
 }  // namespace lamina

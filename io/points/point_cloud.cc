@@ -263,6 +263,28 @@ void CheckTimes(const std::vector<T>& times, const CloudReader& cloud, const Kep
   }
 }
 
+// What a driver writes as the time of a pulse without a return is none: zero, often, beside times
+// since an epoch. Those cells get the time 0.
+template <typename T>
+PointTimes ReadTimes(const std::vector<T>& column, const std::vector<ScanPoint>& points,
+                     PointTimeUnit unit, const std::string& field) {
+  if (std::all_of(points.begin(), points.end(), IsReturn))
+    return ConvertPointTimes(column, unit, field);
+  std::vector<T> of_returns;
+  for (std::size_t i = 0; i < column.size(); ++i) {
+    if (IsReturn(points[i])) of_returns.push_back(column[i]);
+  }
+  PointTimes times = ConvertPointTimes(of_returns, unit, field);
+  if (times.time_s.empty()) return times;
+  std::vector<float> of_all(column.size(), 0.0F);
+  std::size_t next = 0;
+  for (std::size_t i = 0; i < column.size(); ++i) {
+    if (IsReturn(points[i])) of_all[i] = times.time_s[next++];
+  }
+  times.time_s = std::move(of_all);
+  return times;
+}
+
 }  // namespace
 
 Scan ScanFromCloud(const PointCloudLayout& layout, std::string_view data, KeptPoints kept,
@@ -278,7 +300,7 @@ Scan ScanFromCloud(const PointCloudLayout& layout, std::string_view data, KeptPo
   cloud.UseColumn(*time, cells, [&](const auto& column) {
     CheckTimes(column, cloud, cells, scan.points, time->name);
     PointTimes read =
-        ConvertPointTimes(column, unit, fmt::format("{}: field '{}'", name, time->name));
+        ReadTimes(column, scan.points, unit, fmt::format("{}: field '{}'", name, time->name));
     if (times != nullptr) {
       *times = {time->name, read.unit, read.stamp_ns != 0, !read.time_s.empty()};
     }

@@ -10,6 +10,7 @@
 #include <type_traits>
 
 #include "core/base/error.h"
+#include "core/base/median.h"
 
 namespace lamina {
 namespace {
@@ -37,17 +38,47 @@ bool IsFinite([[maybe_unused]] T value) {
   return true;
 }
 
+// The nearest value of type T.
 template <typename T>
-Range FiniteRange(const std::vector<T>& values) {
+T ClampedTo(RawTime value) {
+  const auto low = static_cast<RawTime>(std::numeric_limits<T>::lowest());
+  const auto high = static_cast<RawTime>(std::numeric_limits<T>::max());
+  return value <= low    ? std::numeric_limits<T>::lowest()
+         : value >= high ? std::numeric_limits<T>::max()
+                         : static_cast<T>(value);
+}
+
+// The range of nearly all values: between the 1 % and 99 % quantiles of some of them. A few damaged
+// ones are none of the times of a scan.
+template <typename T>
+Range UsualRange(const std::vector<T>& values) {
+  constexpr std::size_t kEnough = 1024;
+  constexpr double kOutliers = 0.01;
+  const std::size_t stride = std::max<std::size_t>(1, values.size() / kEnough);
+  std::vector<T> some;
+  some.reserve(values.size() / stride + 1);
+  for (std::size_t i = 0; i < values.size(); i += stride) {
+    if (IsFinite(values[i])) some.push_back(values[i]);
+  }
+  if (some.empty()) return {};
+  const auto low = static_cast<RawTime>(Quantile(&some, kOutliers));
+  return {low, static_cast<RawTime>(Quantile(&some, 1.0 - kOutliers))};
+}
+
+// Of the finite values within `among`.
+template <typename T>
+Range RangeAmong(const std::vector<T>& values, const Range& among) {
   // Several beside each other: the next comparison need not wait for the last one.
   constexpr std::size_t kLanes = 8;
+  const T from = ClampedTo<T>(among.low), to = ClampedTo<T>(among.high);
   std::array<T, kLanes> low, high;
   low.fill(std::numeric_limits<T>::max());
   high.fill(std::numeric_limits<T>::lowest());
   const auto take = [&](std::size_t lane, T v) {
-    const bool finite = IsFinite(v);
-    low[lane] = finite & (v < low[lane]) ? v : low[lane];
-    high[lane] = finite & (v > high[lane]) ? v : high[lane];
+    // False of what is not finite, too.
+    const bool within = (v >= from) & (v <= to);
+    low[lane] = within & (v < low[lane]) ? v : low[lane];
+    high[lane] = within & (v > high[lane]) ? v : high[lane];
   };
   const std::size_t whole = values.size() - values.size() % kLanes;
   for (std::size_t i = 0; i < whole; i += kLanes) {
@@ -83,15 +114,26 @@ RawTime DetectNsPerUnit(const Range& range, const std::string& field) {
 }
 
 // Seconds from `origin`, a value of the field, plus `rest_s`. The difference of two values is
-// exact, or as exact as they are themselves.
+// exact, or as exact as they are themselves. NaN of those beyond the range.
 template <typename T>
-std::vector<float> Seconds(const std::vector<T>& raw, T origin, double rest_s, double per_s) {
+std::vector<float> Seconds(const std::vector<T>& raw, const Range& range, T origin, double rest_s,
+                           double per_s) {
+  constexpr float kDamaged = std::numeric_limits<float>::quiet_NaN();
+  const T low = ClampedTo<T>(range.low), high = ClampedTo<T>(range.high);
   std::vector<float> time_s(raw.size());
   for (std::size_t i = 0; i < raw.size(); ++i) {
     const double s = static_cast<double>(raw[i] - origin) / per_s + rest_s;
-    time_s[i] = IsFinite(raw[i]) ? static_cast<float>(s) : 0.0F;
+    const bool within = (raw[i] >= low) & (raw[i] <= high);
+    time_s[i] = within ? static_cast<float>(s) : IsFinite(raw[i]) ? kDamaged : 0.0F;
   }
   return time_s;
+}
+
+// What lies this far beyond the usual times is damaged.
+RawTime Slack(const Range& usual, RawTime ns_per_unit) {
+  constexpr RawTime kSlackS = 0.25L;
+  const RawTime span = usual.high - usual.low;
+  return span > 0.0L ? std::max(span, kSlackS * kNsPerS / ns_per_unit) : 0.0L;
 }
 
 }  // namespace
@@ -99,16 +141,20 @@ std::vector<float> Seconds(const std::vector<T>& raw, T origin, double rest_s, d
 template <typename T>
 PointTimes ConvertPointTimes(const std::vector<T>& raw, TimeUnit unit, const std::string& field) {
   PointTimes times;
-  const Range range = FiniteRange(raw);
-  const RawTime span = range.high - range.low;
-  if (!(range.low <= range.high)) return times;  // no finite value
-  const RawTime magnitude = std::max(std::abs(range.low), std::abs(range.high));
+  const Range usual = UsualRange(raw);
+  if (!(usual.low <= usual.high)) return times;  // no finite value
+  const RawTime magnitude = std::max(std::abs(usual.low), std::abs(usual.high));
   const bool coarse = std::is_same_v<T, float>;
-  if (coarse && span < 16.0L * magnitude * std::numeric_limits<float>::epsilon()) return times;
+  if (coarse &&
+      usual.high - usual.low < 16.0L * magnitude * std::numeric_limits<float>::epsilon()) {
+    return times;
+  }
 
   const RawTime ns_per_unit = unit == TimeUnit::kAuto
-                                  ? DetectNsPerUnit(range, field)
+                                  ? DetectNsPerUnit(usual, field)
                                   : kNsPerUnit[static_cast<std::size_t>(unit) - 1];
+  const RawTime slack = Slack(usual, ns_per_unit);
+  const Range range = RangeAmong(raw, {usual.low - slack, usual.high + slack});
   if (magnitude * ns_per_unit > static_cast<RawTime>(std::numeric_limits<StampNs>::max() / 2)) {
     throw InputError(fmt::format("{}: time {} does not fit 64 bits of ns", field,
                                  static_cast<double>(magnitude)));
@@ -121,16 +167,16 @@ PointTimes ConvertPointTimes(const std::vector<T>& raw, TimeUnit unit, const std
   if (place != kNsPerUnit.end()) {
     times.unit = kUnits[static_cast<std::size_t>(place - kNsPerUnit.begin())];
   }
-  if (span == 0.0L) return times;
+  if (range.low == range.high) return times;
   const auto per_s = static_cast<double>(kNsPerS / ns_per_unit);
   if (!clock) {
-    times.time_s = Seconds(raw, T{0}, 0.0, per_s);
+    times.time_s = Seconds(raw, range, T{0}, 0.0, per_s);
     return times;
   }
   // Both are near to each other: in seconds an epoch does not fit a double to the nanosecond.
   const RawTime rest_ns = range.low * ns_per_unit - static_cast<RawTime>(times.stamp_ns);
   times.time_s =
-      Seconds(raw, static_cast<T>(range.low), static_cast<double>(rest_ns / kNsPerS), per_s);
+      Seconds(raw, range, static_cast<T>(range.low), static_cast<double>(rest_ns / kNsPerS), per_s);
   return times;
 }
 

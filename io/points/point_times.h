@@ -33,7 +33,9 @@ struct PointTimes {
 // The field tells nothing if all its values are the same (drivers write zeros; the stamp of a clock
 // is kept) or if it is float32 too coarse for its span (epoch seconds in a float32 step by 128 s).
 //
-// Values that are not finite get time 0. `field` names file and field in errors. T: float, double,
+// A hundredth of the values may be damaged: one that is farther from all others than their span,
+// and than 0.25 s, gets the time NaN, and what the field means is decided without it. Values that
+// are not finite get time 0. `field` names file and field in errors. T: float, double,
 // std::uint32_t, std::int64_t or std::uint64_t.
 template <typename T>
 PointTimes ConvertPointTimes(const std::vector<T>& raw, PointTimeUnit unit,

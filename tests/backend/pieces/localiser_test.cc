@@ -34,7 +34,7 @@ class MappedRoom {
     for (int i = 1; i <= 20; ++i) {
       const RegisteredScan scan = localiser->Process(Next(At(0.0)));
       EXPECT_EQ(scan.odometry.status, OdometryFrame::Status::kLost);
-      if (scan.to_restart) return i;
+      if (scan.ends != PieceEnd::kNone) return i;
     }
     return 0;
   }

@@ -116,7 +116,7 @@ TEST(Mapper, FramesThatLeftDuringASolveStayWhereTheMapHasThem) {
 TEST(Mapper, KeyframesAreToldWhenTheyLeaveTheWindow) {
   Walk walk;
   std::vector<FinalKeyframe> told;
-  walk.mapper().TellFinalKeyframes([&](std::int64_t piece, const FinalKeyframe& keyframe) {
+  walk.mapper().SetOnFinalKeyframe([&](std::int64_t piece, const FinalKeyframe& keyframe) {
     EXPECT_EQ(piece, 0);
     told.push_back(keyframe);
   });

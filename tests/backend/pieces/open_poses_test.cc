@@ -76,7 +76,7 @@ TEST(OpenPosesTest, KeyframesThatMoveTakeTheMotionWithinTheirScansAlong) {
   const auto slow_down = [&](std::int64_t from) {
     for (std::int64_t k = from; k < 12; ++k)
       open.Keyframe(k).t = kSlower * TrueAt(k * kPeriodNs + kMiddleNs).t;
-    open.Settle();
+    open.UpdateMotions();
   };
   slow_down(0);
   const auto expect_slow = [](const Trajectory& poses) {

@@ -108,5 +108,27 @@ TEST_F(LocalisingTest, WhatTheMapDoesNotHaveStaysAPieceOfItsOwn) {
   session.ForEachPose([](const FinalPose& pose) { EXPECT_EQ(pose.piece, 1); });
 }
 
+TEST_F(LocalisingTest, OnceFoundAndThenLostItIsAPieceOfItsOwnUntilItIsFoundAgain) {
+  mapping_ = LapOptions(false);
+  const Town town(1, 90.0);
+  FinishSession(Setup("base"), Record("base_scans", town, Laps(1.2, 190.0)));
+  // Elsewhere for a while, as if carried there and back.
+  constexpr std::size_t kGone = 50, kBack = 90;
+  Recording visit = Record("visit_scans", town, Laps(1.0, 150.0));
+  const Recording away = Record("away_scans", Town(7, 90.0), Laps(1.0, 100.0));
+  ASSERT_GT(visit.files.size(), kBack + 30);
+  for (std::size_t i = kGone; i < kBack; ++i) visit.files[i].path = away.files[i].path;
+  SessionSetup setup = Setup("visit");
+  setup.base_map = BaseMap{Path("base"), setup.fixed_options, std::nullopt};
+  Session session(setup, {});
+  Map(&session, visit, static_cast<std::int64_t>(visit.files.size()));
+  EXPECT_EQ(session.mapping().counts().found, 2U);
+  session.Finish();
+  const std::int64_t away_piece = 2;
+  int away_scans = 0;
+  session.ForEachPose([&](const FinalPose& pose) { away_scans += pose.piece == away_piece; });
+  EXPECT_GT(away_scans, 5);
+}
+
 }  // namespace
 }  // namespace lamina

@@ -60,7 +60,7 @@ TEST_F(LostTrackTest, FollowsUnevenStepsWithoutAClock) {
   int followed = 0, trials = 0, as_if_clocked = 0;
   for (double from_m = 0.0; from_m <= 60.0; from_m += 10.0) {
     LostTrack track(options_, map_), clocked(options_, map_);
-    track.TrustClock(false);
+    track.SetStampsRecorded(false);
     double along_m = from_m;
     int i = 0;
     for (const double step_m : {0.0, 1.5, 1.5, 4.5, 3.0}) {

@@ -44,20 +44,20 @@ TEST(MotionModel, AVehicleIsExpectedAheadAfterAGap) {
 
 TEST(MotionModel, WithoutStampsTheNextStepMayBeHalfAsLongOrHalfAsLongAgain) {
   MotionModel model = Driving();
-  model.TrustClock(false);
+  model.SetStampsRecorded(false);
   EXPECT_GT(WaySigma(model, 11 * kPeriodNs), 0.75 - 1e-9);
   EXPECT_LT(WaySigma(model, 11 * kPeriodNs), 0.80);
   // A short step is no promise that the next one is short.
   model.Accept(11 * kPeriodNs, Along(15.1), true);
   EXPECT_GT(WaySigma(model, 12 * kPeriodNs), 0.6);
-  model.TrustClock(true);
+  model.SetStampsRecorded(true);
   EXPECT_LT(WaySigma(model, 12 * kPeriodNs), 0.05);
 }
 
 TEST(MotionModel, WithoutStampsAStartMayBeFarAway) {
   MotionModel model{MotionOptions()};
   model.Accept(0, Along(0.0), false);
-  model.TrustClock(false);
+  model.SetStampsRecorded(false);
   EXPECT_GT(WaySigma(model, kPeriodNs), 4.0);
 }
 
@@ -145,7 +145,7 @@ TEST(MotionModel, WithoutRecordedStampsTheVelocityChangesByWhatStepsHave) {
   const auto speed_sigma = [&] { return std::sqrt(model.VelocityChange(0.1)(3, 3)); };
   const double clocked = 0.1 * MotionOptions().acceleration_sigma_m_s2;
   // Even steps are a clock themselves; one of 3 m after many of 1.5 m is not.
-  model.TrustClock(false);
+  model.SetStampsRecorded(false);
   EXPECT_NEAR(speed_sigma(), clocked, 1e-9);
   model.Accept(11 * kPeriodNs, Along(18.0), true);
   EXPECT_TRUE(model.uneven());
@@ -155,7 +155,7 @@ TEST(MotionModel, WithoutRecordedStampsTheVelocityChangesByWhatStepsHave) {
   for (int k = 1; k < 20; ++k) model.Accept((11 + k) * kPeriodNs, Along(18.0 + 3.0 * k), true);
   EXPECT_NEAR(speed_sigma(), clocked, 1e-9);
   model.Accept(31 * kPeriodNs, Along(76.5), true);
-  model.TrustClock(true);
+  model.SetStampsRecorded(true);
   EXPECT_NEAR(speed_sigma(), clocked, 1e-9);
 }
 
