@@ -109,15 +109,24 @@ std::vector<VoxelMap::FixedPart> LoopTrack::TakeIn() {
   if (!outcome_.exchange) return {};
   attached_ = std::move(outcome_.attached);
   std::vector<VoxelMap::FixedPart> parts = std::move(outcome_.parts);
+  // Those since, which the closure has not seen.
+  std::vector<PlacedSubmap> since;
+  for (const Submap& submap : complete_) since.push_back({&submap, submap.T_world_submap});
   const Submap current = builder_.Current();
-  if (current.keyframes.empty()) return parts;
-  for (VoxelMap::FixedPart& part :
-       AssembleFixed({{&current, current.T_world_submap}}, map_, sensor_))
+  if (!current.keyframes.empty()) since.push_back({&current, current.T_world_submap});
+  for (VoxelMap::FixedPart& part : AssembleFixed(since, map_, sensor_))
     parts.push_back(std::move(part));
   return parts;
 }
 
 void LoopTrack::Finish() {
+  // The map stays as it is: what it holds is for Resume() to exchange.
+  const std::vector<Attached> in_map = attached_;
+  TakeInAll();
+  attached_ = in_map;
+}
+
+void LoopTrack::TakeInAll() {
   Advance();
   if (under_way_) {
     background_.Wait();

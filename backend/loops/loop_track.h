@@ -76,6 +76,7 @@ class LoopTrack {
   std::vector<PlacedSubmap> Within(const SE3& T_world_map, const Eigen::Vector3d& sensor) const;
   bool Stands(const std::vector<PlacedSubmap>& wanted) const;
   std::vector<VoxelMap::FixedPart> TakeIn();
+  void TakeInAll();
 
   // Of the mapping thread: what is stored, and where, follows from the scans alone.
   void Complete(Submap submap);

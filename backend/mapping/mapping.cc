@@ -117,7 +117,7 @@ MappedScan Mapping::Add(DecodedScan scan) {
     Skip(SkipReason::kNoRoomForPiece,
          "the map holds " + std::to_string(kMostSlots) + " pieces and no more", &report);
   } else {
-    if (!report.skipped && recording->any) CheckStamp(*recording, &report);
+    if (!report.skipped && recording->any) CheckStamp(recording, &report);
     if (!report.skipped) Map(recording, &report, &scan.clusters);
     report.piece = recording->piece;
   }
@@ -136,24 +136,6 @@ MappedScan Mapping::Add(DecodedScan scan) {
   SolveSilent(report.index);
   if (callbacks_.on_scan_done) callbacks_.on_scan_done();
   return std::move(report);
-}
-
-void Mapping::CheckStamp(const Recording& recording, MappedScan* report) {
-  constexpr StampNs kLeastApartNs = 10'000'000;
-  const std::string times = "its stamp " + std::to_string(report->stamp_ns) + " ns is not ";
-  const std::string last = std::to_string(recording.last_stamp_ns) + " ns";
-  const bool other = report->sensor != recording.last_sensor;
-  // In this order: the difference of two stamps might not fit.
-  if (report->stamp_ns < recording.last_stamp_ns ||
-      (!other && report->stamp_ns == recording.last_stamp_ns)) {
-    Skip(SkipReason::kStampNotAfterLast, times + "after the last one, " + last, report);
-  } else if (other && SecondsBetween(recording.last_stamp_ns, report->stamp_ns) <
-                          kSecondsPerNs * static_cast<double>(kLeastApartNs)) {
-    Skip(SkipReason::kTooSoonAfterOtherSensor,
-         times + "10 ms after that of sensor '" + recording.last_sensor + "' of its vehicle, " +
-             last,
-         report);
-  }
 }
 
 Mapping::Recording* Mapping::FindOrBegin(const MappedScan& report) {
@@ -239,6 +221,7 @@ void Mapping::GiveUpStart(Recording* recording) {
 
 void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedCluster>* clusters) {
   recording->last_stamp_ns = report->stamp_ns;
+  recording->not_after = 0;
   recording->last_sensor = report->sensor;
   recording->any = true;
   const RegisteredScan frame = Register(recording, report, clusters);
@@ -373,8 +356,9 @@ void Mapping::TakeInDueSolves() {
 
 void Mapping::ArchiveRecording(StateArchive& a, Recording* recording) {
   bool maps = recording->mapper != nullptr;
-  a(&recording->any, &recording->last_stamp_ns, &recording->last_sensor, &recording->last_scan,
-    &recording->piece, &recording->stream, &recording->before, &recording->certain, &maps);
+  a(&recording->any, &recording->last_stamp_ns, &recording->last_sensor, &recording->not_after,
+    &recording->not_after_ns, &recording->last_scan, &recording->piece, &recording->stream,
+    &recording->before, &recording->certain, &maps);
   if (a.reading() && maps) {
     recording->mapper =
         std::make_unique<PieceMapper>(options_.mapper, &map_, recording->piece, SE3());

@@ -131,6 +131,10 @@ class Mapping {
     bool any = false;  // scan that was not skipped
     StampNs last_stamp_ns = 0;
     std::string last_sensor;
+    // Scans in a row that were skipped as their stamps are not after that, and the stamp of the
+    // newest of them.
+    std::int64_t not_after = 0;
+    StampNs not_after_ns = 0;
     std::int64_t last_scan = 0;  // skipped or not
     std::int64_t piece = 0;      // that its scans are matched to now
     FinalPoses::Stream stream = 0;
@@ -160,7 +164,10 @@ class Mapping {
   void End(Recording* recording, std::size_t scan);
   // The scans of its piece were a start that is given up now: their poses are not certain.
   void GiveUpStart(Recording* recording);
-  static void CheckStamp(const Recording& recording, MappedScan* report);
+  // Skips a scan whose stamp is not after that of the last one, unless so many of those before were
+  // skipped for it that the clock was set.
+  void CheckStamp(Recording* recording, MappedScan* report);
+  bool ClockWasSet(StampNs stamp_ns, Recording* recording) const;
   void Map(Recording* recording, MappedScan* report, std::vector<TimedCluster>* clusters);
   RegisteredScan Register(Recording* recording, MappedScan* report,
                           std::vector<TimedCluster>* clusters);

@@ -26,16 +26,6 @@ std::vector<StampNs> StampsAt(const ScanSource& source, std::size_t begin, std::
   return stamps;
 }
 
-// The median time between scans, however long; nothing if the stamps do not tell.
-std::optional<double> TimeBetween(const std::vector<StampNs>& stamps) {
-  std::vector<double> gaps_s;
-  for (std::size_t k = 1; k < stamps.size(); ++k) {
-    if (stamps[k] > stamps[k - 1]) gaps_s.push_back(SecondsBetween(stamps[k - 1], stamps[k]));
-  }
-  if (gaps_s.empty()) return std::nullopt;
-  return UpperMedian(&gaps_s);
-}
-
 double PeriodByStamps(const std::vector<StampNs>& stamps) {
   constexpr double kFallbackS = 0.1;
   return SweepPeriod(stamps, kFallbackS);
@@ -47,12 +37,8 @@ void SkipUndecoded(SkipReason reason, const std::string& why, MappedScan* report
   report->detail = Printable(why);
 }
 
-// The earliest of the points and the latest, but for the hundredth at either end: single times may
-// be damaged. Both 0 if there is none.
-struct TimeRange {
-  double low_s = 0.0, high_s = 0.0;
-};
-TimeRange RangeOf(std::vector<float> times_s) {
+// SpanOfTimes but for the hundredth at either end: single times may be damaged.
+TimeSpan UsualSpanOf(std::vector<float> times_s) {
   times_s.erase(
       std::remove_if(times_s.begin(), times_s.end(), [](float t) { return !std::isfinite(t); }),
       times_s.end());
@@ -77,10 +63,10 @@ std::string TimesMisfit(const Scan& scan, const ScanPreparationOptions& preparat
   // Stamps that are made up tell nothing of sweeps.
   const std::optional<double> apart_s = scan.stamp_made_up ? std::nullopt : TimeBetween(stamps);
   const double most_s = apart_s ? kMostPeriods * *apart_s : kMostS;
-  const auto [first, last] = std::minmax_element(scan.time_s.begin(), scan.time_s.end());
-  if (*last - *first <= most_s && std::abs(*first) <= kMostOffS) return "";
-  const TimeRange range = RangeOf(scan.time_s);
-  const double span_s = range.high_s - range.low_s;
+  const TimeSpan all = SpanOfTimes(scan.time_s);
+  if (all.length_s() <= most_s && std::abs(all.low_s) <= kMostOffS) return "";
+  const TimeSpan range = UsualSpanOf(scan.time_s);
+  const double span_s = range.length_s();
   char text[320] = "";
   if (span_s > most_s) {
     char but[64] = "no sweep lasts so long";

@@ -52,18 +52,17 @@ void AddScan(const Scan& scan, const SweepMotion& motion, const SE3& T_vehicle_l
              Concentrations* sums) {
   constexpr std::size_t kMostPoints = 20000;
   constexpr double kLeastRangeM = 2.0;
-  const auto [first, last] = std::minmax_element(scan.time_s.begin(), scan.time_s.end());
-  const double first_s = static_cast<double>(*first), last_s = static_cast<double>(*last);
-  const std::array<SE3, kMoments> T_stamp_moment{motion.PoseAt(first_s),
-                                                 motion.PoseAt(0.5 * (first_s + last_s)),
-                                                 motion.PoseAt(last_s), SE3()};
+  const TimeSpan span = SpanOfTimes(scan.time_s);
+  const std::array<SE3, kMoments> T_stamp_moment{motion.PoseAt(span.low_s),
+                                                 motion.PoseAt(0.5 * (span.low_s + span.high_s)),
+                                                 motion.PoseAt(span.high_s), SE3()};
   ElevationHistogram as_they_are;
   std::array<ElevationHistogram, kMoments> taken_back;
   const SE3 T_lidar_vehicle = T_vehicle_lidar.Inverse();
   for (std::size_t i = 0; i < scan.points.size(); i += 1 + scan.points.size() / kMostPoints) {
     const ScanPoint& p = scan.points[i];
     const Eigen::Vector3d point = Eigen::Vector3f(p.x, p.y, p.z).cast<double>();
-    if (!(point.norm() >= kLeastRangeM)) continue;
+    if (!(point.norm() >= kLeastRangeM) || !std::isfinite(scan.time_s[i])) continue;
     as_they_are.Add(point);
     const SE3 T_time_stamp = motion.PoseAt(static_cast<double>(scan.time_s[i])).Inverse();
     for (std::size_t m = 0; m < kMoments; ++m) {

@@ -100,9 +100,8 @@ PointTimes PointTimesOf(const ScanSource& source, std::size_t begin, std::size_t
     try {
       const std::vector<float> times = source.Read(i).time_s;
       if (times.empty()) return PointTimes::kNone;
-      const auto [first, last] = std::minmax_element(times.begin(), times.end());
-      const double length_s = static_cast<double>(*last) - static_cast<double>(*first);
-      return length_s < kMostPeriods * period_s ? PointTimes::kOfTheScan : PointTimes::kLonger;
+      return SpanOfTimes(times).length_s() < kMostPeriods * period_s ? PointTimes::kOfTheScan
+                                                                     : PointTimes::kLonger;
     } catch (const InputError&) {
       // The next one may be readable.
     }

@@ -26,7 +26,8 @@ class Localiser {
   // is to begin a piece of its own.
   void Start(const Trajectory& last);
 
-  // Clusters are left as they are. Without `may_restart` a frame is lost however many were before.
+  // Clusters are left as they are. The pose of the first scan is as uncertain as its speed. Without
+  // `may_restart` a frame is lost however many were before.
   RegisteredScan Process(const MapperScan& scan, bool may_restart = true);
   // Poses of the frames since the last call, at their stamps.
   Trajectory TakeFinal();
@@ -42,6 +43,7 @@ class Localiser {
   VoxelMap* map_;
   std::int64_t piece_;
   ScanTracker tracker_;
+  MotionOptions motion_;
   bool may_restart_ = true;  // when it is lost for long
   Trajectory final_;
 };

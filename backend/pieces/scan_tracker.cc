@@ -61,7 +61,7 @@ OdometryFrame ScanTracker::FindAgain(StampNs stamp_ns, const std::vector<TimedCl
 void ScanTracker::Accept(const OdometryFrame& frame) {
   lost_in_a_row_ = 0;
   odometry_.Accept(frame);
-  if (lost_track_.scans() > 1) odometry_.Assume(lost_track_.Twist());
+  if (lost_track_.scans() > 1) odometry_.Assume(lost_track_.Twist(), lost_track_.TwistOverS());
   lost_track_.Clear();
 }
 

@@ -106,6 +106,8 @@ std::unique_ptr<Mapping> MappingInBaseMap(const SessionSetup& setup, TileStore* 
       spdlog::info("the map is searched for the scans: {} places of {} pieces", places.size(),
                    ways.size());
       return mapping;
+    } catch (const OtherFormatError&) {
+      throw;
     } catch (const InputError& error) {
       spdlog::error("{}; trying the checkpoint before it", error.what());
     }
@@ -144,9 +146,19 @@ RecoveredMapping RecoverMapping(const SessionSetup& setup, const SessionFolder& 
       ReadCheckpoint(path, setup.fixed_options, CheckpointPart::kAll, mapping.get());
       stores.tiles->RollBackTo(scans - 1);
       return {std::move(mapping), scans};
+    } catch (const OtherFormatError& error) {
+      throw OtherFormatError(fmt::format(
+          "{}: the session goes on with the version of Lamina that began it", error.what()));
     } catch (const InputError& error) {
       SetAside(path, error.what());
     }
+  }
+  const std::string released = database.Meta(kFilesReleasedUpTo).value_or("0");
+  if (released != "0") {
+    throw InputError(fmt::format(
+        "{}: no checkpoint can be used, and the files of the first {} scans were moved or deleted: "
+        "the session cannot be continued. What is in it stays; begin another one",
+        folder.path(), released));
   }
   if (recorded > 0) spdlog::warn("no checkpoint can be used: all scans are mapped again");
   stores.tiles->RollBackTo(-1);

@@ -100,6 +100,13 @@ void Session::OnScan(const MappedScan& report) {
         "the map is lost ({})",
         file.name, report.detail);
   } else {
+    if (HasChanged(report)) {
+      spdlog::error(
+          "{}: is another file than the one of that name that was mapped before; scans from here "
+          "on "
+          "are mapped anew with what it holds",
+          file.name);
+    }
     if (hooks_.on_mapped) hooks_.on_mapped(report, row);
     log_->Put(row);
   }
@@ -108,6 +115,7 @@ void Session::OnScan(const MappedScan& report) {
 }
 
 void Session::OnScanDone() {
+  ReportDamage();
   // Not before: what a scan leads to after it was told of belongs to it, and to its checkpoint.
   tiles_->SetScan(next_);
   checkpoints_->AfterScan(next_, setup_.session.checkpoint_every_scans);
@@ -124,6 +132,23 @@ bool Session::FileIsGone(const MappedScan& report) const {
   const auto i = static_cast<std::size_t>(next_ - repeat_from_);
   return i < to_repeat_.size() && !to_repeat_[i].skipped && report.skipped &&
          report.reason == SkipReason::kUnreadable;
+}
+
+// Whether a scan that is repeated has other points than the first time: the same file gives the
+// same.
+bool Session::HasChanged(const MappedScan& report) const {
+  const auto i = static_cast<std::size_t>(next_ - repeat_from_);
+  return i < to_repeat_.size() && !to_repeat_[i].skipped && !report.skipped &&
+         to_repeat_[i].points != static_cast<std::int64_t>(report.points);
+}
+
+void Session::ReportDamage() {
+  const std::size_t damaged =
+      tiles_->damaged() + (submaps_ != nullptr ? submaps_->damaged() : std::size_t{0});
+  if (damaged == damaged_) return;
+  damaged_ = damaged;
+  spdlog::error("{}: {} records of the map on disk are damaged: what they held is missing from it",
+                setup_.folder, damaged);
 }
 
 void Session::SetAside(const std::string& file, const std::string& reason) {
@@ -152,6 +177,8 @@ void Session::Finish() {
     if (FreeBytes(setup_.folder) < RoomToContinue(setup_.folder)) throw DiskFullError(text);
     throw OutputError(text);
   }
+  ReportDamage();
+  if (Repeating()) return;
   finished_ = true;
   tail_.clear();
   mapping_->Finish();

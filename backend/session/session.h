@@ -107,7 +107,12 @@ class Session {
 
   // A last checkpoint; then the last solve, after which nothing more can be mapped. All files but
   // those of the trajectory are left as they are: the session can be continued.
+  //
+  // Before all scans that were recorded have been mapped again, only the checkpoint: the files hold
+  // more than is known by now.
   void Finish();
+  // Scans that were recorded after the checkpoint that was loaded are being mapped again.
+  bool Repeating() const;
   // All poses so far, in order; after Finish() the last ones.
   void ForEachPose(const FinalPoses::Visit& visit) const;
   // Those that are final by Finish() alone: not in the database, which may be continued.
@@ -118,7 +123,8 @@ class Session {
   void OnScan(const MappedScan& report);
   void OnScanDone();
   bool FileIsGone(const MappedScan& report) const;
-  bool Repeating() const;
+  bool HasChanged(const MappedScan& report) const;
+  void ReportDamage();
 
   SessionSetup setup_;
   SessionHooks hooks_;
@@ -136,6 +142,7 @@ class Session {
   std::int64_t repeat_from_ = 0;
   std::vector<ScanRecord> to_repeat_;
   const StreamedScans* scans_ = nullptr;  // those being mapped
+  std::size_t damaged_ = 0;               // records of tiles and leaves that were told of
   bool finished_ = false;
   std::vector<FinalPose> tail_;  // poses that are final by Finish() alone
 };

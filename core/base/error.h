@@ -16,6 +16,10 @@ namespace lamina {
 struct InputError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
+// Of a file that is whole, but another program's, or of another version: it must stay as it is.
+struct OtherFormatError : InputError {
+  using InputError::InputError;
+};
 struct OptionError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };

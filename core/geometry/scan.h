@@ -35,6 +35,13 @@ struct Scan {
   std::vector<float> time_s;
 };
 
+// From the earliest to the latest of times that are finite, s; both 0 if none is.
+struct TimeSpan {
+  double low_s = 0.0, high_s = 0.0;
+  double length_s() const { return high_s - low_s; }
+};
+TimeSpan SpanOfTimes(const std::vector<float>& times_s);
+
 struct StampedPose {
   StampNs stamp_ns = 0;
   SE3 T_world_lidar;

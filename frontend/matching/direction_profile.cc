@@ -203,6 +203,29 @@ std::vector<double> DirectionProfile::EdgeLosses(double from_m, double to_m, int
   return losses;
 }
 
+namespace {
+
+// Of a posterior that is narrower than its places are apart: the parabola through the cost of the
+// likeliest one and of those beside it.
+DirectionProfile::Posterior Narrow(const std::vector<double>& places,
+                                   const std::vector<double>& costs) {
+  constexpr double kLeastSigmaM = 5e-4;  // planes of a map are off by as much, however many
+  const double step_m = places[1] - places[0];
+  const auto least = std::min_element(costs.begin(), costs.end());
+  const auto k = std::clamp<std::ptrdiff_t>(least - costs.begin(), 1,
+                                            static_cast<std::ptrdiff_t>(costs.size()) - 2);
+  const double before = costs[static_cast<std::size_t>(k - 1)];
+  const double at = costs[static_cast<std::size_t>(k)];
+  const double after = costs[static_cast<std::size_t>(k + 1)];
+  const double curvature = before - 2.0 * at + after;  // per squared step
+  const double place_m = places[static_cast<std::size_t>(k)];
+  if (!(curvature > 0.0)) return {place_m, step_m};
+  const double off = std::clamp(0.5 * (before - after) / curvature, -1.0, 1.0);
+  return {place_m + step_m * off, std::max(kLeastSigmaM, step_m / std::sqrt(curvature))};
+}
+
+}  // namespace
+
 DirectionProfile::Posterior DirectionProfile::With(double predicted_m,
                                                    double predicted_sigma_m) const {
   constexpr double kStepM = 0.01, kSigmas = 3.0, kBesideM = 0.1, kMostM = 1.0;
@@ -233,7 +256,8 @@ DirectionProfile::Posterior DirectionProfile::With(double predicted_m,
     second += weight * places[i] * places[i];
   }
   const double mean = first / sum;
-  return {mean, std::sqrt(std::max(0.0, second / sum - mean * mean))};
+  const Posterior posterior{mean, std::sqrt(std::max(0.0, second / sum - mean * mean))};
+  return posterior.sigma_m < 0.7 * (places[1] - places[0]) ? Narrow(places, costs) : posterior;
 }
 
 }  // namespace lamina

@@ -45,6 +45,8 @@ class LostTrack {
   SE3 T_first_newest() const { return motion_.T_world_last(); }
   // Body twist at the newest scan, per second: measured from the second scan on.
   Vector6d Twist() const;
+  // Over how many seconds.
+  double TwistOverS() const { return motion_.last_gap_s(); }
   // The newest scans, at most kKept, gathered by voxel, in the LiDAR frame of the newest.
   std::vector<PointCluster> Together() const;
   // That one alone. Not before the first.

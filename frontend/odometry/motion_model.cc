@@ -19,8 +19,12 @@ double Effective(double dt, double decay_s) {
   return kHeldS + decay_s * (1.0 - std::exp(-(dt - kHeldS) / decay_s));
 }
 
+// Of the way or turn over dt. A velocity that was measured over a long gap is known no worse than
+// none at all.
 double Sigma(double acceleration, double start_speed, bool known, double last_gap_s, double dt) {
-  const double speed = known ? 0.5 * acceleration * last_gap_s : start_speed;
+  const double measured = 0.5 * acceleration * last_gap_s;
+  const double at_most = std::max(start_speed, 0.5 * acceleration * kHeldS);
+  const double speed = known ? std::min(measured, at_most) : start_speed;
   return std::hypot(speed * dt, 0.5 * acceleration * dt * dt);
 }
 

@@ -75,6 +75,13 @@ class MotionModel {
   void Correct(const SE3& correction) { T_world_last_ = correction * T_world_last_; }
   // A body velocity, per second, that is known otherwise; how well stays as it is.
   void Assume(const Vector6d& velocity) { velocity_ = velocity; }
+  // The same, where it was measured over so many seconds.
+  void Assume(const Vector6d& velocity, double over_s) {
+    velocity_ = velocity;
+    last_gap_s_ = over_s;
+  }
+  // Seconds over which the velocity was measured.
+  double last_gap_s() const { return last_gap_s_; }
   // The sensor of the first pose moved with this body velocity, per second: known to half of what
   // it gains in a period, as one that was measured from scan to scan.
   void StartMoving(const Vector6d& velocity);

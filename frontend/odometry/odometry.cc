@@ -73,19 +73,29 @@ bool Odometry::Starting(bool map_is_older) const {
   return !lost_ && !map_is_older && !motion_.moving_known();
 }
 
+void Odometry::Attempt::Deskew(const SweepMotion& sweep) {
+  frame.sweep = sweep;
+  DeskewClusters(clusters, sweep, &deskewed);
+}
+
+void Odometry::Attempt::Take(Attempt&& other) {
+  frame = other.frame;
+  deskewed = std::move(other.deskewed);
+}
+
 OdometryFrame Odometry::RegisterDeskewed(StampNs stamp_ns,
                                          const std::vector<TimedCluster>& clusters,
                                          const VoxelMap& map, bool map_is_older, int passes) const {
-  OdometryFrame frame;
-  frame.stamp_ns = stamp_ns;
   const PosePrediction prediction = motion_.Predict(stamp_ns);
+  Attempt attempt{clusters, prediction, map, passes};
+  OdometryFrame& frame = attempt.frame;
+  const std::vector<PointCluster>& deskewed = attempt.deskewed;
+  frame.stamp_ns = stamp_ns;
   frame.T_world_predicted = prediction.T_world_lidar;
-  frame.sweep = motion_.Twist(stamp_ns);
-  std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame.sweep);
+  attempt.Deskew(motion_.Twist(stamp_ns));
   frame.match = passes > 0 ? matcher_.MatchPose(deskewed, prediction, map)
                            : matcher_.Match(deskewed, prediction, map);
-  if (!lost_ && Surprising(frame.match, prediction))
-    SettleSurprise(deskewed, prediction, map, passes, &frame.match);
+  if (!lost_ && Surprising(frame.match, prediction)) SettleSurprise(&attempt);
   PoseHypotheses hypotheses;
   if (options_.search.enabled && (map_is_older || NeedsSearch(frame.match, prediction))) {
     hypotheses = Hypotheses(prediction, map_is_older);
@@ -98,12 +108,10 @@ OdometryFrame Odometry::RegisterDeskewed(StampNs stamp_ns,
     if (passes == 0)
       frame.match = matcher_.Match(deskewed, prediction, frame.match.T_world_lidar, map);
   }
-  MatchDeskewed(clusters, prediction, map, passes, &deskewed, &frame);
-  if (passes > 0 && !lost_ && Surprising(frame.match, prediction))
-    SettleSweepSurprise(clusters, prediction, map, &deskewed, &frame);
+  MatchDeskewed(&attempt);
+  if (passes > 0 && !lost_ && Surprising(frame.match, prediction)) SettleSweepSurprise(&attempt);
   Judge(scan, hypotheses, &frame);
-  if (frame.status == OdometryFrame::Status::kLost && frame.searched)
-    ReturnToPrediction(clusters, prediction, map, passes, &deskewed, &frame);
+  if (frame.status == OdometryFrame::Status::kLost && frame.searched) ReturnToPrediction(&attempt);
   DoubtUnbridged(prediction, deskewed, map, &frame);
   DoubtSurprising(prediction, &frame);
   return frame;
@@ -118,52 +126,42 @@ int Odometry::DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& cl
   return AnyTimed(clusters) && motion_.TellsSweep(stamp_ns) ? options_.deskew_passes : 0;
 }
 
-void Odometry::MatchDeskewed(const std::vector<TimedCluster>& clusters,
-                             const PosePrediction& prediction, const VoxelMap& map, int passes,
-                             std::vector<PointCluster>* deskewed, OdometryFrame* frame) const {
-  const double dt = motion_.Gap(frame->stamp_ns);
-  SweepAcceleration& unsteady = frame->acceleration;
-  const SweepMotion before = frame->sweep;
-  for (int pass = 0; pass < passes; ++pass) {
-    frame->sweep = SweepTo(frame->match.T_world_lidar, Vector6d::Zero(), dt);
-    DeskewClusters(clusters, frame->sweep, deskewed);
+void Odometry::MatchDeskewed(Attempt* attempt) const {
+  OdometryFrame& frame = attempt->frame;
+  const double dt = motion_.Gap(frame.stamp_ns);
+  SweepAcceleration& unsteady = frame.acceleration;
+  const SweepMotion before = frame.sweep;
+  for (int pass = 0; pass < attempt->passes; ++pass) {
+    attempt->Deskew(SweepTo(frame.match.T_world_lidar, Vector6d::Zero(), dt));
     if (motion_.moving_known()) {
-      unsteady = EstimateAcceleration(options_.matcher, *deskewed, clusters, frame->match, map, dt,
-                                      accelerations_.Moment());
-      frame->match.T_world_lidar = Retract(frame->match.T_world_lidar, unsteady.pose_step);
-      frame->sweep = SweepTo(frame->match.T_world_lidar, unsteady.acceleration, dt);
-      DeskewClusters(clusters, frame->sweep, deskewed);
+      unsteady = EstimateAcceleration(options_.matcher, attempt->deskewed, attempt->clusters,
+                                      frame.match, attempt->map, dt, accelerations_.Moment());
+      frame.match.T_world_lidar = Retract(frame.match.T_world_lidar, unsteady.pose_step);
+      attempt->Deskew(SweepTo(frame.match.T_world_lidar, unsteady.acceleration, dt));
     }
-    frame->match = narrow_matcher_.Match(*deskewed, prediction, frame->match.T_world_lidar, map);
+    frame.match = narrow_matcher_.Match(attempt->deskewed, attempt->prediction,
+                                        frame.match.T_world_lidar, attempt->map);
   }
-  if (passes > 0) MatchShaken(clusters, prediction, map, before, deskewed, frame);
-  SettleWeakest(clusters, prediction, map, passes, deskewed, frame);
-  frame->match.covariance += unsteady.pose_covariance;
+  if (attempt->passes > 0) MatchShaken(before, attempt);
+  SettleWeakest(attempt);
+  frame.match.covariance += unsteady.pose_covariance;
 }
 
-void Odometry::MatchShaken(const std::vector<TimedCluster>& clusters,
-                           const PosePrediction& prediction, const VoxelMap& map,
-                           const SweepMotion& before, std::vector<PointCluster>* deskewed,
-                           OdometryFrame* frame) const {
+void Odometry::MatchShaken(const SweepMotion& before, Attempt* attempt) const {
+  OdometryFrame& frame = attempt->frame;
   const bool starting = !motion_.moving_known();
   if (starting && !may_be_shaken_) return;
-  const ShakenScan scan{clusters,
-                        map,
-                        prediction,
-                        motion_.T_world_last(),
-                        motion_.Gap(frame->stamp_ns),
-                        starting,
-                        !last_shake_.isZero()};
-  if (!before.of_scan && !shaken_.Suspected(scan, frame->match)) return;
-  SweepMotion sweep = before.of_scan ? before : frame->sweep;
+  const ShakenScan scan{
+      attempt->clusters,           attempt->map, attempt->prediction,  motion_.T_world_last(),
+      motion_.Gap(frame.stamp_ns), starting,     !last_shake_.isZero()};
+  if (!before.of_scan && !shaken_.Suspected(scan, frame.match)) return;
+  SweepMotion sweep = before.of_scan ? before : frame.sweep;
   Matrix6d pose_covariance;
-  if (!shaken_.Find(scan, deskewed, &frame->match, &sweep, &pose_covariance)) {
-    DeskewClusters(clusters, frame->sweep, deskewed);
-    return;
-  }
-  frame->sweep = sweep;
-  frame->acceleration = SweepAcceleration();
-  frame->acceleration.pose_covariance = pose_covariance;
+  if (!shaken_.Find(scan, &attempt->deskewed, &frame.match, &sweep, &pose_covariance))
+    return attempt->Deskew(frame.sweep);
+  frame.sweep = sweep;
+  frame.acceleration = SweepAcceleration();
+  frame.acceleration.pose_covariance = pose_covariance;
 }
 
 bool Odometry::SeemsShaken(const OdometryFrame& frame) const {
@@ -187,10 +185,12 @@ SweepMotion Odometry::SweepAt(const SE3& T_world_lidar, const OdometryFrame& fra
 void Odometry::Rematch(const std::vector<TimedCluster>& clusters, const VoxelMap& map,
                        OdometryFrame* frame) const {
   const PosePrediction prediction = motion_.Predict(frame->stamp_ns);
-  std::vector<PointCluster> deskewed = DeskewClusters(clusters, frame->sweep);
-  frame->match = matcher_.Match(deskewed, prediction, frame->match.T_world_lidar, map);
-  MatchDeskewed(clusters, prediction, map, DeskewPasses(frame->stamp_ns, clusters), &deskewed,
-                frame);
+  Attempt attempt{clusters, prediction, map, DeskewPasses(frame->stamp_ns, clusters), *frame};
+  attempt.Deskew(frame->sweep);
+  attempt.frame.match =
+      matcher_.Match(attempt.deskewed, prediction, frame->match.T_world_lidar, map);
+  MatchDeskewed(&attempt);
+  *frame = attempt.frame;
   if (frame->match.status == MatchResult::Status::kTooFewMatches) {
     frame->status = OdometryFrame::Status::kLost;
     frame->T_world_lidar = frame->T_world_predicted;

@@ -129,6 +129,7 @@ class Odometry {
   void SetStampsRecorded(bool recorded) { motion_.SetStampsRecorded(recorded); }
   // A body twist of the last frame that is known better than from the way since the frame before.
   void Assume(const Vector6d& twist) { motion_.Assume(twist); }
+  void Assume(const Vector6d& twist, double over_s) { motion_.Assume(twist, over_s); }
   void StartMoving(const Vector6d& twist) { motion_.StartMoving(twist); }
   // Begins anew with poses that are known otherwise: forgets all, then takes one after the other.
   void StartOver();
@@ -162,26 +163,34 @@ class Odometry {
                     OdometryFrame* frame) const;
   // Distance of a match from the prediction in standard deviations of both.
   static double SigmasApart(const PosePrediction& prediction, const MatchResult& match);
-  // What is nearer to a prediction surprises in no case: sensors are jolted.
+  // A match this near to its prediction never surprises: jolts move a sensor as far.
   static constexpr double kLeastSurpriseM = 0.1;
   // Whether a match is farther from the prediction than its uncertainty explains.
   bool Surprising(const MatchResult& match, const PosePrediction& prediction) const;
+  // A scan on its way to a pose.
+  struct Attempt {
+    const std::vector<TimedCluster>& clusters;
+    const PosePrediction& prediction;
+    const VoxelMap& map;
+    int passes = 0;  // with which it is deskewed
+    OdometryFrame frame = {};
+    std::vector<PointCluster> deskewed = {};  // by frame.sweep
+
+    void Deskew(const SweepMotion& sweep);
+    // Of the same scan.
+    void Take(Attempt&& other);
+  };
   // Puts a match near the prediction in the place of such a one if planes say as much for it, and
   // one from another start if they say more.
-  void SettleSurprise(const std::vector<PointCluster>& deskewed, const PosePrediction& prediction,
-                      const VoxelMap& map, int passes, MatchResult* match) const;
+  void SettleSurprise(Attempt* attempt) const;
   // The same once the motion during the scan is known: descends from the prediction with what that
   // motion is besides the way since the last scan. Each match of a shaken scan is deskewed for the
   // pose that the one before it found, and no descent leaves a minimum for which it is deskewed.
-  void SettleSweepSurprise(const std::vector<TimedCluster>& clusters,
-                           const PosePrediction& prediction, const VoxelMap& map,
-                           std::vector<PointCluster>* deskewed, OdometryFrame* frame) const;
+  void SettleSweepSurprise(Attempt* attempt) const;
   // Takes back a search that led to a place that is not believed, and that planes say no more for
   // than for a match near the prediction that is as expected: such as the place where an earlier
   // visit lies in the map, which has drifted since.
-  void ReturnToPrediction(const std::vector<TimedCluster>& clusters,
-                          const PosePrediction& prediction, const VoxelMap& map, int passes,
-                          std::vector<PointCluster>* deskewed, OdometryFrame* frame) const;
+  void ReturnToPrediction(Attempt* attempt) const;
   // Whether a match is farther from the prediction than matching alone may carry it.
   bool Leaps(const MatchResult& match, const PosePrediction& prediction) const;
   // Whether the prediction is as near as matching alone can bridge.
@@ -201,16 +210,12 @@ class Odometry {
   // Whether a match is to be believed. `unique` tells whether a search finds no rival to it.
   bool Believed(const OdometryFrame& frame, const SearchedScan& scan,
                 const std::function<bool()>& unique) const;
-  // Deskews and matches `passes` times with the motion that each match finds, and with how the
-  // sensor accelerated meanwhile (sweep_acceleration.h).
-  void MatchDeskewed(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
-                     const VoxelMap& map, int passes, std::vector<PointCluster>* deskewed,
-                     OdometryFrame* frame) const;
+  // Deskews and matches so often with the motion that each match finds, and with how the sensor
+  // accelerated meanwhile (sweep_acceleration.h).
+  void MatchDeskewed(Attempt* attempt) const;
   // The same for a sensor that is shaken (shaken_sweep.h), where it seems to be. `before`: the
   // motion under which the frame was matched before, if any.
-  void MatchShaken(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
-                   const VoxelMap& map, const SweepMotion& before,
-                   std::vector<PointCluster>* deskewed, OdometryFrame* frame) const;
+  void MatchShaken(const SweepMotion& before, Attempt* attempt) const;
   // The motion during the frame's scan if it was at this pose instead.
   SweepMotion SweepAt(const SE3& T_world_lidar, const OdometryFrame& frame) const;
   // The motion during a scan at this pose, `dt` after the last one, with that acceleration.
@@ -218,9 +223,7 @@ class Odometry {
   // Where few surfaces face the direction that the match knows least, or the blocks that it meets
   // would have it elsewhere (BlockStep): puts the pose where surfaces and the motion before it
   // together have it (direction_profile.h).
-  void SettleWeakest(const std::vector<TimedCluster>& clusters, const PosePrediction& prediction,
-                     const VoxelMap& map, int passes, std::vector<PointCluster>* deskewed,
-                     OdometryFrame* frame) const;
+  void SettleWeakest(Attempt* attempt) const;
   // Where surfaces alone would have a match elsewhere along a direction, and the motion before it
   // holds it where it is: one of the two is wrong, and the match is degenerate there.
   void DoubtContradicted(const DirectionProfile& profile, double settled_m,

@@ -52,16 +52,6 @@ bool ClearlyBetter(const Explanation& ours, const Explanation& theirs,
   return met > 0 && sum > kLeastGain * met && differences.Sigmas() > kLeastSigmas;
 }
 
-// Seconds between the clusters' times.
-double SweepLength(const std::vector<TimedCluster>& timed) {
-  double first = 0.0, last = 0.0;
-  for (const TimedCluster& cluster : timed) {
-    first = std::min(first, cluster.mean_time_s);
-    last = std::max(last, cluster.mean_time_s);
-  }
-  return last - first;
-}
-
 // Normal equations of pose (scaled tangent) and [a; b] (body).
 struct JointEquations {
   Matrix6d H_pose = Matrix6d::Zero();

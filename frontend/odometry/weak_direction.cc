@@ -83,9 +83,9 @@ void Widen(double sigma_m, const Vector6d& direction, MatchResult* match) {
 
 }  // namespace
 
-void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
-                             const PosePrediction& prediction, const VoxelMap& map, int passes,
-                             std::vector<PointCluster>* deskewed, OdometryFrame* frame) const {
+void Odometry::SettleWeakest(Attempt* attempt) const {
+  const PosePrediction& prediction = attempt->prediction;
+  OdometryFrame* const frame = &attempt->frame;
   const double dt = motion_.Gap(frame->stamp_ns);
   const MatchResult& match = frame->match;
   // Things that set off together with the sensor hold it among them as well as those that stand
@@ -107,9 +107,9 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
   const bool expected = motion_.moving_known() && sigma_m < kBesideM;
   if (expected && !divided && match.degenerate == 0 && TurnsNearby(v)) return;
   const std::vector<PointCluster> some =
-      setting_off ? Thinned(*deskewed, kEnoughClusters) : std::vector<PointCluster>();
-  const DirectionProfile profile(setting_off ? some : *deskewed, map, match.T_world_lidar, v,
-                                 options_.matcher.noise_floor_m);
+      setting_off ? Thinned(attempt->deskewed, kEnoughClusters) : std::vector<PointCluster>();
+  const DirectionProfile profile(setting_off ? some : attempt->deskewed, attempt->map,
+                                 match.T_world_lidar, v, options_.matcher.noise_floor_m);
   if (!setting_off && !divided && profile.Blocks() > kManyBlocks) return;
   // Where the last pose was uncertain, so is the map that its scan made, and a profile against that
   // map cannot correct this pose.
@@ -124,11 +124,9 @@ void Odometry::SettleWeakest(const std::vector<TimedCluster>& clusters,
       std::abs(posterior.mean_m) <= std::max(doubtful_m, kElsewhereSigmas * posterior.sigma_m))
     return;
   const SE3 T = profile.At(posterior.mean_m);
-  if (passes > 0) {
-    frame->sweep = SweepAt(T, *frame);
-    DeskewClusters(clusters, frame->sweep, deskewed);
-  }
-  frame->match = matcher_.MatchKnown(*deskewed, T, {v, posterior.sigma_m}, prediction, map);
+  if (attempt->passes > 0) attempt->Deskew(SweepAt(T, *frame));
+  frame->match =
+      matcher_.MatchKnown(attempt->deskewed, T, {v, posterior.sigma_m}, prediction, attempt->map);
   DoubtContradicted(profile, posterior.mean_m, v, frame);
   // The rest of what is known there is the planes'.
   const double known = 1.0 / (posterior.sigma_m * posterior.sigma_m);

@@ -291,6 +291,12 @@ StampNs CentreTimes(std::vector<TimedCluster>* clusters) {
   return middle_ns;
 }
 
+double SweepLength(const std::vector<TimedCluster>& clusters) {
+  if (clusters.empty()) return 0.0;
+  const auto [first_s, last_s] = SpanOf(clusters);
+  return last_s - first_s;
+}
+
 bool AnyTimed(const std::vector<TimedCluster>& clusters) {
   return std::any_of(clusters.begin(), clusters.end(),
                      [](const TimedCluster& c) { return c.Timed(); });

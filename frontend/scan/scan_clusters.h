@@ -45,6 +45,9 @@ void DeskewClusters(const std::vector<TimedCluster>& clusters, const SweepMotion
 // instant from which they counted; 0 if there are no clusters.
 StampNs CentreTimes(std::vector<TimedCluster>* clusters);
 
+// Seconds between the first cluster's time and the last one's; 0 if there are none.
+double SweepLength(const std::vector<TimedCluster>& clusters);
+
 // Whether any cluster was measured at another instant than the stamp.
 bool AnyTimed(const std::vector<TimedCluster>& clusters);
 

@@ -252,6 +252,15 @@ PreparedScan PrepareScan(const Scan& scan, const ScanPreparationOptions& options
   return result;
 }
 
+std::optional<double> TimeBetween(const std::vector<StampNs>& stamps) {
+  std::vector<double> gaps_s;
+  for (std::size_t k = 1; k < stamps.size(); ++k) {
+    if (stamps[k] > stamps[k - 1]) gaps_s.push_back(SecondsBetween(stamps[k - 1], stamps[k]));
+  }
+  if (gaps_s.empty()) return std::nullopt;
+  return UpperMedian(&gaps_s);
+}
+
 double SweepPeriod(const std::vector<StampNs>& stamps_up_to_i, double fallback_s) {
   constexpr size_t kMost = 9;
   std::vector<double> periods;

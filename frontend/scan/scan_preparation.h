@@ -7,6 +7,7 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 #include "core/geometry/scan.h"
@@ -69,6 +70,9 @@ struct PreparedScan {
 // after all that is done in that of the sensor.
 PreparedScan PrepareScan(const Scan& scan, const ScanPreparationOptions& options,
                          double sweep_period_s, const SE3& T_vehicle_lidar = SE3());
+
+// The median time between scans, however long; nothing if the stamps do not tell.
+std::optional<double> TimeBetween(const std::vector<StampNs>& stamps);
 
 // The period that PrepareScan wants for scan i: the median of the last (up to 9) positive
 // differences of the stamps up to i, or `fallback_s` where there is none, or where it is longer

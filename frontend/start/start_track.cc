@@ -41,7 +41,7 @@ StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& ma
 }
 
 void StartTrack::Clear() {
-  open_ = overruled_ = told_ = told_by_all_ = unsure_ = doubted_ = given_up_ = false;
+  open_ = overruled_ = unrivalled_ = told_by_all_ = way_open_ = refuted_ = given_up_ = false;
   sparse_ = shaken_ = false;
   stamps_recorded_ = true;
   scans_.clear();
@@ -63,7 +63,7 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
   if (scans_.size() == 2) sparse_ = ToldByBeams(frame.match);
   if (frame.sweep.of_scan) Shake(scans_.size() - 1, frame.sweep);
   all_tracked_ = all_tracked_ && frame.status == OdometryFrame::Status::kTracked;
-  if (told_) return Trust();
+  if (unrivalled_) return Trust();
   if (frame.open_m > std::max(open_m_, open_sigma_m_)) {
     open_m_ = frame.open_m;
     open_along_ = frame.match.weakest_direction.tail<3>();
@@ -71,7 +71,7 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
   if (frame.match.worst_sigma_m > open_sigma_m_) ++without_planes_;
   // A turn that is open is none of a steady way.
   constexpr double kMostlyWay = 0.7;
-  unsure_ = open_along_.norm() > kMostlyWay;
+  way_open_ = open_along_.norm() > kMostlyWay;
   if (shaken_ && !sparse_) {
     // Shaking parts steps from a steady way, and what looks shaken may be a match drawn aside: only
     // the steady motion of all scans together tells the way.
@@ -228,7 +228,7 @@ void StartTrack::Begin(const OdometryFrame& frame) {
   for (const SE3& minimum : Minima(clusters, T, map, u_.dot(T_first.t - T.t), reach_m)) {
     if ((minimum.t - T.t).norm() > kSameM) starts.push_back(minimum);
   }
-  if (starts.size() == 1 && !unsure_) return;
+  if (starts.size() == 1 && !way_open_) return;
   for (const SE3& start : starts) {
     Hypothesis hypothesis;
     hypothesis.poses = {T_first, start};
@@ -327,29 +327,29 @@ void StartTrack::Decide() {
       return;
     }
   }
-  if (unsure_ && many) {
-    if (TakeSteady(&doubted_)) return;
-    if (doubted_ && last) return GiveUp();
-    if (doubted_) return;
+  if (way_open_ && many) {
+    if (TakeSteady()) return;
+    if (refuted_ && last) return GiveUp();
+    if (refuted_) return;
   }
   // Where planes leave the way open by themselves, as in a tunnel, poses are called degenerate, and
   // another start would be no better.
-  if (unsure_ && last && 2 * without_planes_ >= scans_.size()) return Clear();
-  if (unsure_ && last && SettingOff(OwnPoses())) return CheckSettingOff(OwnPoses());
+  if (way_open_ && last && 2 * without_planes_ >= scans_.size()) return Clear();
+  if (way_open_ && last && SettingOff(OwnPoses())) return CheckSettingOff(OwnPoses());
   if (hypotheses_.empty()) {
     // Steps that no clock tells may be uneven, and then no steady motion explains them.
-    if (unsure_ && last) return stamps_recorded_ ? GiveUp() : Clear();
-    if (!unsure_) Trust();
+    if (way_open_ && last) return stamps_recorded_ ? GiveUp() : Clear();
+    if (!way_open_) Trust();
     return;
   }
   Rank();
   const Hypothesis& best = hypotheses_.front();
   // Nor does a hypothesis that agrees with odometry explain what speaks against that.
-  if (!last && doubted_ && Apart(best.poses, OwnPoses()) <= kAgreesM) return;
+  if (!last && refuted_ && Apart(best.poses, OwnPoses()) <= kAgreesM) return;
   // What sets off together is as steady as what stands, and two of them part late.
-  if (!last && SettingOff(best.poses) && (unsure_ || !SameWay(best.poses, OwnPoses()))) return;
-  const bool told = !unsure_ || (all_tracked_ && Steady(best.poses));
-  const bool alone = hypotheses_.size() == 1 && (!unsure_ || scans_.size() >= kManyScans);
+  if (!last && SettingOff(best.poses) && (way_open_ || !SameWay(best.poses, OwnPoses()))) return;
+  const bool told = !way_open_ || (all_tracked_ && Steady(best.poses));
+  const bool alone = hypotheses_.size() == 1 && (!way_open_ || scans_.size() >= kManyScans);
   if (!last && !(told && alone)) return;
   if (!told) return GiveUp();
   // Of several that are left at the end one that is likely better is followed.
@@ -390,12 +390,12 @@ void StartTrack::GiveUp() {
 bool StartTrack::unsettled() const {
   constexpr double kOpenM = 0.1;
   if (!open_) return false;
-  if (doubted_) return true;
+  if (refuted_) return true;
   const std::vector<SE3> own = OwnPoses();
   // All scans are asked which of the two it is, but not yet.
   const bool as_best = hypotheses_.empty() || SameWay(hypotheses_.front().poses, own);
   if (!as_best && scans_.size() > 2 && SettingOff(hypotheses_.front().poses)) return true;
-  return unsure_ && open_m_ > kOpenM && !(all_tracked_ && Steady(own));
+  return way_open_ && open_m_ > kOpenM && !(all_tracked_ && Steady(own));
 }
 
 Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
@@ -409,9 +409,9 @@ Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
 }
 
 void StartTrack::Archive(StateArchive& a) {
-  a(&open_, &overruled_, &told_, &unsure_, &all_tracked_, &open_m_, &open_along_, &scans_,
-    &hypotheses_, &without_planes_, &u_, &follows_, &again_, &doubted_, &sparse_, &shaken_,
-    &stamps_recorded_);
+  a(&open_, &overruled_, &unrivalled_, &way_open_, &all_tracked_, &open_m_, &open_along_, &scans_,
+    &hypotheses_, &without_planes_, &u_, &after_others_, &after_given_up_, &refuted_, &sparse_,
+    &shaken_, &stamps_recorded_);
   if (!scans_.empty()) steady_.max_speed_m_s = MaxSpeedMS();
 }
 

@@ -96,17 +96,17 @@ class StartTrack {
   // Whether the next scan is wanted: from the first one on, until one hypothesis is left or taken.
   bool open() const { return open_; }
   // Whether there is more than one hypothesis, or the way is open.
-  bool contested() const { return open_ && (unsure_ || !hypotheses_.empty()); }
+  bool contested() const { return open_ && (way_open_ || !hypotheses_.empty()); }
 
   // Before the first scan: these follow others whose map they were lost to, or whose start was
   // given up.
   void FollowPiece(bool given_up) {
-    follows_ = true;
-    again_ = given_up;
+    after_others_ = true;
+    after_given_up_ = given_up;
   }
   // Whether they follow such ones, and nothing tells yet that odometry does better with them: the
   // sensor may be in motion, and what moves along hides that.
-  bool unproven() const { return open_ && follows_; }
+  bool unproven() const { return open_ && after_others_; }
 
   // The next scan, and what odometry made of it. The first has no match. The second gives the
   // hypotheses about its match; scans that are far apart in time, or made-up stamps, give none.
@@ -256,7 +256,7 @@ class StartTrack {
   // points wrongly, from no turn at all. False if it is no sharper than as odometry has them, or
   // says too little; `doubted`: what odometry has is none of the ways they may have gone, or
   // another one is likelier, perhaps not known well enough yet.
-  bool TakeSteady(bool* doubted);
+  bool TakeSteady();
   // Closes with these poses, brought to the map of all others each, and the twists of `steady`.
   // Scans that find themselves far from it settle in rounds. False, and nothing changes, if one of
   // them meets too little, or if they come to lie on no way that a sensor takes.
@@ -343,16 +343,16 @@ class StartTrack {
   double open_sigma_m_;
   SteadyMotionOptions steady_;
   bool open_ = true, overruled_ = false;
-  bool told_ = false;         // of several ways odometry's is left
-  bool told_by_all_ = false;  // not archived: who asks does so at once
-  bool given_up_ = false;     // not archived: who asks does so at once
-  bool follows_ = false;      // after others, and no way is told
-  bool again_ = false;        // after a start that was given up
-  std::vector<Scan> scans_;   // poses and motions: once closed
+  bool unrivalled_ = false;      // of several ways odometry's is left
+  bool told_by_all_ = false;     // not archived: who asks does so at once
+  bool given_up_ = false;        // not archived: who asks does so at once
+  bool after_others_ = false;    // after others, and no way is told
+  bool after_given_up_ = false;  // after a start that was given up
+  std::vector<Scan> scans_;      // poses and motions: once closed
   std::vector<Hypothesis> hypotheses_;
   // Whether a match left the way open, whether all scans so far were tracked, and whether many of
   // them together speak against odometry's way: then only all may tell another.
-  bool unsure_ = false, all_tracked_ = true, doubted_ = false;
+  bool way_open_ = false, all_tracked_ = true, refuted_ = false;
   bool stamps_recorded_ = true;  // stamps are recorded
   bool sparse_ = false;          // ToldByBeams
   bool shaken_ = false;          // some scan looked so

@@ -17,15 +17,15 @@ double StepM(const std::vector<SE3>& poses, std::size_t k) {
 }  // namespace
 
 void StartTrack::Trust() {
-  told_ = true;
-  unsure_ = false;
+  unrivalled_ = true;
+  way_open_ = false;
   hypotheses_.clear();
   const std::vector<SE3> own = OwnPoses();
   const bool setting_off = SettingOff(own);
   // Steps that no clock tells may be uneven: of these only one that stands is steady.
-  const bool steady = setting_off || (stamps_recorded_ && (doubted_ || Slow(own)));
+  const bool steady = setting_off || (stamps_recorded_ && (refuted_ || Slow(own)));
   if (!all_tracked_ || !steady) return Clear();
-  if (!setting_off) follows_ = false;
+  if (!setting_off) after_others_ = false;
   const bool last = scans_.size() >= kMostScans;
   if (last && setting_off) return CheckSettingOff(own);
   const bool asked = last || scans_.size() == kFewScans || scans_.size() == kManyScans;
@@ -53,9 +53,9 @@ StartTrack::SteadyAlong StartTrack::FindAhead(const std::vector<SE3>& from, doub
 void StartTrack::CheckGoingAlong(const std::vector<SE3>& own, bool last) {
   const SteadyAlong fine = FindAhead(own, steady_.noise_m);
   // The rough search costs as much: it is made only where the fine one refutes.
-  doubted_ = fine.told && fine.refutes && Refute(fine, FindAhead(own, kRoughM));
+  refuted_ = fine.told && fine.refutes && Refute(fine, FindAhead(own, kRoughM));
   if (!last) return;
-  if (!doubted_) return Clear();
+  if (!refuted_) return Clear();
   if (!TakeSettled(fine.poses, fine.poses, fine.along)) GiveUp();
 }
 
@@ -69,7 +69,7 @@ void StartTrack::CheckBest() {
   if (!speaks_against(fine)) return TakeBest();
   const SteadyAlong rough = FindAhead(poses, kRoughM);
   if (!speaks_against(rough)) return TakeBest();
-  doubted_ = true;
+  refuted_ = true;
   if (scans_.size() < kMostScans) return;
   if (!Refute(fine, rough) || !TakeSettled(fine.poses, fine.poses, fine.along)) GiveUp();
 }
@@ -108,14 +108,14 @@ void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
       return;
     }
     // It may as well have set off with all that holds it, which is then seen from a moving sensor.
-    return stands && !again_ && fine.open_speed_m_s > kKnownMS ? GiveUp() : Clear();
+    return stands && !after_given_up_ && fine.open_speed_m_s > kKnownMS ? GiveUp() : Clear();
   }
   if (rough.apart_m <= kAgreesM && (fine.apart_m <= kAgreesM || !fine.refutes)) {
     if (SameWay(poses, own)) return Clear();
     return TakeBest();
   }
   if (Refute(fine, rough) && TakeSettled(fine.poses, fine.poses, fine.along)) return;
-  if (again_ && stands) return Clear();
+  if (after_given_up_ && stands) return Clear();
   GiveUp();
 }
 

@@ -184,24 +184,24 @@ bool StartTrack::TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& ste
   return true;
 }
 
-bool StartTrack::TakeSteady(bool* doubted) {
+bool StartTrack::TakeSteady() {
   const Eigen::Vector3d open = open_along_.normalized();
   const std::vector<SE3> own = OwnPoses();
   const Eigen::Vector3d up = own.back().q * Eigen::Vector3d::UnitZ();
   const SteadyWay way = FindSteady(own, {LeastAcross(Faced(own, own.size()), up), open});
-  *doubted = way.refuted || way.doubted;
+  refuted_ = way.refuted || way.doubted;
   const bool settled = !way.moved && !way.doubted && way.ahead_known && way.known == open;
   std::vector<SE3> straight;
   const bool is_straight = !settled && FindStraight(way.poses, &straight);
   const std::vector<SE3>& poses = is_straight ? straight : way.poses;
   if (!(is_straight || settled || way.moved) || !Parted(poses)) return false;
   if (scans_.size() < kMostScans && !is_straight && OpenM(way) > kAgreesM) {
-    *doubted = true;  // more scans tell it better
+    refuted_ = true;  // more scans tell it better
     return false;
   }
   // A motion that its scans do not settle on is none to go by, and others are no better.
   const bool taken = TakeSettled(poses, is_straight ? straight : way.moving, open);
-  *doubted = *doubted || !taken;
+  refuted_ = refuted_ || !taken;
   return taken;
 }
 

@@ -79,8 +79,8 @@ SectionReader::SectionReader(const std::string& path, const SectionFileKind& kin
   if (magic != kind.magic)
     throw InputError(fmt::format("{}: is not {} of Lamina", path, kind.name));
   if (version != kind.version) {
-    throw InputError(fmt::format("{}: is of version {}, this program reads version {}", path,
-                                 version, kind.version));
+    throw OtherFormatError(fmt::format("{}: is of version {}, this program reads version {}", path,
+                                       version, kind.version));
   }
 }
 

@@ -37,8 +37,8 @@ class SectionWriter {
   std::uint64_t sections_ = 0, bytes_ = 0;
 };
 
-// Not thread-safe. Throws InputError, naming the file, if it cannot be read, is of another kind or
-// version, is damaged, or ends too early.
+// Not thread-safe. Throws InputError, naming the file, if it cannot be read, is of another kind, is
+// damaged, or ends too early; OtherFormatError if it is of another version.
 class SectionReader {
  public:
   SectionReader(const std::string& path, const SectionFileKind& kind);

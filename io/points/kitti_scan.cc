@@ -2,6 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <vector>
 
 #include "core/base/error.h"
@@ -18,19 +21,49 @@ Scan WithPoints(Scan scan, const std::string& path) {
   return scan;
 }
 
+struct RingPoint {
+  ScanPoint point;
+  float ring = 0.0F;
+};
+static_assert(sizeof(RingPoint) == 20, "must match the layout of nuScenes .bin files");
+
+// Whether every fifth number of the first points is that of a ring. In records of four it is now a
+// coordinate and now an intensity.
+bool HasRings(const std::string& path, std::uint64_t bytes) {
+  if (bytes == 0 || bytes % sizeof(RingPoint) != 0) return false;
+  constexpr std::uint64_t kEnough = 1024;
+  constexpr float kMostRings = 256.0F;
+  std::vector<RingPoint> first(std::min(kEnough, bytes / sizeof(RingPoint)));
+  InputFile(path).Read(first.data(), first.size() * sizeof(RingPoint));
+  return std::all_of(first.begin(), first.end(), [](const RingPoint& p) {
+    return p.ring >= 0.0F && p.ring < kMostRings && p.ring == std::floor(p.ring);
+  });
+}
+
 }  // namespace
 
 Scan ReadKittiBin(const std::string& path, PointTimeUnit /*unit*/, PointTimeField* /*times*/) {
   InputFile file(path);
-  if (file.size() % sizeof(ScanPoint) != 0) {
+  const bool plain = file.size() % sizeof(ScanPoint) == 0;
+  if (!plain && file.size() % sizeof(RingPoint) != 0) {
     throw InputError(
         fmt::format("{}: has {} bytes, must be a multiple of 16 (x y z intensity, "
-                    "float32)",
+                    "float32), or of 20 (and the ring)",
                     path, file.size()));
   }
+  constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 31;
+  if (file.size() > kMostBytes)
+    throw InputError(fmt::format("{}: has {} bytes, more than 2 GB", path, file.size()));
   Scan scan;
-  scan.points.resize(file.size() / sizeof(ScanPoint));
-  file.Read(scan.points.data(), file.size());
+  if (!plain || HasRings(path, file.size())) {
+    std::vector<RingPoint> points(file.size() / sizeof(RingPoint));
+    file.Read(points.data(), file.size());
+    scan.points.reserve(points.size());
+    for (const RingPoint& p : points) scan.points.push_back(p.point);
+  } else {
+    scan.points.resize(file.size() / sizeof(ScanPoint));
+    file.Read(scan.points.data(), file.size());
+  }
   return WithPoints(std::move(scan), path);
 }
 

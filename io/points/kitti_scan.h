@@ -1,4 +1,5 @@
-// Points as the KITTI data sets write them: four numbers each, x y z intensity, without times.
+// Points as the KITTI data sets write them, four numbers each, x y z intensity, without times; and
+// as nuScenes does, with the number of the ring as a fifth.
 //
 // Private to io/points.
 #pragma once
@@ -10,9 +11,10 @@
 
 namespace lamina {
 
-// `.bin`: float32, little-endian, no header. `.txt`: a line for each point. Unit and times, which
-// every reader of points takes, have no meaning here. Throw InputError naming file and, for text,
-// line; also for a file of no points.
+// `.bin`: float32, little-endian, no header: a record has five numbers where its length allows it
+// and every fifth number is a whole one below 256. `.txt`: a line for each point. Unit and times,
+// which every reader of points takes, have no meaning here. Throw InputError naming file and, for
+// text, line; also for a file of no points.
 Scan ReadKittiBin(const std::string& path, PointTimeUnit unit, PointTimeField* times);
 Scan ReadKittiText(const std::string& path, PointTimeUnit unit, PointTimeField* times);
 

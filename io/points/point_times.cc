@@ -24,7 +24,7 @@ static_assert(std::numeric_limits<RawTime>::digits >= 64, "stamps in ns need 64 
 
 constexpr std::array<RawTime, 4> kNsPerUnit = {1e9L, 1e6L, 1e3L, 1.0L};  // from kSeconds on
 constexpr RawTime kNsPerS = 1e9L;
-constexpr RawTime kOffsetLimitNs = 60.0L * kNsPerS;
+constexpr RawTime kOffsetLimitNs = 1.0L * kNsPerS;
 
 // Of the finite values; low > high if there is none.
 struct Range {

@@ -26,9 +26,9 @@ struct PointTimes {
 // nearest to 0.1 s in ratio. A span of 0.1 s is 0.1, 100, 1e5 or 1e8, so real scans are clear;
 // where no unit fits, InputError asks for the option.
 //
-// Clock: times all within 60 s of zero are offsets from the file's stamp and stay as they are. Any
-// others (Unix epoch, time since boot, GPS time of week) are readings of a clock: stamp_ns is the
-// earliest, and time_s counts from there.
+// Clock: times that come within 1 s of zero are offsets from the file's stamp and stay as they are.
+// Any others (Unix epoch, time since boot, GPS time of week) are readings of a clock: stamp_ns is
+// the earliest, and time_s counts from there.
 //
 // The field tells nothing if all its values are the same (drivers write zeros; the stamp of a clock
 // is kept) or if it is float32 too coarse for its span (epoch seconds in a float32 step by 128 s).

@@ -71,18 +71,55 @@ struct CountedName {
   std::string_view before, number, behind;
 };
 
-CountedName SplitAtLastNumber(std::string_view name) {
-  const std::size_t dot = std::min(name.rfind('.'), name.size());
-  std::size_t end = dot;
+// The last one of the first `size` characters.
+CountedName SplitAtLastNumber(std::string_view name, std::size_t size) {
+  std::size_t end = size;
   while (end > 0 && !IsDigit(name[end - 1])) --end;
   std::size_t begin = end;
   while (begin > 0 && IsDigit(name[begin - 1])) --begin;
   return {name.substr(0, begin), name.substr(begin, end - begin), name.substr(end)};
 }
 
+// 2024010112 is a day and an hour rather than a second of 2034.
+bool IsDateAndHour(std::string_view digits) {
+  if (digits.size() != 10 || digits.substr(0, 2) != "20") return false;
+  const auto within = [&](std::size_t at, int least, int most) {
+    const int value = std::atoi(std::string(digits.substr(at, 2)).c_str());
+    return value >= least && value <= most;
+  };
+  return within(4, 1, 12) && within(6, 1, 31) && within(8, 0, 23);
+}
+
+// The stamp at the end of a name that says more: `cloud_1700000000123456789`, and seconds and
+// nanoseconds as in `cloud_1700000000_123456789`.
+NameStamp StampAtEnd(std::string_view stem) {
+  enum Form : std::int64_t { kWhole = 10, kSeconds = -2, kSecondsAndNs = -3 };
+  constexpr double kLeastS = 1e9, kMostS = 3e9;
+  const CountedName last = SplitAtLastNumber(stem, stem.size());
+  std::int64_t number = 0, seconds = 0;
+  if (!last.behind.empty() || !ParseWhole(last.number, &number)) return {};
+  if (const std::int64_t ns_per_unit = EpochNsPerUnit(number); ns_per_unit != 0)
+    return {number * ns_per_unit, kWhole + ns_per_unit};
+  const char separator = last.before.empty() ? ' ' : last.before.back();
+  if (separator != '.' && separator != '_' && separator != '-') return {};
+  const CountedName first = SplitAtLastNumber(last.before, last.before.size() - 1);
+  if (first.behind.size() != 1 || !ParseWhole(first.number, &seconds)) return {};
+  const auto s = static_cast<double>(seconds);
+  if (s < kLeastS || s > kMostS || last.number.size() > 9 || IsDateAndHour(first.number)) return {};
+  NameStamp stamp;
+  if (separator != '.') return {seconds * 1'000'000'000 + number, kSecondsAndNs};
+  const std::string decimal = std::string(first.number) + "." + std::string(last.number);
+  return ParseSecondsNs(decimal, &stamp.stamp_ns) ? NameStamp{stamp.stamp_ns, kSeconds} : stamp;
+}
+
 }  // namespace
 
-NameStamp StampFromName(const std::string& stem) {
+NameStamp StampFromName(const std::string& name) {
+  // Of cloud.pcd.bin.
+  constexpr std::string_view kInner = ".pcd";
+  const bool inner = name.size() > kInner.size() &&
+                     name.compare(name.size() - kInner.size(), kInner.size(), kInner) == 0;
+  const std::string stem = inner ? name.substr(0, name.size() - kInner.size()) : name;
   if (const std::optional<std::int64_t> whole = NumberFromName(stem)) {
     const std::int64_t ns_per_unit = EpochNsPerUnit(*whole);
     return {*whole * ns_per_unit, ns_per_unit};
@@ -90,8 +127,11 @@ NameStamp StampFromName(const std::string& stem) {
   const bool decimal =
       std::all_of(stem.begin(), stem.end(), [](char c) { return IsDigit(c) || c == '.'; });
   NameStamp stamp;
-  if (decimal && ParseSecondsNs(stem, &stamp.stamp_ns)) stamp.form = -1;
-  return stamp;
+  if (decimal && ParseSecondsNs(stem, &stamp.stamp_ns)) {
+    stamp.form = -1;
+    return stamp;
+  }
+  return StampAtEnd(stem);
 }
 
 std::optional<std::int64_t> NumberFromName(const std::string& stem) {
@@ -100,7 +140,10 @@ std::optional<std::int64_t> NumberFromName(const std::string& stem) {
 }
 
 bool IsNextName(std::string_view a, std::string_view b) {
-  const CountedName m = SplitAtLastNumber(a), n = SplitAtLastNumber(b);
+  const auto split = [](std::string_view name) {
+    return SplitAtLastNumber(name, std::min(name.rfind('.'), name.size()));
+  };
+  const CountedName m = split(a), n = split(b);
   std::int64_t from = 0, to = 0;
   return m.before == n.before && m.behind == n.behind && ParseWhole(m.number, &from) &&
          ParseWhole(n.number, &to) && to - 1 == from;

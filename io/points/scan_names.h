@@ -17,7 +17,7 @@ struct NameStamp {
   StampNs stamp_ns = 0;
   std::int64_t form = 0;
 };
-NameStamp StampFromName(const std::string& stem);
+NameStamp StampFromName(const std::string& name);
 
 // The whole number that a name (without ending) is.
 std::optional<std::int64_t> NumberFromName(const std::string& stem);
@@ -28,7 +28,8 @@ bool IsNextName(std::string_view a, std::string_view b);
 
 // Stamps out of the file names (without ending), or nothing unless every name is one, all in the
 // same form: whole nanoseconds, microseconds or milliseconds since the Unix epoch, told apart by
-// their size (years 1973 to 2286), or seconds with a decimal point. Plain counters are no stamps.
+// their size (years 1973 to 2286), or seconds with a decimal point; or ends with such a number, or
+// with seconds and nanoseconds apart (cloud_1700000000_123456789). Plain counters are no stamps.
 std::vector<StampNs> StampsFromNames(const std::vector<std::filesystem::path>& files);
 
 // One line of a stamp file, see ReadStamps. False if it is no stamp.

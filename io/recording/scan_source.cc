@@ -32,6 +32,8 @@ namespace fs = std::filesystem;
 // Stamps of the recording and of the points that are further apart come from different clocks.
 constexpr double kSameClockNs = 10e9;
 
+// A sweep cannot be longer than the time between two by as much.
+constexpr double kLongerThanPeriod = 1.5;
 constexpr StampNs kUnreadable = std::numeric_limits<StampNs>::min();
 
 std::string DescribeFoldersBelow(const fs::path& folder) {
@@ -137,9 +139,12 @@ class FileScanSource final : public ScanSource {
   // read, the stamp is just behind that of the one before.
   void FindStampsInPoints() {
     constexpr std::size_t kTries = 5;
-    const auto clock_of = [this](std::size_t i) -> StampNs {
+    double sweep_s = 0.0;
+    const auto clock_of = [this, &sweep_s](std::size_t i) -> StampNs {
       try {
-        return ReadScanFile(files_[i].string(), options_.point_time_unit).stamp_ns;
+        const Scan scan = ReadScanFile(files_[i].string(), options_.point_time_unit);
+        if (i == 0) sweep_s = SpanOfTimes(scan.time_s).length_s();
+        return scan.stamp_ns;
       } catch (const InputError&) {
         return kUnreadable;
       }
@@ -147,6 +152,13 @@ class FileScanSource final : public ScanSource {
     StampNs first = kUnreadable;
     for (std::size_t i = 0; i < std::min(kTries, files_.size()) && first == kUnreadable; ++i) {
       first = clock_of(i);
+    }
+    if (first == 0 && sweep_s > kLongerThanPeriod * options_.frame_period_s) {
+      described_.doubts.push_back(fmt::format(
+          "the times of a scan's points span {:.3g} s, more than stamps are made up apart: the "
+          "sensor's period is wanted (scans.frame_period_s={:.2g}), without it the trajectory's "
+          "times are wrong",
+          sweep_s, sweep_s));
     }
     if (first == kUnreadable || first == 0) return;
     std::vector<StampNs> clocks(files_.size());
@@ -283,10 +295,29 @@ StampNs MadeUpStamp(std::size_t i, const ScanSourceOptions& options) {
   return std::llround(static_cast<double>(i) * options.frame_period_s * 1e9);
 }
 
+namespace {
+
+// Times by stamps that are made up tell where in its sweep a point was measured, and no more. Those
+// that lie beyond a sweep from the stamp are readings of a clock that began with the recording, and
+// count from the earliest. A sweep that is longer than stamps are apart is taken to last that long.
+void FitMadeUpStamp(double period_s, Scan* scan) {
+  const TimeSpan span = SpanOfTimes(scan->time_s);
+  const double length_s = span.length_s();
+  constexpr double kBeyond = 0.9;
+  const bool beyond = std::max(span.low_s, -span.high_s) > kBeyond * length_s;
+  const bool longer = length_s > kLongerThanPeriod * period_s;
+  if (!beyond && !longer) return;
+  const double scale = longer ? period_s / length_s : 1.0, origin_s = beyond ? span.low_s : 0.0;
+  for (float& t : scan->time_s) t = static_cast<float>(scale * (static_cast<double>(t) - origin_s));
+}
+
+}  // namespace
+
 Scan ReadStampedScan(const std::string& path, StampNs stamp_ns, bool recorded_stamp,
                      const ScanSourceOptions& options) {
   Scan scan = ReadScanFile(path, options.point_time_unit);
   GiveStamp(stamp_ns, recorded_stamp, &scan);
+  if (!recorded_stamp) FitMadeUpStamp(options.frame_period_s, &scan);
   return scan;
 }
 

@@ -17,10 +17,11 @@
 //
 // Stamps come from times.txt / timestamps.txt where there is one (a line each scan; further lines
 // are fine), else from file names that are whole numbers of nanoseconds, microseconds or
-// milliseconds since the Unix epoch, or seconds with a decimal point; else from a times.txt or
-// timestamps.txt in the folder above that has a line for each scan; else from the points, if their
-// times are readings of a clock (the earliest of a scan is its stamp); else from `frame_period_s`.
-// Scans with stamps of their own, by name or by points, are in the order of these.
+// milliseconds since the Unix epoch, or seconds with a decimal point, or end with these; else from
+// a times.txt or timestamps.txt in the folder above that has a line for each scan; else from the
+// points, if their times are readings of a clock (the earliest of a scan is its stamp); else from
+// `frame_period_s`. Scans with stamps of their own, by name or by points, are in the order of
+// these.
 //
 // PATH may as well be a container of messages (io/container/message_container.h): a ROS 1 bag, an
 // MCAP file, a ROS 2 bag or a file of one. Its scans are the messages of one topic, in the order in

@@ -67,10 +67,12 @@ bool ByteFile::Read(const StoredBytes& place, char* to) const {
     const ssize_t more =
         pread(file_, to + got, place.size - got, static_cast<off_t>(place.at + got));
     if (more < 0 && errno == EINTR) continue;
-    if (more <= 0) return false;
+    if (more <= 0) break;
     got += static_cast<std::uint64_t>(more);
   }
-  return Crc32({to, place.size}) == place.checksum;
+  const bool whole = got == place.size && Crc32({to, place.size}) == place.checksum;
+  if (!whole) ++damaged_;
+  return whole;
 }
 
 void ByteFile::RollBackTo(std::uint64_t size) {

@@ -3,6 +3,7 @@
 // Damage is found by the CRC-32 of what was appended.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -31,6 +32,9 @@ class ByteFile final : public ByteStore {
   // places stay.
   void KeepOnly(const std::vector<StoredBytes>& places) override;
 
+  // Reads so far that found damage. By any thread.
+  std::size_t damaged() const { return damaged_; }
+
   // Makes durable what was appended before. By any thread, beside Append.
   void SyncToDisk() const;
 
@@ -41,6 +45,7 @@ class ByteFile final : public ByteStore {
   const Lifetime lifetime_;
   int file_ = -1;
   std::uint64_t size_ = 0;
+  mutable std::atomic<std::size_t> damaged_{0};
 };
 
 }  // namespace lamina

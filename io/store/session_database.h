@@ -39,10 +39,9 @@ struct SessionPose {
   bool given_up = false;  // ScanRecord::GiveUp
 };
 
-// Of a file that is whole, but another program's, or of another version: it must stay as it is.
-struct OtherFormatError : InputError {
-  using InputError::InputError;
-};
+// A line of SessionDatabase::Meta: how many scans have files that were moved or deleted, as nothing
+// needs them any more.
+inline constexpr const char* kFilesReleasedUpTo = "files_released_up_to";
 
 // One connection; one thread at a time. Any number of connections may be open in one process. All
 // members throw OutputError, naming the file, if it cannot be read or written.

@@ -230,6 +230,7 @@ void TileStore::TakeRoot(VoxelKey tile, VoxelKey root, const Visit& visit) {
 
 void TileStore::Show(VoxelKey tile, const Visit& visit) const {
   if (!Has(tile)) return;
+  const std::lock_guard<std::mutex> lock(reading_);
   Guarded("cannot be read", [&] {
     impl_->show->bind(1, Signed(tile));
     impl_->ShowRows(&*impl_->show, visit);
@@ -238,6 +239,7 @@ void TileStore::Show(VoxelKey tile, const Visit& visit) const {
 
 void TileStore::ShowAll(const Visit& visit) const {
   if (!impl_) return;
+  const std::lock_guard<std::mutex> lock(reading_);
   Guarded("cannot be read", [&] {
     SQLite::Statement rows(
         impl_->database,

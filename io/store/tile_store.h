@@ -12,13 +12,15 @@
 
 #include <cstdint>
 #include <memory>
+#include <mutex>
 #include <string>
 
 #include "core/map/voxel_store.h"
 
 namespace lamina {
 
-// Not thread-safe. All members throw OutputError, naming the file, if it cannot be read or written.
+// Members that are const may be called by any number of threads at once. All throw OutputError,
+// naming the file, if it cannot be read or written.
 class TileStore final : public VoxelStore {
  public:
   enum class Lifetime {
@@ -72,6 +74,7 @@ class TileStore final : public VoxelStore {
   Lifetime lifetime_;
   std::int64_t scan_ = 0;
   mutable std::unique_ptr<Impl> impl_;
+  mutable std::mutex reading_;  // statements are shared
 };
 
 }  // namespace lamina

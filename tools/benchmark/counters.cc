@@ -10,7 +10,7 @@
 #include "tools/benchmark/child.h"
 #include "tools/cli/program_path.h"
 #include "tools/results/piece_poses.h"
-#include "tools/run/command.h"
+#include "tools/results/verdict/verdict.h"
 
 namespace lamina {
 namespace {

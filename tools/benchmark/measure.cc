@@ -11,7 +11,7 @@
 #include "io/file/file_writer.h"
 #include "io/file/text_input.h"
 #include "tools/results/piece_poses.h"
-#include "tools/run/command.h"
+#include "tools/results/verdict/verdict.h"
 
 namespace lamina {
 namespace {

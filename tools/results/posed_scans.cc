@@ -54,13 +54,25 @@ std::vector<PosedScan> PoseScans(const ScanSource& scans, const Trajectory& traj
   return posed;
 }
 
-double SweepPeriodOfScan(const ScanSource& scans, size_t i, double fallback_s) {
+namespace {
+
+std::vector<StampNs> StampsAround(const ScanSource& scans, size_t i) {
   constexpr size_t kBefore = 9;
   std::vector<StampNs> stamps = scans.StampsUpTo(i, 0, kBefore + 1);
   for (size_t k = i + 1; k < scans.size() && stamps.size() <= kBefore; ++k) {
     if (scans.Sensor(k) == scans.Sensor(i)) stamps.push_back(scans.Stamp(k));
   }
-  return SweepPeriod(stamps, fallback_s);
+  return stamps;
+}
+
+}  // namespace
+
+double SweepPeriodOfScan(const ScanSource& scans, size_t i, double fallback_s) {
+  return SweepPeriod(StampsAround(scans, i), fallback_s);
+}
+
+double TimeBetweenScans(const ScanSource& scans, size_t i, double fallback_s) {
+  return TimeBetween(StampsAround(scans, i)).value_or(fallback_s);
 }
 
 SweepDeskew::SweepDeskew(const SweepMotion& sweep)

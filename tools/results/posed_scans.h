@@ -40,6 +40,8 @@ std::vector<PosedScan> PoseScans(const ScanSource& scans, const Trajectory& traj
 // A time to pass to PrepareScan for scan i. Unlike a live run, it knows the stamps that follow: so
 // the first scans of a recording have the right period too. `fallback_s` where stamps tell nothing.
 double SweepPeriodOfScan(const ScanSource& scans, std::size_t i, double fallback_s);
+// The usual time between scans around scan i, however long.
+double TimeBetweenScans(const ScanSource& scans, std::size_t i, double fallback_s);
 
 // p -> Exp(tau xi + tau^2/2 a) p for many points of one scan. Thread-safe once constructed.
 class SweepDeskew {

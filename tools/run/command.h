@@ -12,9 +12,6 @@ class App;
 
 namespace lamina {
 
-// Exit code of a run that ended in order with poses that are probably wrong.
-inline constexpr int kProbablyWrong = 3;
-
 struct RunArguments {
   std::string scans, out, frames, truth;
   std::string progress = "auto";

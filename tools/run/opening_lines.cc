@@ -67,18 +67,6 @@ std::string DescribeRanges(const Scan& scan, const ScanPreparationOptions& prepa
       nearest_m > kFarM ? ": a map, and no scan in the frame of its sensor" : "");
 }
 
-// Of the points' times from the stamp, s.
-struct TimeSpan {
-  double low_s = 0.0, high_s = 0.0;
-  double length_s() const { return high_s - low_s; }
-};
-
-TimeSpan SpanOf(const std::vector<float>& times_s) {
-  if (times_s.empty()) return {};
-  const auto [low, high] = std::minmax_element(times_s.begin(), times_s.end());
-  return {*low, *high};
-}
-
 std::string DescribeTimes(const FirstScan& first, Deskew deskew, const TimeSpan& span) {
   if (deskew == Deskew::kAzimuth) {
     return "times by their azimuth, used to deskew (preparation.deskew=azimuth)";
@@ -150,11 +138,12 @@ OpeningLines DescribeOpening(const ScanSource& source, const FrameRange& range,
   const FirstScan first = ReadFirst(source, range);
   const SensorGuess sensor = GuessSensor(first.scan.points);
   const double period_s = SweepPeriodOfScan(source, range.begin, config.scans.frame_period_s);
-  const TimeSpan span = SpanOf(first.scan.time_s);
+  const double apart_s = TimeBetweenScans(source, range.begin, config.scans.frame_period_s);
+  const TimeSpan span = SpanOfTimes(first.scan.time_s);
   const Deskew deskew = config.preparation.deskew;
   OpeningLines opening;
   opening.lines = {fmt::format("scans   {}; stamps {}, {:.4g} Hz", recording.scans,
-                               recording.stamps, 1.0 / period_s)};
+                               recording.stamps, 1.0 / apart_s)};
   if (first.problem.empty()) {
     opening.lines.push_back(fmt::format("points  {} in the first scan; {}", sensor.points,
                                         DescribeTimes(first, deskew, span)));
@@ -171,7 +160,7 @@ OpeningLines DescribeOpening(const ScanSource& source, const FrameRange& range,
   if (unusable.empty()) unusable = DescribeRanges(first.scan, config.preparation, period_s);
   opening.usable = unusable.empty();
   if (!opening.usable) opening.doubts.push_back(unusable);
-  for (std::string& doubt : DoubtsOfTimes(first, deskew, span, period_s)) {
+  for (std::string& doubt : DoubtsOfTimes(first, deskew, span, apart_s)) {
     opening.doubts.push_back(std::move(doubt));
   }
   return opening;

@@ -96,7 +96,7 @@ std::string ConfigOf(const WatchArguments& a) {
 }
 
 // Makes a daemon and runs it, anew whenever its disk was full and has room again.
-void RunDaemon(const WatchSetup& setup, const std::atomic<bool>& stop) {
+RunVerdict RunDaemon(const WatchSetup& setup, const std::atomic<bool>& stop) {
   // Room may be there for a moment, again and again, too little to get on with.
   constexpr std::chrono::seconds kFirstWait{1}, kLongestWait{60};
   bool last = false;
@@ -106,8 +106,7 @@ void RunDaemon(const WatchSetup& setup, const std::atomic<bool>& stop) {
       const auto forget = [](WatchDaemon*) { running_daemon = nullptr; };
       const std::unique_ptr<WatchDaemon, decltype(forget)> running(&daemon, forget);
       running_daemon = &daemon;
-      daemon.Run(stop);
-      return;
+      return daemon.Run(stop);
     } catch (const DiskFullError& error) {
       spdlog::error("{}", error.what());
       if (last || !WaitForRoom(setup.session, wait, stop)) throw;
@@ -140,13 +139,15 @@ int Watch(const WatchArguments& a) {
   SetUpWatchLog(setup.config.log, a.session);
   const std::atomic<bool>& stop = StopOnSignals();
   std::signal(SIGHUP, RequestReload);
-  RunDaemon(setup, stop);
+  // The reader of the log may go, and the stream goes on.
+  std::signal(SIGPIPE, SIG_IGN);
+  const RunVerdict verdict = RunDaemon(setup, stop);
   PrintOutputs(a.session);
   // Without an end of its own, to be interrupted is how it ends.
   if (a.once && StopSignal() == SIGINT) {
     throw InterruptedError("the session goes on from there when it is started again");
   }
-  return 0;
+  return a.once && verdict.grade == RunVerdict::Grade::kWrong ? kProbablyWrong : 0;
 }
 
 void AddMappingOptions(CLI::App* command, WatchArguments* a) {

@@ -133,7 +133,7 @@ void WatchDaemon::OpenInbox() {
   scans_ = ContinueScans(database, session_->next_scan(), setup_.config.scans);
 }
 
-void WatchDaemon::Run(const std::atomic<bool>& stop) {
+RunVerdict WatchDaemon::Run(const std::atomic<bool>& stop) {
   NotifyService("READY=1");
   ShowStatus(LiveState::kStarting);
   Repeat(stop);
@@ -155,7 +155,12 @@ void WatchDaemon::Run(const std::atomic<bool>& stop) {
   NotifyService("STOPPING=1");
   ShowStatus(LiveState::kStopping);
   session_->Finish();
-  WriteOutputs();
+  if (session_->Repeating()) {
+    spdlog::info(
+        "scans that were recorded are still to be mapped again: the files stay as they are");
+    return {};
+  }
+  return WriteOutputs();
 }
 
 // Scans that were recorded after the checkpoint that was loaded, from their files as they are now.
@@ -206,7 +211,14 @@ void WatchDaemon::TakeNotices() {
   for (const InboxNotice& notice : inbox_->TakeRefused()) {
     ++rejected_;
     spdlog::warn("{}: refused: {}", notice.name, notice.reason);
-    session_->DoLater([this, notice] { files_.NoteReason(notice.name, notice.reason); });
+    session_->DoLater([this, notice] {
+      // In the place of one that was mapped it would be moved or deleted with that.
+      if (notice.another_file && setup_.done != DonePolicy::kKeep) {
+        files_.Reject(notice.name, notice.reason);
+      } else {
+        files_.NoteReason(notice.name, notice.reason);
+      }
+    });
   }
 }
 
@@ -333,11 +345,13 @@ void WatchDaemon::OnCheckpoint(const SessionCheckpoint& done, std::int64_t relea
     checkpoint_ = LiveStatus::Checkpoint{done.scans - 1, static_cast<std::size_t>(done.bytes),
                                          done.total_ms, SteadyClock::now()};
   }
-  constexpr const char* kDoneUpTo = "files_done_up_to";
   SessionDatabase database((fs::path(setup_.session) / "session.db").string(), false);
+  constexpr const char* kDoneUpTo = "files_done_up_to";
   const std::int64_t from = std::stoll(database.Meta(kDoneUpTo).value_or("0"));
   if (released <= from) return;
-  database.SetMeta(kDoneUpTo, std::to_string(files_.Release(database, from, released)));
+  const std::string done_up_to = std::to_string(files_.Release(database, from, released));
+  database.SetMeta(kDoneUpTo, done_up_to);
+  if (setup_.done != DonePolicy::kKeep) database.SetMeta(kFilesReleasedUpTo, done_up_to);
 }
 
 void WatchDaemon::ShowStatus(LiveState state) {
@@ -390,12 +404,12 @@ void WatchDaemon::Reload() {
   NotifyService("READY=1");
 }
 
-void WatchDaemon::WriteOutputs() {
+RunVerdict WatchDaemon::WriteOutputs() {
   RunFigures figures;
   figures.wall_s = 1e-3 * Milliseconds(SteadyClock::now() - start_);
   figures.cpu_s = ProcessCpuSeconds();
   figures.map_peak_bytes = map_peak_bytes_;
-  WriteSessionResults(setup_.session, setup_.config, figures, late_, session_.get());
+  return WriteSessionResults(setup_.session, setup_.config, figures, late_, session_.get());
 }
 
 }  // namespace lamina

@@ -46,10 +46,11 @@ class WatchDaemon {
   explicit WatchDaemon(WatchSetup setup);
   ~WatchDaemon();
 
-  // Until `stop` is true (or all is mapped, if once). Then the session has its files. While its
+  // Until `stop` is true (or all is mapped, if once). Then the session has its files; returns what
+  // they say of its poses. While its
   // disk has no room left it waits. Throws OutputError when the session cannot be written any more:
   // DiskFullError if the disk was full all the same.
-  void Run(const std::atomic<bool>& stop);
+  RunVerdict Run(const std::atomic<bool>& stop);
 
   // Safe in a signal handler. Ends a wait for scans.
   void Wake() noexcept { inbox_->Interrupt(); }
@@ -79,7 +80,7 @@ class WatchDaemon {
   void ShowOpenPoses();
   void ShowScan(const MappedScan& report);
   void Reload();
-  void WriteOutputs();
+  RunVerdict WriteOutputs();
 
   WatchSetup setup_;
   WatchFiles files_;

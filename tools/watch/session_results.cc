@@ -11,8 +11,8 @@
 
 namespace lamina {
 
-void WriteSessionResults(const std::string& folder, const LaminaConfig& config, RunFigures figures,
-                         std::size_t late_files, Session* session) {
+RunVerdict WriteSessionResults(const std::string& folder, const LaminaConfig& config,
+                               RunFigures figures, std::size_t late_files, Session* session) {
   const auto path = [&](const char* name) {
     return (std::filesystem::path(folder) / name).string();
   };
@@ -44,6 +44,7 @@ void WriteSessionResults(const std::string& folder, const LaminaConfig& config, 
   spdlog::info("verdict: {}", ToString(verdict));
   spdlog::info("{} frames mapped in all; trajectory, map and figures are in {}",
                mapping.counts().frames, folder);
+  return verdict;
 }
 
 }  // namespace lamina

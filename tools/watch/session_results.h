@@ -7,11 +7,13 @@
 #include "backend/session/session.h"
 #include "config/config.h"
 #include "tools/results/verdict/process_report.h"
+#include "tools/results/verdict/verdict.h"
 
 namespace lamina {
 
-// `session` is finished; `figures` as far as the process alone knows them. Throws OutputError.
-void WriteSessionResults(const std::string& folder, const LaminaConfig& config, RunFigures figures,
-                         std::size_t late_files, Session* session);
+// `session` is finished; `figures` as far as the process alone knows them. Returns what
+// summary.json says of the poses. Throws OutputError.
+RunVerdict WriteSessionResults(const std::string& folder, const LaminaConfig& config,
+                               RunFigures figures, std::size_t late_files, Session* session);
 
 }  // namespace lamina

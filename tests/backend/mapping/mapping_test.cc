@@ -161,6 +161,35 @@ TEST(Mapping, SkipsWhatItCannotUseAndGoesOn) {
   EXPECT_LT((outcome.poses.rbegin()->second.t - TruePose(kWalkScans - 1).t).norm(), 0.01);
 }
 
+// As after one stamp far ahead of all others, too.
+TEST(Mapping, AClockThatIsSetBackBeginsAPiece) {
+  std::vector<Scan> scans = WalkScans(3);
+  scans[4].stamp_ns += 1'000'000'000'000;
+  const MappedTotals outcome = TotalsOf([&](Mapping* mapping) {
+    for (int i = 0; i < kWalkScans; ++i) {
+      const MappedScan scan = mapping->Add(scans[static_cast<std::size_t>(i)]);
+      EXPECT_EQ(scan.skipped, i > 4 && i < 15) << i;
+      EXPECT_EQ(scan.began_piece, i == 0 || i == 15) << i;
+      EXPECT_EQ(scan.piece, i < 15 ? 0 : 1) << i;
+    }
+  });
+  EXPECT_EQ(outcome.counts.pieces, 2U);
+  EXPECT_EQ(outcome.counts.lost, 0U);
+  const SE3 moved = outcome.poses.at(15).Inverse() * outcome.poses.at(kWalkScans - 1);
+  EXPECT_LT((moved.t - (TruePose(15).Inverse() * TruePose(kWalkScans - 1)).t).norm(), 0.01);
+}
+
+// Files that come once more, late and in no order, are no new clock.
+TEST(Mapping, LateScansBeginNoPiece) {
+  const std::vector<Scan> scans = WalkScans(3);
+  const MappedTotals outcome = TotalsOf([&](Mapping* mapping) {
+    for (const Scan& scan : scans) mapping->Add(scan);
+    for (int i = kWalkScans; i-- > 0;)
+      EXPECT_TRUE(mapping->Add(scans[static_cast<std::size_t>(i)]).skipped);
+  });
+  EXPECT_EQ(outcome.counts.pieces, 1U);
+}
+
 TEST(Mapping, SkipsScansWhoseTimesAreNoneOfASweep) {
   std::vector<Scan> scans = WalkScans(3);
   for (Scan& scan : scans) {

@@ -77,6 +77,25 @@ TEST(Localiser, FindsEveryScanAtOnceAndLeavesTheMapAsItIs) {
   EXPECT_EQ(room.map()->bytes(), bytes);
 }
 
+// Between the middle of its first sweep and the stamp the sensor may have come any way.
+TEST(Localiser, TheFirstPoseIsAsUncertainAsTheSpeed) {
+  MappedRoom room;
+  Localiser localiser(MappedRoom::Options(), room.map(), 0);
+  localiser.Start(MappedRoom::At(0.1));
+  for (int i = 0; i < 3; ++i) {
+    MapperScan scan = room.Next(MappedRoom::At(0.1));
+    scan.middle_ns = 50'000'000;
+    const MatchResult match = localiser.Process(scan).odometry.match;
+    const double sigma_m = std::sqrt(match.covariance.diagonal().tail<3>().maxCoeff());
+    if (i == 0) {
+      EXPECT_GT(match.worst_sigma_m, 0.5);
+      EXPECT_GT(sigma_m, 0.5);
+    } else {
+      EXPECT_LT(match.worst_sigma_m, 0.05);
+    }
+  }
+}
+
 TEST(Localiser, LostForLongItBeginsAPieceUnlessItsStartWasGiven) {
   MappedRoom room;
   const SE3 elsewhere = MappedRoom::At(500.0);

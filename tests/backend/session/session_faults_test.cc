@@ -69,6 +69,53 @@ TEST_F(SessionFaultsTest, ASessionOfAnotherVersionIsRefusedAndStaysAsItIs) {
   EXPECT_FALSE(fs::exists(setup.folder + "/session.db.damaged"));
 }
 
+TEST_F(SessionFaultsTest, ACheckpointOfAnotherVersionIsRefusedAndAllStaysAsItIs) {
+  const SessionSetup setup = Left();
+  const auto there = CheckpointsIn(setup.folder);
+  std::fstream newest(Checkpoint(setup, there[0]), std::ios::in | std::ios::out | std::ios::binary);
+  newest.seekg(8);
+  const char version = static_cast<char>(newest.get());
+  newest.seekp(8) << "\x63";
+  newest.close();
+  EXPECT_THAT(MessageOf<OtherFormatError>([&] { Session(setup, {}); }),
+              AllOf(HasSubstr("is of version 99"), HasSubstr("version of Lamina that began it")));
+  EXPECT_EQ(CheckpointsIn(setup.folder), there);
+  newest.open(Checkpoint(setup, there[0]), std::ios::in | std::ios::out | std::ios::binary);
+  newest.seekp(8) << version;
+  newest.close();
+  ExpectSame(FinishSession(setup, recording_), Whole());
+}
+
+TEST_F(SessionFaultsTest, WithoutACheckpointAndWithoutFilesItIsRefused) {
+  const SessionSetup setup = Left();
+  SessionDatabase(setup.folder + "/session.db", true).SetMeta(kFilesReleasedUpTo, "5");
+  for (const std::int64_t scans : CheckpointsIn(setup.folder)) Damage(Checkpoint(setup, scans));
+  for (int again = 0; again < 2; ++again) {
+    EXPECT_THAT(MessageOf<InputError>([&] { Session(setup, {}); }),
+                HasSubstr("the files of the first 5 scans were moved or deleted"));
+  }
+}
+
+TEST_F(SessionFaultsTest, LeftWhileScansAreRepeatedTheFilesKeepWhatTheyHad) {
+  const SessionSetup setup = Left();
+  {
+    Session session(setup, {});
+    Map(&session, recording_, 24);
+    session.Finish();
+  }
+  const std::string before = Bytes(setup.folder + "/trajectory_kitti.txt");
+  const auto newest = CheckpointsIn(setup.folder);
+  for (std::size_t i = 0; i + 1 < newest.size(); ++i) fs::remove(Checkpoint(setup, newest[i]));
+  {
+    Session session(setup, {});
+    ASSERT_LE(session.next_scan(), 20);
+    Map(&session, recording_, session.next_scan() + 2);
+    EXPECT_TRUE(session.Repeating());
+    session.Finish();
+  }
+  EXPECT_TRUE(Bytes(setup.folder + "/trajectory_kitti.txt") == before);
+}
+
 TEST_F(SessionFaultsTest, WithAllCheckpointsDamagedItBeginsAtTheStart) {
   const Result whole = Whole();
   const SessionSetup setup = Left();

@@ -36,6 +36,20 @@ TEST(MotionModel, UncertaintyGrowsWithTheGap) {
   EXPECT_GT(2.0 * WaySigma(model, 20 * kPeriodNs), 0.5 * 8.0);
 }
 
+// However long the gap over which it was measured.
+TEST(MotionModel, AVelocityIsKnownNoWorseThanNone) {
+  MotionModel model = Driving();
+  const StampNs found = 310 * kPeriodNs, next = found + kPeriodNs;
+  model.Accept(found, Along(465.0), true);
+  const Vector6d at_start = model.PredictAsAtStart(next).covariance.diagonal();
+  const Vector6d after_gap = model.Predict(next).covariance.diagonal();
+  EXPECT_LE(after_gap(0), at_start(0) + 1e-12);
+  EXPECT_LE(after_gap(3), at_start(3) + 1e-12);
+  // Measured from scan to scan while it was lost, it is as good as ever.
+  model.Assume(model.velocity(), 0.1);
+  EXPECT_LT(WaySigma(model, next), 0.05);
+}
+
 TEST(MotionModel, AVehicleIsExpectedAheadAfterAGap) {
   const MotionModel model = Driving();
   EXPECT_NEAR(model.Predict(11 * kPeriodNs).T_world_lidar.t.x(), 16.5, 1e-9);

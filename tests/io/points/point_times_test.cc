@@ -30,7 +30,31 @@ TEST(PointTimes, UnitOfATenthOfASecondIsFound) {
 
 TEST(PointTimes, OffsetsStayAsTheyAre) {
   EXPECT_THAT(Convert({-0.1, 0.0}).time_s, Pointwise(FloatNear(1e-6F), {-0.1F, 0.0F}));
-  EXPECT_THAT(Convert({5.0, 5.1}).time_s, Pointwise(FloatNear(1e-6F), {5.0F, 5.1F}));
+  EXPECT_THAT(Convert({0.9, 1.0}).time_s, Pointwise(FloatNear(1e-6F), {0.9F, 1.0F}));
+}
+
+// No sensor is so late: since it was switched on, or since the recording began.
+TEST(PointTimes, WhatIsFartherThanASecondFromTheStampIsAClock) {
+  const PointTimes times = Convert({5.0, 5.1});
+  EXPECT_EQ(times.stamp_ns, 5'000'000'000);
+  EXPECT_THAT(times.time_s, Pointwise(FloatNear(1e-6F), {0.0F, 0.1F}));
+}
+
+TEST(PointTimes, AFewDamagedValuesAreNoTimes) {
+  std::vector<double> raw;
+  for (int i = 0; i < 1000; ++i) raw.push_back(1700000000.0 + 1e-4 * i);
+  raw[0] = 0.0;
+  raw[500] += 30.0;
+  raw[999] = 1e300;
+  const PointTimes times = Convert(raw);
+  EXPECT_STREQ(times.unit, "s");
+  EXPECT_NEAR(static_cast<double>(times.stamp_ns - 1700000000'000'100'000), 0.0, 300.0);
+  for (const std::size_t i : {0, 500, 999}) EXPECT_TRUE(std::isnan(times.time_s[i])) << i;
+  EXPECT_NEAR(times.time_s[998], 0.0997, 1e-5);
+  // One among zeros does not make them times.
+  std::vector<float> zeros(1000, 0.0F);
+  zeros[10] = 0.9F;
+  EXPECT_THAT(Convert(zeros).time_s, IsEmpty());
 }
 
 TEST(PointTimes, WholeEpochStampsAreExactInEveryUnit) {

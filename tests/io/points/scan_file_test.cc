@@ -102,6 +102,24 @@ TEST_F(ScanFileTest, EndingsInAnyCase) {
   EXPECT_EQ(FolderPatterns(), "*.bin, *.pcd, *.ply, *.las, *.laz");
 }
 
+// As nuScenes has them. A length that is one of both is no proof.
+TEST_F(ScanFileTest, BinsMayHaveTheRingAsAFifthNumber) {
+  std::string rings, plain;
+  for (int i = 0; i < 80; ++i) {
+    const float x = 0.5F + static_cast<float>(i), ring = static_cast<float>(i % 32);
+    rings += Pack(x, 2.0F, 3.0F, 7.0F, ring);
+    plain += Pack(x, 2.0F, 3.0F, 0.25F);
+  }
+  for (const std::size_t points : {80, 79}) {
+    const Scan scan = Read("a.pcd.bin", rings.substr(0, 20 * points));
+    ASSERT_EQ(scan.points.size(), points);
+    ExpectPoint(scan.points[70], 70.5F, 2, 3, 7);
+  }
+  const Scan scan = Read("b.bin", plain);
+  ASSERT_EQ(scan.points.size(), 80U);
+  ExpectPoint(scan.points[70], 70.5F, 2, 3, 0.25F);
+}
+
 TEST_F(ScanFileTest, BinLengthNotMultipleOf16) {
   EXPECT_THAT(ReadError("a.bin", std::string(33, 'x')),
               AllOf(HasSubstr("a.bin"), HasSubstr("33 bytes"), HasSubstr("multiple of 16")));
@@ -139,6 +157,13 @@ TEST_F(ScanFileTest, KittiText) {
   EXPECT_THAT(ReadError("c.txt", "1 2 ? 0\n"), AllOf(HasSubstr("c.txt:1:"), HasSubstr("'?'")));
 }
 
+TEST_F(ScanFileTest, ABinThatIsFarTooLargeIsRefusedBeforeItIsRead) {
+  const std::string path = Write("a.bin", "");
+  std::filesystem::resize_file(path, std::uintmax_t{1} << 33);  // without its bytes
+  EXPECT_THAT(MessageOf<InputError>([&] { ReadScanFile(path, PointTimeUnit::kAuto); }),
+              HasSubstr("more than 2 GB"));
+}
+
 TEST_F(ScanFileTest, PcdAsciiWithTimes) {
   const Scan scan =
       Read("a.pcd", PcdHeader("x y z reflectivity t", "8 8 8 1 4", "F F F U U", "3", "ascii") +
@@ -149,6 +174,15 @@ TEST_F(ScanFileTest, PcdAsciiWithTimes) {
   EXPECT_TRUE(std::isnan(scan.points[1].y));
   // What is no return has no time.
   EXPECT_THAT(scan.time_s, Pointwise(FloatNear(1e-7F), {0.0F, 0.0F, 0.1F}));
+}
+
+// An organised cloud has zeros for pulses without a return, beside times since an epoch.
+TEST_F(ScanFileTest, PcdTimesAreThoseOfReturns) {
+  const Scan scan =
+      Read("a.pcd", PcdHeader("x y z timestamp", "4 4 4 8", "F F F F", "4", "ascii") +
+                        "nan nan nan 0\n1 2 3 1700000000.25\n0 0 0 0\n4 5 6 1700000000.125\n");
+  EXPECT_EQ(scan.stamp_ns, 1700000000125000000);
+  EXPECT_THAT(scan.time_s, Pointwise(FloatNear(1e-6F), {0.0F, 0.125F, 0.0F, 0.0F}));
 }
 
 TEST_F(ScanFileTest, PcdBinaryWithEpochStampsInDouble) {

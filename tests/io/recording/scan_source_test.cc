@@ -1,6 +1,7 @@
 // Recordings: layouts, order, stamps.
 #include "io/recording/scan_source.h"
 
+#include <fmt/format.h>
 #include <unistd.h>
 
 #include <vector>
@@ -112,6 +113,31 @@ TEST_F(ScanSourceTest, PlainFolderInNaturalOrder) {
   EXPECT_FALSE(Open("s")->Read(4).stamp_made_up);
 }
 
+// By made-up stamps times tell where in its sweep a point was measured, and no more.
+TEST_F(ScanSourceTest, TimesFitStampsThatAreMadeUp) {
+  const auto write = [&](const std::string& name, double first_s, double last_s) {
+    Write(name, PcdHeader("x y z t", "4 4 4 8", "F F F F", "2", "ascii") +
+                    fmt::format("1 2 3 {}\n4 5 6 {}\n", first_s, last_s));
+  };
+  // A sensor of 5 Hz, at an assumed 10 Hz.
+  write("slow/1.pcd", -0.1, 0.1);
+  auto source = Open("slow");
+  EXPECT_THAT(source->Read(0).time_s, Pointwise(FloatNear(1e-6F), {-0.05F, 0.05F}));
+  EXPECT_THAT(source->Describe().doubts, ElementsAre(HasSubstr("scans.frame_period_s=0.2")));
+  options_.frame_period_s = 0.2;
+  source = Open("slow");
+  EXPECT_THAT(source->Read(0).time_s, Pointwise(FloatNear(1e-6F), {-0.1F, 0.1F}));
+  EXPECT_THAT(source->Describe().doubts, IsEmpty());
+  options_.frame_period_s = 0.1;
+  // A clock that began with the recording.
+  write("clock/1.pcd", 0.0, 0.09);
+  write("clock/2.pcd", 0.1, 0.19);
+  EXPECT_THAT(Open("clock")->Read(1).time_s, Pointwise(FloatNear(1e-6F), {0.0F, 0.09F}));
+  // A stamp in the middle of the sweep, or one that is a little early, stays.
+  write("late/1.pcd", 0.02, 0.11);
+  EXPECT_THAT(Open("late")->Read(0).time_s, Pointwise(FloatNear(1e-6F), {0.02F, 0.11F}));
+}
+
 TEST_F(ScanSourceTest, StampsFromNames) {
   WriteScans("ns", {"1700000000123456789.bin", "1700000000223456789.bin"});
   EXPECT_THAT(Stamps(*Open("ns")), ElementsAre(1700000000123456789, 1700000000223456789));
@@ -123,6 +149,26 @@ TEST_F(ScanSourceTest, StampsFromNames) {
   const auto seconds = Open("s");
   EXPECT_THAT(Stamps(*seconds), ElementsAre(1250000000, 1500000000, 1317384506400123001));
   EXPECT_THAT(Names(*seconds), ElementsAre("1.25.bin", "1.5.bin", "1317384506.400123001.bin"));
+}
+
+TEST_F(ScanSourceTest, StampsAtTheEndOfNames) {
+  WriteScans("ns", {"cloud_1700000000123456789.bin", "cloud_1700000000223456789.bin"});
+  EXPECT_THAT(Stamps(*Open("ns")), ElementsAre(1700000000123456789, 1700000000223456789));
+  WriteScans("numbered", {"000007_1700000000123.bin", "000008_1700000000223.bin"});
+  EXPECT_THAT(Stamps(*Open("numbered")), ElementsAre(1700000000123000000, 1700000000223000000));
+  // Nanoseconds are a number of their own.
+  WriteScans("apart", {"1700000000_900000000.bin", "1700000001_45.bin"});
+  EXPECT_THAT(Stamps(*Open("apart")), ElementsAre(1700000000900000000, 1700000001000000045));
+  WriteScans("s", {"cloud_1700000000.5.bin", "cloud_1700000000.25.bin"});
+  EXPECT_THAT(Stamps(*Open("s")), ElementsAre(1700000000250000000, 1700000000500000000));
+  WriteScans("nuscenes", {"n015-2018-07-24-11-22-45+0800__LIDAR_TOP__1532402927647951.pcd.bin"});
+  EXPECT_THAT(Stamps(*Open("nuscenes")), ElementsAre(1532402927647951000));
+  // Counters, and a day with its time.
+  for (const char* name : {"scan_0000000007", "scan_1700_12", "20240101123000", "2024010112_30",
+                           "scan_1700000000_1700000000", "1700000000123456789_cloud"}) {
+    WriteScans(name, {std::string(name) + ".bin"});
+    EXPECT_FALSE(Open(name)->recorded_stamps()) << name;
+  }
 }
 
 TEST_F(ScanSourceTest, CountersAndMixedNamesAreNoStamps) {

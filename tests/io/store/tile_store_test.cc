@@ -2,8 +2,10 @@
 
 #include <SQLiteCpp/SQLiteCpp.h>
 
+#include <atomic>
 #include <map>
 #include <memory>
+#include <thread>
 
 #include "tests/io/store/tile_store_fixture.h"
 
@@ -31,6 +33,27 @@ TEST_F(TileStoreTest, KeepsTheContractAsAStoreInMemoryDoes) {
       ExpectSame(store, reference);
     }
   }
+}
+
+TEST_F(TileStoreTest, ManyThreadsReadItAtOnce) {
+  TileStore store(Path("tiles.db"), TileStore::Lifetime::kScratch);
+  constexpr VoxelKey kTiles = 8;
+  for (VoxelKey tile = 0; tile < kTiles; ++tile)
+    store.Put(tile, 1, std::string(100, char('a' + tile)));
+  std::atomic<int> right = 0;
+  std::vector<std::thread> threads;
+  for (int t = 0; t < 4; ++t) {
+    threads.emplace_back([&] {
+      for (int i = 0; i < 200; ++i) {
+        const VoxelKey tile = static_cast<VoxelKey>(i) % kTiles;
+        store.Show(tile, [&](std::string_view record) {
+          right += record == std::string(100, char('a' + tile)) ? 1 : 0;
+        });
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(right, 800);
 }
 
 TEST_F(TileStoreTest, AScratchFileIsMadeWhenItIsNeededAndGoneAtTheEnd) {

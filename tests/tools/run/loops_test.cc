@@ -10,6 +10,7 @@
 #include "io/map/g2o_file.h"
 #include "tests/support/program/run_helpers.h"
 #include "tests/support/scenes/drifting_drive.h"
+#include "tools/results/run_table.h"
 
 namespace lamina {
 namespace {
@@ -68,10 +69,13 @@ TEST_F(RunLoopsTest, ThePoseThatIsKnownAtOnceDoesNotJumpAndTheOneThatIsKnownNowI
     const SE3 step = poses[i - 1].T_world_lidar.Inverse() * poses[i].T_world_lidar;
     return (step.t - (truth[i - 1].Inverse() * truth[i]).t).norm();
   };
+  const std::vector<RunScan> scans = ReadRunTable(Path("out")).scans;
   for (std::size_t i = 1; i < truth.size(); ++i) {
     EXPECT_LT(step_off(live, i), 0.3) << i;
     EXPECT_LT(step_off(odometry, i), 0.3) << i;
-    EXPECT_LT(step_off(now, i), 0.3) << i;
+    // Each piece that nothing connects is in a frame of its own.
+    const bool one_piece = scans[i].record.piece == scans[i - 1].record.piece;
+    EXPECT_LT(one_piece ? step_off(now, i) : 0.0, 0.3) << i;
   }
   constexpr std::size_t kLap = 171;
   const auto lap_off = [&](const Trajectory& poses) {

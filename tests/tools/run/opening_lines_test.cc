@@ -212,7 +212,9 @@ TEST_F(OpeningTest, TimesThatMisleadAreNotUsed) {
   const SweptDrive& drive = LongDrive(false);
   const auto run = [&](double per_s) {
     for (std::size_t i = 0; i < drive.size(); ++i) {
-      Write("wrong/" + std::to_string(i) + ".pcd", TimedPcd(drive.Read(i), 0.0, per_s));
+      // With recorded stamps: by made-up ones a sweep is taken to last as long as they are apart.
+      const std::int64_t stamp_ns = 1'700'000'000'000'000'000 + 100'000'000 * std::int64_t(i);
+      Write("wrong/" + std::to_string(stamp_ns) + ".pcd", TimedPcd(drive.Read(i), 0.0, per_s));
     }
     return Run(Path("wrong"), {"--set", "scans.point_time_unit=s"});
   };

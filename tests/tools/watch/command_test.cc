@@ -222,6 +222,12 @@ TEST_F(WatchCommandTest, FoldersThatCannotWorkAreRefused) {
   fails(Path("in"), Path("link/session"), 2, "outside of the inbox");
 }
 
+TEST_F(WatchCommandTest, OnceItEndsAsRunDoesWherePosesAreProbablyWrong) {
+  DropScans(Street(6), 0, 6);
+  for (int i = 6; i < 16; ++i) Write(fmt::format("in/{:06}.bin", i), "no scan");
+  Once({}, 3);
+}
+
 TEST_F(WatchCommandTest, OtherOptionsAreRefusedOnContinuing) {
   DropScans(Street(6), 0, 6);
   Once();

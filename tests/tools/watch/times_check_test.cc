@@ -22,7 +22,9 @@ class WatchTimesTest : public WatchTest {
     std::filesystem::remove_all(Path("in"));
     std::filesystem::remove_all(Path("session"));
     for (std::size_t i = 0; i < drive.size(); ++i) {
-      Write("in/" + std::to_string(i) + ".pcd", TimedPcd(drive.Read(i), 0.0, per_s));
+      // With recorded stamps: by made-up ones a sweep is taken to last as long as they are apart.
+      const std::int64_t stamp_ns = 1'700'000'000'000'000'000 + 100'000'000 * std::int64_t(i);
+      Write("in/" + std::to_string(stamp_ns) + ".pcd", TimedPcd(drive.Read(i), 0.0, per_s));
     }
     Arguments arguments{"--set", "scans.point_time_unit=s"};
     arguments.insert(arguments.end(), more.begin(), more.end());
@@ -33,14 +35,14 @@ class WatchTimesTest : public WatchTest {
 TEST_F(WatchTimesTest, AreToldAndUsedAllTheSame) {
   const SweptDrive drive(22, false);
   EXPECT_THAT(Watch(drive, 1.0), Not(HasSubstr("This session deskews")));
-  // A unit that is none: each sweep seems to be half a second long.
-  EXPECT_THAT(Watch(drive, 5.0),
+  // A unit that is none: each sweep seems to be a quarter of a second long.
+  EXPECT_THAT(Watch(drive, 2.5),
               AllOf(HasSubstr("times are understood wrongly"), HasSubstr("mm as they are"),
                     HasSubstr("preparation.deskew=off, or tell the unit")));
   const std::string told = Bytes(Path("session/trajectory_tum.txt"));
   EXPECT_THAT(Once().err, Not(HasSubstr("This session deskews"))) << "once is enough";
   // Nothing is decided by it: not to look gives the same bytes.
-  EXPECT_THAT(Watch(drive, 5.0, {"--set", "preparation.deskew=time"}),
+  EXPECT_THAT(Watch(drive, 2.5, {"--set", "preparation.deskew=time"}),
               Not(HasSubstr("This session deskews")));
   EXPECT_TRUE(Bytes(Path("session/trajectory_tum.txt")) == told);
 }

@@ -11,6 +11,7 @@
 //   median share of inliers                                           0.30       0.20
 //   median fit of what meets planes at all                            0.75       0.60
 //   frames that are lost                                               5 %       50 %
+//   scans that are skipped, of all                                     5 %       50 %
 //   motions that no vehicle makes: more than 30 m/s^2                  1 %        4 %
 //   frames with a direction that nothing determines                   25 %        -
 //   pieces that no match connects                                        2        -
@@ -38,6 +39,7 @@ inline constexpr Limit kUnconverged{0.08, 0.15};
 inline constexpr Limit kInliers{0.30, 0.20};
 inline constexpr Limit kFit{0.75, 0.60};
 inline constexpr Limit kLost{0.05, 0.50};
+inline constexpr Limit kSkipped{0.05, 0.50};
 inline constexpr Limit kJumps{0.01, 0.04};
 inline constexpr double kDegenerate = 0.25;
 

@@ -109,7 +109,10 @@ double ShareHistogram::Median() const {
 }
 
 void VerdictCounter::Add(const ScanRecord& scan) {
-  if (scan.skipped) return last_.clear();
+  if (scan.skipped) {
+    ++skipped_;
+    return last_.clear();
+  }
   ++frames_;
   pieces_.insert(scan.piece);
   if (run_rules::IsLost(scan)) {
@@ -167,6 +170,8 @@ RunVerdict VerdictCounter::Judge() const {
   judgement.MuchOf(lost_, frames_, rules::kLost, "of the scans are lost",
                    "frames.csv says which; frontend.search and preparation.min_range_m matter most "
                    "there.");
+  judgement.MuchOf(skipped_, skipped_ + frames_, rules::kSkipped, "of the scans are skipped",
+                   "frames.csv says which and why.");
   judgement.MuchOf(degenerate_, frames_, kDegenerate,
                    "of the scans leave a direction open, which is predicted",
                    "Corridors, tunnels and open fields do so, where nothing but another sensor "

@@ -23,6 +23,9 @@ struct RunVerdict {
   std::string hint;                  // what to try; empty if it is good
 };
 
+// Exit code of a command that ended in order with poses that are probably wrong.
+inline constexpr int kProbablyWrong = 3;
+
 std::string ToString(RunVerdict::Grade grade);
 // One line: "doubtful: 12 % of the scans are lost (5 % are too many). Try ...".
 std::string ToString(const RunVerdict& verdict);
@@ -59,7 +62,7 @@ class VerdictCounter {
   void CountJump(const ScanRecord& scan);
 
   int max_iterations_;
-  std::int64_t frames_ = 0, lost_ = 0, degenerate_ = 0;
+  std::int64_t frames_ = 0, skipped_ = 0, lost_ = 0, degenerate_ = 0;
   std::int64_t matched_ = 0, unconverged_ = 0;
   std::int64_t motions_ = 0, jumps_ = 0;
   ShareHistogram inliers_, fits_;

@@ -42,6 +42,16 @@ TEST(RunVerdictTest, NoScansAndOneScanHaveNothingAgainstThem) {
   EXPECT_EQ(counter.Judge().grade, RunVerdict::Grade::kGood);
 }
 
+TEST(RunVerdictTest, ScansThatAreSkippedCount) {
+  const auto skipped = [](int of_ten) {
+    return VerdictOn([of_ten](int i, ScanRecord* scan) { scan->skipped = i % 10 < of_ten; });
+  };
+  EXPECT_EQ(skipped(1).grade, RunVerdict::Grade::kDoubtful);
+  EXPECT_EQ(skipped(6).grade, RunVerdict::Grade::kWrong);
+  EXPECT_EQ(skipped(10).grade, RunVerdict::Grade::kWrong);
+  EXPECT_THAT(ToString(skipped(6)), HasSubstr("60.0 % of the scans are skipped"));
+}
+
 TEST(RunVerdictTest, MotionsThatNoVehicleMakesAreWrong) {
   // Every tenth pose is half a metre off: 50 and more m/s^2.
   const auto off_each = [](int each) {

@@ -1,0 +1,46 @@
+// Which scans come at a time when one can.
+#include <string>
+
+#include "backend/mapping/mapping.h"
+
+namespace lamina {
+
+void Mapping::CheckStamp(Recording* recording, MappedScan* report) {
+  constexpr StampNs kLeastApartNs = 10'000'000;
+  const std::string times = "its stamp " + std::to_string(report->stamp_ns) + " ns is not ";
+  const std::string last = std::to_string(recording->last_stamp_ns) + " ns";
+  const bool other = report->sensor != recording->last_sensor;
+  // In this order: the difference of two stamps might not fit.
+  if (report->stamp_ns < recording->last_stamp_ns ||
+      (!other && report->stamp_ns == recording->last_stamp_ns)) {
+    if (!ClockWasSet(report->stamp_ns, recording))
+      return Skip(SkipReason::kStampNotAfterLast, times + "after the last one, " + last, report);
+    // A sensor that is only to be near where it began goes on where it was.
+    if (localise_from_) return;
+    RegisteredScan before;
+    before.ends = PieceEnd::kUnconnected;
+    const Trajectory open = recording->OpenPoses();
+    if (!open.empty()) before.odometry.T_world_predicted = open.back().T_world_lidar;
+    BeginNextPiece(before, report->index, recording);
+    report->began_piece = true;
+  } else if (other && SecondsBetween(recording->last_stamp_ns, report->stamp_ns) <
+                          kSecondsPerNs * static_cast<double>(kLeastApartNs)) {
+    Skip(SkipReason::kTooSoonAfterOtherSensor,
+         times + "10 ms after that of sensor '" + recording->last_sensor + "' of its vehicle, " +
+             last,
+         report);
+  }
+}
+
+// After a clock that was set back, or one stamp far ahead of all others, every scan would be
+// skipped. Scans in a row whose stamps follow one another, as those of late or repeated files among
+// others do not, begin a piece of their own.
+bool Mapping::ClockWasSet(StampNs stamp_ns, Recording* recording) const {
+  constexpr std::int64_t kEnough = 10;
+  const bool follows = recording->not_after == 0 || stamp_ns > recording->not_after_ns;
+  recording->not_after = follows ? recording->not_after + 1 : 1;
+  recording->not_after_ns = stamp_ns;
+  return recording->not_after > kEnough && map_.RoomForPiece();
+}
+
+}  // namespace lamina
