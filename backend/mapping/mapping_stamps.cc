@@ -33,14 +33,14 @@ void Mapping::CheckStamp(Recording* recording, MappedScan* report) {
 }
 
 // After a clock that was set back, or one stamp far ahead of all others, every scan would be
-// skipped. Scans in a row whose stamps follow one another, as those of late or repeated files among
-// others do not, begin a piece of their own.
+// skipped. Scans in a row whose stamps follow one another, as those of late files among others do
+// not, begin a piece of their own.
 bool Mapping::ClockWasSet(StampNs stamp_ns, Recording* recording) const {
   constexpr std::int64_t kEnough = 10;
   const bool follows = recording->not_after == 0 || stamp_ns > recording->not_after_ns;
   recording->not_after = follows ? recording->not_after + 1 : 1;
   recording->not_after_ns = stamp_ns;
-  return recording->not_after > kEnough && map_.RoomForPiece();
+  return recording->not_after > kEnough && (localise_from_ || map_.RoomForPiece());
 }
 
 }  // namespace lamina

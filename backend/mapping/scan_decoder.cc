@@ -37,17 +37,6 @@ void SkipUndecoded(SkipReason reason, const std::string& why, MappedScan* report
   report->detail = Printable(why);
 }
 
-// SpanOfTimes but for the hundredth at either end: single times may be damaged.
-TimeSpan UsualSpanOf(std::vector<float> times_s) {
-  times_s.erase(
-      std::remove_if(times_s.begin(), times_s.end(), [](float t) { return !std::isfinite(t); }),
-      times_s.end());
-  if (times_s.empty()) return {};
-  constexpr double kOutliers = 0.01;
-  const auto low_s = static_cast<double>(Quantile(&times_s, kOutliers));
-  return {low_s, static_cast<double>(Quantile(&times_s, 1.0 - kOutliers))};
-}
-
 // Why the times of a scan's points are none of a sweep, by which it would be torn apart; empty if
 // they may be. Several sweeps in one scan are no sweep either, but two or three are deskewed well
 // enough.
@@ -65,7 +54,7 @@ std::string TimesMisfit(const Scan& scan, const ScanPreparationOptions& preparat
   const double most_s = apart_s ? kMostPeriods * *apart_s : kMostS;
   const TimeSpan all = SpanOfTimes(scan.time_s);
   if (all.length_s() <= most_s && std::abs(all.low_s) <= kMostOffS) return "";
-  const TimeSpan range = UsualSpanOf(scan.time_s);
+  const TimeSpan range = UsualSpanOfTimes(scan.time_s);
   const double span_s = range.length_s();
   char text[320] = "";
   if (span_s > most_s) {

@@ -26,14 +26,14 @@ struct MapperScan {
   StampNs middle_ns = 0;
 };
 
-// Whether a scan ends a piece of the map, was left out of it, and is to begin a piece of its own.
+// Why a scan ends a piece of the map. It is left out of that piece, and begins the next one.
 enum class PieceEnd {
-  kNone,
-  // Lost for so long, after scans that agree with one another, and that the map does not have: rain
-  // and spray begin no map.
+  kNone,  // it does not
+  // The sensor has been lost for long. The last scans agree with one another, as those of rain and
+  // spray do not, and are not in the map.
   kUnconnected,
-  // Tracked, but at an unknown place against what was mapped before. The motion up to this scan is
-  // known, and the next piece begins with the keyframes before it.
+  // The sensor is tracked, but its place against what was mapped before is unknown. The next piece
+  // begins with the keyframes before this scan.
   kContinued,
 };
 

@@ -2,12 +2,14 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 
 #include "backend/mapping/options.h"
 #include "core/geometry/se3.h"
 #include "core/options/options.h"
+#include "io/store/scan_record.h"
 
 namespace lamina {
 
@@ -36,6 +38,8 @@ struct SessionSetup {
   std::string fixed_options;
   SessionOptions session;
   std::optional<BaseMap> base_map;
+  // Whether the file of a scan that was recorded is still there. If not set, it is.
+  std::function<bool(const ScanRecord&)> has_file;
 };
 
 }  // namespace lamina

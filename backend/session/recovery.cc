@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <filesystem>
 #include <map>
@@ -115,6 +116,17 @@ std::unique_ptr<Mapping> MappingInBaseMap(const SessionSetup& setup, TileStore* 
   throw InputError(fmt::format("{}: holds no map that could be used", base.session));
 }
 
+// Those of the first scans: files go in the order of scans.
+bool FilesAreGone(const SessionSetup& setup, const SessionDatabase& database) {
+  constexpr std::int64_t kFirst = 10;
+  bool gone = false;
+  if (!setup.has_file) return false;
+  database.ForEach(0, std::min(kFirst, database.scans()), [&](const ScanRecord& scan) {
+    gone = gone || (!scan.skipped && !setup.has_file(scan));
+  });
+  return gone;
+}
+
 }  // namespace
 
 void CheckFixedOptions(const SessionSetup& setup, SessionDatabase* database) {
@@ -153,12 +165,11 @@ RecoveredMapping RecoverMapping(const SessionSetup& setup, const SessionFolder& 
       SetAside(path, error.what());
     }
   }
-  const std::string released = database.Meta(kFilesReleasedUpTo).value_or("0");
-  if (released != "0") {
+  if (FilesAreGone(setup, database)) {
     throw InputError(fmt::format(
-        "{}: no checkpoint can be used, and the files of the first {} scans were moved or deleted: "
-        "the session cannot be continued. What is in it stays; begin another one",
-        folder.path(), released));
+        "{}: no checkpoint can be used, and the files of the first scans are gone: the session "
+        "cannot be continued. What is in it stays; begin another one",
+        folder.path()));
   }
   if (recorded > 0) spdlog::warn("no checkpoint can be used: all scans are mapped again");
   stores.tiles->RollBackTo(-1);

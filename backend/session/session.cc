@@ -102,9 +102,8 @@ void Session::OnScan(const MappedScan& report) {
   } else {
     if (HasChanged(report)) {
       spdlog::error(
-          "{}: is another file than the one of that name that was mapped before; scans from here "
-          "on "
-          "are mapped anew with what it holds",
+          "{}: is another file than the one of that name that was mapped before; the scans from it "
+          "on are mapped anew with what it holds",
           file.name);
     }
     if (hooks_.on_mapped) hooks_.on_mapped(report, row);

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "core/base/median.h"
+
 namespace lamina {
 
 TimeSpan SpanOfTimes(const std::vector<float>& times_s) {
@@ -15,6 +17,16 @@ TimeSpan SpanOfTimes(const std::vector<float>& times_s) {
   }
   if (low > high) return {};
   return {static_cast<double>(low), static_cast<double>(high)};
+}
+
+TimeSpan UsualSpanOfTimes(std::vector<float> times_s) {
+  times_s.erase(
+      std::remove_if(times_s.begin(), times_s.end(), [](float t) { return !std::isfinite(t); }),
+      times_s.end());
+  if (times_s.empty()) return {};
+  constexpr double kOutliers = 0.01;
+  const auto low_s = static_cast<double>(Quantile(&times_s, kOutliers));
+  return {low_s, static_cast<double>(Quantile(&times_s, 1.0 - kOutliers))};
 }
 
 }  // namespace lamina

@@ -41,6 +41,8 @@ struct TimeSpan {
   double length_s() const { return high_s - low_s; }
 };
 TimeSpan SpanOfTimes(const std::vector<float>& times_s);
+// The same but for the hundredth at either end: single times may be damaged.
+TimeSpan UsualSpanOfTimes(std::vector<float> times_s);
 
 struct StampedPose {
   StampNs stamp_ns = 0;

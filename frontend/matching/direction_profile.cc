@@ -219,7 +219,7 @@ DirectionProfile::Posterior Narrow(const std::vector<double>& places,
   const double after = costs[static_cast<std::size_t>(k + 1)];
   const double curvature = before - 2.0 * at + after;  // per squared step
   const double place_m = places[static_cast<std::size_t>(k)];
-  if (!(curvature > 0.0)) return {place_m, step_m};
+  if (!(curvature > 0.0)) return {places[static_cast<std::size_t>(least - costs.begin())], step_m};
   const double off = std::clamp(0.5 * (before - after) / curvature, -1.0, 1.0);
   return {place_m + step_m * off, std::max(kLeastSigmaM, step_m / std::sqrt(curvature))};
 }

@@ -254,7 +254,7 @@ class StartTrack {
   // the direction that a match left open, and along that across the sensor's vertical axis which
   // the fewest planes face, as most sensors travel so. Where matches have turned scans of few
   // points wrongly, from no turn at all. False if it is no sharper than as odometry has them, or
-  // says too little; `doubted`: what odometry has is none of the ways they may have gone, or
+  // says too little. Odometry's way is refuted where it is none of those they may have gone, or
   // another one is likelier, perhaps not known well enough yet.
   bool TakeSteady();
   // Closes with these poses, brought to the map of all others each, and the twists of `steady`.

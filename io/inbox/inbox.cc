@@ -97,7 +97,7 @@ class Inbox::Impl final : public InboxWatcher::Events {
   void FollowRecording(const ArrivingFiles::Verdict& verdict, const std::string& name);
   void CheckArriving();
   void Remove(InboxSequence* sequence, const std::string& file);
-  void Refuse(const std::string& name, const std::string& reason, bool another_file = false);
+  void Refuse(const std::string& name, const std::string& reason);
   void Dropped(const std::string& name, const std::string& reason, bool is_late);
 
   std::optional<InboxFile> NextOfRecording();
@@ -143,7 +143,7 @@ void Inbox::Impl::FileSeen(const std::string& folder, const std::string& file, H
     // It stays where it is when it is kept; made again, it is another file that no run will map.
     const bool made = how == How::kCreated || how == How::kMovedIn;
     if (made && LookAtFile(root_, name).what == FileLook::What::kFile) {
-      Refuse(name, "a file of this name was taken before", /*another_file=*/true);
+      Refuse(name, "a file of this name was taken before");
     }
     return;
   }
@@ -208,9 +208,9 @@ void Inbox::Impl::Remove(InboxSequence* sequence, const std::string& file) {
   sequences_.Remove(sequence, file);
 }
 
-void Inbox::Impl::Refuse(const std::string& name, const std::string& reason, bool another_file) {
+void Inbox::Impl::Refuse(const std::string& name, const std::string& reason) {
   seen_.Insert(name);
-  refused.push_back({name, reason, another_file});
+  refused.push_back({name, reason});
 }
 
 void Inbox::Impl::Dropped(const std::string& name, const std::string& reason, bool is_late) {

@@ -90,7 +90,6 @@ struct InboxFile {
 struct InboxNotice {
   std::string name;
   std::string reason;
-  bool another_file = false;  // of a name that was taken before
 };
 
 // What was handed out of a sequence by an earlier run of the process.

@@ -2,9 +2,9 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <vector>
 
 #include "core/base/error.h"
@@ -27,17 +27,16 @@ struct RingPoint {
 };
 static_assert(sizeof(RingPoint) == 20, "must match the layout of nuScenes .bin files");
 
-// Whether every fifth number of the first points is that of a ring. In records of four it is now a
-// coordinate and now an intensity.
-bool HasRings(const std::string& path, std::uint64_t bytes) {
-  if (bytes == 0 || bytes % sizeof(RingPoint) != 0) return false;
-  constexpr std::uint64_t kEnough = 1024;
+// Whether every fifth number is that of a ring. In records of four it is now a coordinate and now
+// an intensity.
+bool HaveRings(const std::vector<RingPoint>& points) {
   constexpr float kMostRings = 256.0F;
-  std::vector<RingPoint> first(std::min(kEnough, bytes / sizeof(RingPoint)));
-  InputFile(path).Read(first.data(), first.size() * sizeof(RingPoint));
-  return std::all_of(first.begin(), first.end(), [](const RingPoint& p) {
-    return p.ring >= 0.0F && p.ring < kMostRings && p.ring == std::floor(p.ring);
-  });
+  bool any = false;
+  for (const RingPoint& p : points) {
+    if (!(p.ring >= 0.0F && p.ring < kMostRings) || p.ring != std::floor(p.ring)) return false;
+    any = any || p.ring > 0.0F;
+  }
+  return any;
 }
 
 }  // namespace
@@ -55,11 +54,20 @@ Scan ReadKittiBin(const std::string& path, PointTimeUnit /*unit*/, PointTimeFiel
   if (file.size() > kMostBytes)
     throw InputError(fmt::format("{}: has {} bytes, more than 2 GB", path, file.size()));
   Scan scan;
-  if (!plain || HasRings(path, file.size())) {
+  if (file.size() % sizeof(RingPoint) == 0) {
     std::vector<RingPoint> points(file.size() / sizeof(RingPoint));
     file.Read(points.data(), file.size());
-    scan.points.reserve(points.size());
-    for (const RingPoint& p : points) scan.points.push_back(p.point);
+    if (HaveRings(points)) {
+      for (const RingPoint& p : points) scan.points.push_back(p.point);
+      return WithPoints(std::move(scan), path);
+    }
+    if (!plain) {
+      throw InputError(fmt::format(
+          "{}: has {} bytes, which are points of 20, but none with the number of its ring", path,
+          file.size()));
+    }
+    scan.points.resize(file.size() / sizeof(ScanPoint));
+    std::memcpy(static_cast<void*>(scan.points.data()), points.data(), file.size());
   } else {
     scan.points.resize(file.size() / sizeof(ScanPoint));
     file.Read(scan.points.data(), file.size());

@@ -7,6 +7,7 @@
 #include <cctype>
 #include <cmath>
 #include <initializer_list>
+#include <limits>
 #include <type_traits>
 #include <utility>
 
@@ -264,7 +265,7 @@ void CheckTimes(const std::vector<T>& times, const CloudReader& cloud, const Kep
 }
 
 // What a driver writes as the time of a pulse without a return is none: zero, often, beside times
-// since an epoch. Those cells get the time 0.
+// since an epoch. Those cells get none.
 template <typename T>
 PointTimes ReadTimes(const std::vector<T>& column, const std::vector<ScanPoint>& points,
                      PointTimeUnit unit, const std::string& field) {
@@ -276,7 +277,7 @@ PointTimes ReadTimes(const std::vector<T>& column, const std::vector<ScanPoint>&
   }
   PointTimes times = ConvertPointTimes(of_returns, unit, field);
   if (times.time_s.empty()) return times;
-  std::vector<float> of_all(column.size(), 0.0F);
+  std::vector<float> of_all(column.size(), std::numeric_limits<float>::quiet_NaN());
   std::size_t next = 0;
   for (std::size_t i = 0; i < column.size(); ++i) {
     if (IsReturn(points[i])) of_all[i] = times.time_s[next++];

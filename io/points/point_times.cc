@@ -122,8 +122,9 @@ std::vector<float> Seconds(const std::vector<T>& raw, const Range& range, T orig
   const T low = ClampedTo<T>(range.low), high = ClampedTo<T>(range.high);
   std::vector<float> time_s(raw.size());
   for (std::size_t i = 0; i < raw.size(); ++i) {
-    const double s = static_cast<double>(raw[i] - origin) / per_s + rest_s;
+    // The difference of others may not fit.
     const bool within = (raw[i] >= low) & (raw[i] <= high);
+    const double s = static_cast<double>((within ? raw[i] : origin) - origin) / per_s + rest_s;
     time_s[i] = within ? static_cast<float>(s) : IsFinite(raw[i]) ? kDamaged : 0.0F;
   }
   return time_s;

@@ -107,6 +107,9 @@ NameStamp StampAtEnd(std::string_view stem) {
   const auto s = static_cast<double>(seconds);
   if (s < kLeastS || s > kMostS || last.number.size() > 9 || IsDateAndHour(first.number)) return {};
   NameStamp stamp;
+  // A counter has fewer digits.
+  constexpr std::size_t kNsDigits = 9;
+  if (separator != '.' && last.number.size() != kNsDigits) return {};
   if (separator != '.') return {seconds * 1'000'000'000 + number, kSecondsAndNs};
   const std::string decimal = std::string(first.number) + "." + std::string(last.number);
   return ParseSecondsNs(decimal, &stamp.stamp_ns) ? NameStamp{stamp.stamp_ns, kSeconds} : stamp;

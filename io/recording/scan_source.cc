@@ -135,15 +135,24 @@ class FileScanSource final : public ScanSource {
     }
   }
 
+  void DoubtPeriod(double sweep_s) {
+    if (sweep_s <= kLongerThanPeriod * options_.frame_period_s) return;
+    described_.doubts.push_back(fmt::format(
+        "the times of a scan's points span {:.3g} s, more than stamps are made up apart: the "
+        "sensor's period is wanted (scans.frame_period_s={:.2g}), without it the trajectory's "
+        "times are wrong",
+        sweep_s, sweep_s));
+  }
+
   // The clock of the points, if the first file that can be read has one. Of files that cannot be
   // read, the stamp is just behind that of the one before.
   void FindStampsInPoints() {
     constexpr std::size_t kTries = 5;
     double sweep_s = 0.0;
-    const auto clock_of = [this, &sweep_s](std::size_t i) -> StampNs {
+    const auto clock_of = [this](std::size_t i, double* span_s = nullptr) -> StampNs {
       try {
         const Scan scan = ReadScanFile(files_[i].string(), options_.point_time_unit);
-        if (i == 0) sweep_s = SpanOfTimes(scan.time_s).length_s();
+        if (span_s != nullptr) *span_s = SpanOfTimes(scan.time_s).length_s();
         return scan.stamp_ns;
       } catch (const InputError&) {
         return kUnreadable;
@@ -151,15 +160,9 @@ class FileScanSource final : public ScanSource {
     };
     StampNs first = kUnreadable;
     for (std::size_t i = 0; i < std::min(kTries, files_.size()) && first == kUnreadable; ++i) {
-      first = clock_of(i);
+      first = clock_of(i, &sweep_s);
     }
-    if (first == 0 && sweep_s > kLongerThanPeriod * options_.frame_period_s) {
-      described_.doubts.push_back(fmt::format(
-          "the times of a scan's points span {:.3g} s, more than stamps are made up apart: the "
-          "sensor's period is wanted (scans.frame_period_s={:.2g}), without it the trajectory's "
-          "times are wrong",
-          sweep_s, sweep_s));
-    }
+    if (first == 0) DoubtPeriod(sweep_s);
     if (first == kUnreadable || first == 0) return;
     std::vector<StampNs> clocks(files_.size());
     ParallelChunks(files_.size(), 1, [&](std::size_t begin, std::size_t end) {
@@ -213,7 +216,8 @@ class FileScanSource final : public ScanSource {
     if (back == 0) return;
     described_.doubts.push_back(fmt::format(
         "{} stamps are not after the one before, first that of {}, {:.3f} s before: such scans are "
-        "skipped; do the stamps belong to these files?",
+        "skipped, or begin a piece if there are many in a row; do the stamps belong to these "
+        "files?",
         back, files_[first].filename().string(),
         SecondsBetween(stamps_[first], stamps_[first - 1])));
   }
@@ -301,13 +305,18 @@ namespace {
 // that lie beyond a sweep from the stamp are readings of a clock that began with the recording, and
 // count from the earliest. A sweep that is longer than stamps are apart is taken to last that long.
 void FitMadeUpStamp(double period_s, Scan* scan) {
-  const TimeSpan span = SpanOfTimes(scan->time_s);
-  const double length_s = span.length_s();
   constexpr double kBeyond = 0.9;
-  const bool beyond = std::max(span.low_s, -span.high_s) > kBeyond * length_s;
-  const bool longer = length_s > kLongerThanPeriod * period_s;
-  if (!beyond && !longer) return;
-  const double scale = longer ? period_s / length_s : 1.0, origin_s = beyond ? span.low_s : 0.0;
+  const auto beyond = [](const TimeSpan& span) {
+    return std::max(span.low_s, -span.high_s) > kBeyond * span.length_s();
+  };
+  const auto longer = [&](const TimeSpan& span) {
+    return span.length_s() > kLongerThanPeriod * period_s;
+  };
+  TimeSpan span = SpanOfTimes(scan->time_s);
+  if (!beyond(span) && !longer(span)) return;
+  if (longer(span)) span = UsualSpanOfTimes(scan->time_s);
+  const double origin_s = beyond(span) ? span.low_s : 0.0;
+  const double scale = longer(span) ? period_s / span.length_s() : 1.0;
   for (float& t : scan->time_s) t = static_cast<float>(scale * (static_cast<double>(t) - origin_s));
 }
 

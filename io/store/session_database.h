@@ -39,10 +39,6 @@ struct SessionPose {
   bool given_up = false;  // ScanRecord::GiveUp
 };
 
-// A line of SessionDatabase::Meta: how many scans have files that were moved or deleted, as nothing
-// needs them any more.
-inline constexpr const char* kFilesReleasedUpTo = "files_released_up_to";
-
 // One connection; one thread at a time. Any number of connections may be open in one process. All
 // members throw OutputError, naming the file, if it cannot be read or written.
 class SessionDatabase {

@@ -2,6 +2,7 @@
 
 #include <SQLiteCpp/SQLiteCpp.h>
 #include <fmt/format.h>
+#include <atomic>
 
 #include <algorithm>
 #include <filesystem>
@@ -124,7 +125,8 @@ struct TileStore::Impl {
   std::optional<SQLite::Transaction> transaction;
   std::optional<LogLimit> log_limit;
   std::unordered_map<VoxelKey, std::size_t> tiles;  // those that have records, and how many
-  std::size_t records = 0, damaged = 0;
+  std::size_t records = 0;
+  std::atomic<std::size_t> damaged{0};
   std::size_t taken_at_tidy = 0;    // records of a scratch file, since TileFile::Tidy()
   std::size_t taken = 0;            // records, since the beginning
   std::size_t taken_at_forget = 0;  // ... and until the last Forget()
@@ -175,7 +177,7 @@ void TileStore::ForEachTile(const std::function<void(VoxelKey tile)>& visit) con
 }
 std::size_t TileStore::records() const { return impl_ ? impl_->records : 0; }
 std::size_t TileStore::taken() const { return impl_ ? impl_->taken : 0; }
-std::size_t TileStore::damaged() const { return impl_ ? impl_->damaged : 0; }
+std::size_t TileStore::damaged() const { return impl_ ? impl_->damaged.load() : std::size_t{0}; }
 
 void TileStore::Put(VoxelKey tile, VoxelKey root, std::string_view record) {
   Impl& impl = Open();

@@ -95,6 +95,8 @@ SessionSetup WatchDaemon::MakeSessionSetup() const {
   setup.fixed_options = ResultOptionsToYaml(setup_.config);
   setup.session = setup_.config.session;
   setup.base_map = setup_.base_map;
+  setup.has_file = [files = WatchFiles(setup_.inbox, setup_.session, setup_.done)](
+                       const ScanRecord& scan) { return files.Has(scan); };
   if (setup_.base_map) {
     setup.base_map->fixed_options = setup.fixed_options;
     std::string start = "none";
@@ -211,14 +213,7 @@ void WatchDaemon::TakeNotices() {
   for (const InboxNotice& notice : inbox_->TakeRefused()) {
     ++rejected_;
     spdlog::warn("{}: refused: {}", notice.name, notice.reason);
-    session_->DoLater([this, notice] {
-      // In the place of one that was mapped it would be moved or deleted with that.
-      if (notice.another_file && setup_.done != DonePolicy::kKeep) {
-        files_.Reject(notice.name, notice.reason);
-      } else {
-        files_.NoteReason(notice.name, notice.reason);
-      }
-    });
+    session_->DoLater([this, notice] { files_.NoteReason(notice.name, notice.reason); });
   }
 }
 
@@ -349,9 +344,7 @@ void WatchDaemon::OnCheckpoint(const SessionCheckpoint& done, std::int64_t relea
   constexpr const char* kDoneUpTo = "files_done_up_to";
   const std::int64_t from = std::stoll(database.Meta(kDoneUpTo).value_or("0"));
   if (released <= from) return;
-  const std::string done_up_to = std::to_string(files_.Release(database, from, released));
-  database.SetMeta(kDoneUpTo, done_up_to);
-  if (setup_.done != DonePolicy::kKeep) database.SetMeta(kFilesReleasedUpTo, done_up_to);
+  database.SetMeta(kDoneUpTo, std::to_string(files_.Release(database, from, released)));
 }
 
 void WatchDaemon::ShowStatus(LiveState state) {

@@ -47,9 +47,8 @@ class WatchDaemon {
   ~WatchDaemon();
 
   // Until `stop` is true (or all is mapped, if once). Then the session has its files; returns what
-  // they say of its poses. While its
-  // disk has no room left it waits. Throws OutputError when the session cannot be written any more:
-  // DiskFullError if the disk was full all the same.
+  // they say of its poses. While its disk has no room left it waits. Throws OutputError when the
+  // session cannot be written any more: DiskFullError if the disk was full all the same.
   RunVerdict Run(const std::atomic<bool>& stop);
 
   // Safe in a signal handler. Ends a wait for scans.

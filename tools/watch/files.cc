@@ -56,6 +56,12 @@ std::string WatchFiles::Find(const std::string& name) const {
   return here.string();
 }
 
+bool WatchFiles::Has(const ScanRecord& scan) const {
+  std::error_code ignored;
+  return fs::exists(Find(ScanNumber(scan.sequence, scan.file) ? scan.sequence : scan.file),
+                    ignored);
+}
+
 void WatchFiles::NoteReason(const std::string& name, const std::string& reason) const {
   try {
     const fs::path to = fs::path(session_) / "rejected" / name;
@@ -159,6 +165,9 @@ void WatchFiles::ReleaseOne(const ScanRecord& scan) const {
     if (!fs::exists(fs::symlink_status(from))) return;
     // There may have been no room for the copy when it was rejected.
     if (scan.skipped) CopyToRejected(scan.file);
+    // Of a mapped file there is none: this is another one, which came in its place.
+    const fs::path reason = fs::path(session_) / "rejected" / (scan.file + ".reason.txt");
+    if (!scan.skipped && fs::exists(reason)) return MoveTo("rejected", scan.file);
     if (policy_ == DonePolicy::kDelete || scan.skipped) {
       fs::remove(from);
       return;

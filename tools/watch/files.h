@@ -29,9 +29,13 @@ class WatchFiles {
   // Where a file is now: in the inbox, done/ or rejected/. The inbox if it is nowhere.
   std::string Find(const std::string& name) const;
 
+  // Whether the file of a scan, or the recording that it is of, is in one of them.
+  bool Has(const ScanRecord& scan) const;
+
   // Puts a file into rejected/. Only says so in the log if that fails: the stream goes on.
   void Reject(const std::string& name, const std::string& reason) const;
-  // A file whose content is none of the session's: only the reason is written down.
+  // A file whose content is none of the session's: only the reason is written down. One in the
+  // place of another that was mapped goes to rejected/ when that would be moved or deleted.
   void NoteReason(const std::string& name, const std::string& reason) const;
 
   // Does with the files of scans [from, to) what the policy says. The same again does no harm.

@@ -179,7 +179,7 @@ TEST(Mapping, AClockThatIsSetBackBeginsAPiece) {
   EXPECT_LT((moved.t - (TruePose(15).Inverse() * TruePose(kWalkScans - 1)).t).norm(), 0.01);
 }
 
-// Files that come once more, late and in no order, are no new clock.
+// Files that come late, in no order, are no new clock.
 TEST(Mapping, LateScansBeginNoPiece) {
   const std::vector<Scan> scans = WalkScans(3);
   const MappedTotals outcome = TotalsOf([&](Mapping* mapping) {

@@ -77,6 +77,22 @@ TEST_F(DirectionProfileTest, ManyBlocksOverruleThePrediction) {
   EXPECT_LT(posterior.sigma_m, 0.03);
 }
 
+// Narrower than its places are apart it is neither drawn to one of them nor known without error.
+TEST_F(DirectionProfileTest, APosteriorOfVeryManyBlocksIsNoCoarserThanTheyAre) {
+  std::vector<double> at_x;
+  for (int i = -40; i < 40; ++i) at_x.push_back(0.5 * i + 0.21);
+  const World world = WithBoards(at_x, 0.0);
+  Map(world);
+  const std::vector<PointCluster> scan = Scan(world);
+  const double here_m = Posterior(scan, 0.0, 0.0, 0.04).mean_m;
+  for (const double off_m : {0.002, 0.004, 0.006}) {
+    const auto posterior = Posterior(scan, -off_m, 0.0, 0.04);
+    EXPECT_NEAR(posterior.mean_m - here_m, off_m, 0.0015) << off_m;
+    EXPECT_GE(posterior.sigma_m, 5e-4) << off_m;
+    EXPECT_LT(posterior.sigma_m, 0.01) << off_m;
+  }
+}
+
 TEST_F(DirectionProfileTest, OneThingThatMovesDoesNot) {
   // The board has gone on by 15 cm, and the match with it.
   Map(WithBoards({5.2}, 0.0));

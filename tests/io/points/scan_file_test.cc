@@ -118,6 +118,10 @@ TEST_F(ScanFileTest, BinsMayHaveTheRingAsAFifthNumber) {
   const Scan scan = Read("b.bin", plain);
   ASSERT_EQ(scan.points.size(), 80U);
   ExpectPoint(scan.points[70], 70.5F, 2, 3, 0.25F);
+  // Pulses without a return.
+  EXPECT_EQ(Read("c.bin", std::string(80, '\0')).points.size(), 5U);
+  EXPECT_THAT(ReadError("d.bin", plain.substr(0, 100)),
+              HasSubstr("none with the number of its ring"));
 }
 
 TEST_F(ScanFileTest, BinLengthNotMultipleOf16) {
@@ -173,7 +177,7 @@ TEST_F(ScanFileTest, PcdAsciiWithTimes) {
   EXPECT_EQ(scan.points[1].x, -0.1F);
   EXPECT_TRUE(std::isnan(scan.points[1].y));
   // What is no return has no time.
-  EXPECT_THAT(scan.time_s, Pointwise(FloatNear(1e-7F), {0.0F, 0.0F, 0.1F}));
+  EXPECT_THAT(scan.time_s, ElementsAre(0.0F, testing::IsNan(), FloatNear(0.1F, 1e-7F)));
 }
 
 // An organised cloud has zeros for pulses without a return, beside times since an epoch.
@@ -182,7 +186,8 @@ TEST_F(ScanFileTest, PcdTimesAreThoseOfReturns) {
       Read("a.pcd", PcdHeader("x y z timestamp", "4 4 4 8", "F F F F", "4", "ascii") +
                         "nan nan nan 0\n1 2 3 1700000000.25\n0 0 0 0\n4 5 6 1700000000.125\n");
   EXPECT_EQ(scan.stamp_ns, 1700000000125000000);
-  EXPECT_THAT(scan.time_s, Pointwise(FloatNear(1e-6F), {0.0F, 0.125F, 0.0F, 0.0F}));
+  EXPECT_THAT(scan.time_s,
+              ElementsAre(testing::IsNan(), FloatNear(0.125F, 1e-6F), testing::IsNan(), 0.0F));
 }
 
 TEST_F(ScanFileTest, PcdBinaryWithEpochStampsInDouble) {

@@ -157,15 +157,16 @@ TEST_F(ScanSourceTest, StampsAtTheEndOfNames) {
   WriteScans("numbered", {"000007_1700000000123.bin", "000008_1700000000223.bin"});
   EXPECT_THAT(Stamps(*Open("numbered")), ElementsAre(1700000000123000000, 1700000000223000000));
   // Nanoseconds are a number of their own.
-  WriteScans("apart", {"1700000000_900000000.bin", "1700000001_45.bin"});
+  WriteScans("apart", {"1700000000_900000000.bin", "1700000001_000000045.bin"});
   EXPECT_THAT(Stamps(*Open("apart")), ElementsAre(1700000000900000000, 1700000001000000045));
   WriteScans("s", {"cloud_1700000000.5.bin", "cloud_1700000000.25.bin"});
   EXPECT_THAT(Stamps(*Open("s")), ElementsAre(1700000000250000000, 1700000000500000000));
   WriteScans("nuscenes", {"n015-2018-07-24-11-22-45+0800__LIDAR_TOP__1532402927647951.pcd.bin"});
   EXPECT_THAT(Stamps(*Open("nuscenes")), ElementsAre(1532402927647951000));
   // Counters, and a day with its time.
-  for (const char* name : {"scan_0000000007", "scan_1700_12", "20240101123000", "2024010112_30",
-                           "scan_1700000000_1700000000", "1700000000123456789_cloud"}) {
+  for (const char* name :
+       {"scan_0000000007", "scan_1700_12", "scan_1700000000_000001", "20240101123000",
+        "2024010112_30", "scan_1700000000_1700000000", "1700000000123456789_cloud"}) {
     WriteScans(name, {std::string(name) + ".bin"});
     EXPECT_FALSE(Open(name)->recorded_stamps()) << name;
   }

@@ -214,6 +214,22 @@ class ReleasedFilesTest : public WatchTest {
   std::unique_ptr<SessionDatabase> database_;
 };
 
+// A recorder that counts from zero again, while nothing has been moved or deleted yet.
+TEST_F(ReleasedFilesTest, AFileInThePlaceOfOneThatWasMappedIsKept) {
+  for (const DonePolicy policy : {DonePolicy::kMove, DonePolicy::kDelete}) {
+    MakeScans();
+    const WatchFiles files = Files(policy);
+    files.NoteReason("2.bin", "a file of this name was taken before");
+    EXPECT_EQ(files.Release(*database_, 0, kScans), kScans);
+    EXPECT_EQ(Bytes(Path("session/rejected/2.bin")), Content(2));
+    for (int i = 0; i < kScans; ++i)
+      EXPECT_FALSE(fs::exists(Path("in/" + std::to_string(i) + ".bin"))) << i;
+    EXPECT_EQ(fs::exists(Path("session/done/3.bin")), policy == DonePolicy::kMove);
+    fs::remove_all(Path("session"));
+    fs::create_directories(Path("session"));
+  }
+}
+
 TEST_F(ReleasedFilesTest, GoToAnotherFileSystemWhole) {
   const SmallDisk disk(Path("in"), 16 << 20);
   if (!disk.mounted()) GTEST_SKIP() << "only root can mount";

@@ -11,7 +11,8 @@
 //   median share of inliers                                           0.30       0.20
 //   median fit of what meets planes at all                            0.75       0.60
 //   frames that are lost                                               5 %       50 %
-//   scans that are skipped, of all                                     5 %       50 %
+//   scans that are skipped, of all (but those too soon after another
+//   sensor's of the vehicle)                                           5 %       50 %
 //   motions that no vehicle makes: more than 30 m/s^2                  1 %        4 %
 //   frames with a direction that nothing determines                   25 %        -
 //   pieces that no match connects                                        2        -

@@ -110,7 +110,8 @@ double ShareHistogram::Median() const {
 
 void VerdictCounter::Add(const ScanRecord& scan) {
   if (scan.skipped) {
-    ++skipped_;
+    // Of two sensors that are triggered together one is enough.
+    skipped_ += scan.status == "too_soon_after_other_sensor" ? 0 : 1;
     return last_.clear();
   }
   ++frames_;

@@ -50,6 +50,11 @@ TEST(RunVerdictTest, ScansThatAreSkippedCount) {
   EXPECT_EQ(skipped(6).grade, RunVerdict::Grade::kWrong);
   EXPECT_EQ(skipped(10).grade, RunVerdict::Grade::kWrong);
   EXPECT_THAT(ToString(skipped(6)), HasSubstr("60.0 % of the scans are skipped"));
+  const RunVerdict pairs = VerdictOn([](int i, ScanRecord* scan) {
+    scan->skipped = i % 2 == 1;
+    if (scan->skipped) scan->status = "too_soon_after_other_sensor";
+  });
+  EXPECT_EQ(pairs.grade, RunVerdict::Grade::kGood);
 }
 
 TEST(RunVerdictTest, MotionsThatNoVehicleMakesAreWrong) {
