@@ -49,17 +49,18 @@ std::vector<std::int64_t> CheckpointsIn(const std::string& folder) {
   return found;
 }
 
-void ReadCheckpoint(const std::string& path, const std::string& fixed_options, CheckpointPart part,
-                    Mapping* mapping) {
+std::uint64_t ReadCheckpoint(const std::string& path, const std::string& fixed_options,
+                             CheckpointPart part, Mapping* mapping) {
   CheckpointReader reader(path);
   VoxelMap& map = mapping->map();
   std::string tag, bytes, options, pipe;
   std::int64_t scans = -1;
+  std::uint64_t tiles = 0;
   while (reader.Next(&tag, &bytes)) {
     if (tag == "PIPE") {
       pipe.swap(bytes);  // it needs the map
     } else if (tag == "HEAD") {
-      ReadState(path, bytes, [&](StateArchive& a) { a(&scans, &options); });
+      ReadState(path, bytes, [&](StateArchive& a) { a(&scans, &options, &tiles); });
     } else if (tag == "MAPC") {
       ReadState(path, bytes, [&](StateArchive& a) { map.ArchiveCounters(a); });
     } else if (tag == "ROOT") {
@@ -73,8 +74,9 @@ void ReadCheckpoint(const std::string& path, const std::string& fixed_options, C
     throw InputError(fmt::format("{}: is in truth of {} scans", path, scans));
   }
   map.FinishLoading();
-  if (part == CheckpointPart::kMap) return;
-  ReadState(path, pipe, [&](StateArchive& a) { mapping->Archive(a); });
+  if (part == CheckpointPart::kAll)
+    ReadState(path, pipe, [&](StateArchive& a) { mapping->Archive(a); });
+  return tiles;
 }
 
 }  // namespace lamina

@@ -21,9 +21,9 @@ std::vector<std::int64_t> CheckpointsIn(const std::string& folder);
 enum class CheckpointPart { kAll, kMap };
 
 // Into a new mapping. `fixed_options` must be those that the session of the checkpoint was begun
-// with. Throws InputError, naming the file, if it is damaged or was made with others; the mapping
-// is of no use then.
-void ReadCheckpoint(const std::string& path, const std::string& fixed_options, CheckpointPart part,
-                    Mapping* mapping);
+// with. Returns how many records of the map the tiles had. Throws InputError, naming the file, if
+// it is damaged or was made with others; the mapping is of no use then.
+std::uint64_t ReadCheckpoint(const std::string& path, const std::string& fixed_options,
+                             CheckpointPart part, Mapping* mapping);
 
 }  // namespace lamina

@@ -104,7 +104,8 @@ void CheckpointWriting::Begin(std::int64_t scans) {
   tiles_->Commit();
   StateArchive head, counters;
   std::string options = fixed_options_;
-  head(&job_->scans, &options);
+  std::uint64_t tiles = tiles_->records();
+  head(&job_->scans, &options, &tiles);
   mapping_->map().ArchiveCounters(counters);
   state_->written().clear();
   mapping_->Archive(*state_);

@@ -44,6 +44,13 @@ void SetAside(const std::string& path, const std::string& why) {
   fs::rename(path, path + ".damaged", ignored);
 }
 
+// As after the file was lost, or cut.
+void ReportMissing(const std::string& path, const TileStore& tiles, std::uint64_t records) {
+  if (tiles.records() == records) return;
+  spdlog::error("{}: has {} of {} records of the map: what the others held is missing from it",
+                path, tiles.records(), records);
+}
+
 // By piece, in its frame.
 using Ways = std::map<std::int64_t, std::vector<Eigen::Vector3d>>;
 
@@ -72,12 +79,15 @@ std::unique_ptr<Mapping> CopyOfMap(const SessionSetup& setup, std::int64_t scans
       return mapping;
     }
   }
-  ReadCheckpoint(path, base.fixed_options, CheckpointPart::kMap, mapping.get());
+  const std::uint64_t records =
+      ReadCheckpoint(path, base.fixed_options, CheckpointPart::kMap, mapping.get());
   if (!mapping->map().HasPiece(0)) {
     throw InputError(fmt::format("{}: no scan of the first piece of the map was ever matched",
                                  CheckpointName(scans)));
   }
-  tiles->CopyFrom((fs::path(base.session) / "map_tiles.db").string(), scans - 1);
+  const std::string other_tiles = (fs::path(base.session) / "map_tiles.db").string();
+  tiles->CopyFrom(other_tiles, scans - 1);
+  ReportMissing(other_tiles, *tiles, records);
   if (base.T_world_start) return mapping;
   ForEachScanOf((fs::path(base.session) / "session.db").string(), scans,
                 [&](const ScanRecord& scan) {
@@ -155,8 +165,10 @@ RecoveredMapping RecoverMapping(const SessionSetup& setup, const SessionFolder& 
     }
     try {
       std::unique_ptr<Mapping> mapping = make();
-      ReadCheckpoint(path, setup.fixed_options, CheckpointPart::kAll, mapping.get());
+      const std::uint64_t records =
+          ReadCheckpoint(path, setup.fixed_options, CheckpointPart::kAll, mapping.get());
       stores.tiles->RollBackTo(scans - 1);
+      ReportMissing(folder.Path("map_tiles.db"), *stores.tiles, records);
       return {std::move(mapping), scans};
     } catch (const OtherFormatError& error) {
       throw OtherFormatError(fmt::format(

@@ -24,7 +24,8 @@
 //
 // A checkpoint is a checkpoint file (io/store/checkpoint_file.h) of these sections:
 //
-//     HEAD   u64 number of scans in it, string: the options that decide results
+//     HEAD   u64 number of scans in it, string: the options that decide results, u64 number of
+//            records in map_tiles.db
 //     MAPC   counters of the map          (VoxelMap::ArchiveCounters)
 //     PIPE   of each recording under way its window, odometry, solve ...
 //            (Mapping::Archive)

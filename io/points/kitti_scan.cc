@@ -54,7 +54,7 @@ Scan ReadKittiBin(const std::string& path, PointTimeUnit /*unit*/, PointTimeFiel
   if (file.size() > kMostBytes)
     throw InputError(fmt::format("{}: has {} bytes, more than 2 GB", path, file.size()));
   Scan scan;
-  if (file.size() % sizeof(RingPoint) == 0) {
+  if (file.size() > 0 && file.size() % sizeof(RingPoint) == 0) {
     std::vector<RingPoint> points(file.size() / sizeof(RingPoint));
     file.Read(points.data(), file.size());
     if (HaveRings(points)) {

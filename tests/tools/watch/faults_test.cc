@@ -236,6 +236,10 @@ TEST_F(WatchFaultsTest, DamagedTilesAreToldAndLeftOut) {
   const Arguments small{"--set", "map.budget_mb=2"};
   Once(small);
   ASSERT_GT(Summary("session")["stored_voxels"], 0);
+  // One that is gone is made anew.
+  for (const char* end : {"", "-wal", "-shm"})
+    fs::remove(Path(std::string("session/map_tiles.db") + end));
+  EXPECT_THAT(Once(small).err, HasSubstr("records of the map: what the others held is missing"));
   Write("session/map_tiles.db", std::string(100000, 'x'));
   const Outcome outcome = Once(small);
   EXPECT_THAT(outcome.err, AllOf(HasSubstr("map_tiles.db"), HasSubstr("damaged")));
