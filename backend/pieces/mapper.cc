@@ -220,10 +220,12 @@ bool Mapper::RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar) {
   const std::size_t last = window_.frames().size() - 1;
   const WindowFrame& frame = window_.frames()[last];
   const double dt = SecondsBetween(frame.stamp_ns, stamp_ns);
+  // Of the motion during the first scan nothing else tells.
+  const double most_s = last == 0 ? MotionModel::kMotionOfS : SlidingWindow::kMaxTwistGapS;
   // The first scan after it tells most of the motion during it.
-  if (frames_since_keyframe_ > 0 || dt <= 0.0 || dt > SlidingWindow::kMaxTwistGapS) return false;
+  if (frames_since_keyframe_ > 0 || dt <= 0.0 || dt > most_s) return false;
   const StampedPose next{stamp_ns, T_world_lidar};
-  window_.Move(last, frame.T_world_lidar, window_.MotionAt(last, &next));
+  window_.Move(last, frame.T_world_lidar, window_.MotionAt(last, &next, most_s));
   return true;
 }
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "backend/pieces/sweep_stamp.h"
-#include "backend/window/sliding_window.h"
+#include "frontend/odometry/motion_model.h"
 
 namespace lamina {
 
@@ -36,7 +36,7 @@ void OpenPoses::UpdateMotion(std::size_t i) {
     poses.push_back(MiddleOf(frames_[k]));
   }
   SweepMotion motion;
-  if (MotionThrough(poses, before.size(), SlidingWindow::kMaxTwistGapS, &motion))
+  if (MotionThrough(poses, before.size(), MotionModel::kMotionOfS, &motion))
     frame.T_middle_stamp = AtStamp(motion, frame.middle_ns);
 }
 

@@ -193,7 +193,8 @@ void SlidingWindow::Move(std::size_t i, const SE3& T_world_lidar, const SweepMot
   frame.in_map.swap(moved_);
 }
 
-SweepMotion SlidingWindow::MotionAt(std::size_t i, const StampedPose* next) const {
+SweepMotion SlidingWindow::MotionAt(std::size_t i, const StampedPose* next,
+                                    double max_gap_s) const {
   // Those that have left the window stay neighbours of its oldest frames.
   Trajectory poses = left_;
   for (std::size_t k = i - std::min(i, kMotionNeighbours);
@@ -202,7 +203,7 @@ SweepMotion SlidingWindow::MotionAt(std::size_t i, const StampedPose* next) cons
   }
   if (next != nullptr) poses.push_back(*next);
   SweepMotion motion = frames_[i].sweep;
-  MotionThrough(poses, left_.size() + std::min(i, kMotionNeighbours), kMaxTwistGapS, &motion);
+  MotionThrough(poses, left_.size() + std::min(i, kMotionNeighbours), max_gap_s, &motion);
   return motion;
 }
 

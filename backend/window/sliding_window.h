@@ -103,9 +103,10 @@ class SlidingWindow {
   void Move(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep);
 
   // The motion during frame i, from the poses of its neighbours (sweep_motion.h), in the window or
-  // the last ones that have left it: those within kMaxTwistGapS. `next`: the pose after the newest
+  // the last ones that have left it: those within max_gap_s. `next`: the pose after the newest
   // frame, or null.
-  SweepMotion MotionAt(std::size_t i, const StampedPose* next = nullptr) const;
+  SweepMotion MotionAt(std::size_t i, const StampedPose* next = nullptr,
+                       double max_gap_s = kMaxTwistGapS) const;
 
   // Holds frames that a solution leads astray to the frontend's motion from now on; true if there
   // is one. Few planes that face a direction leave minima beside the right one, as sharp as that:

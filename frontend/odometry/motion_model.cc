@@ -42,8 +42,6 @@ double MotionModel::Gap(StampNs stamp_ns) const {
 }
 
 bool MotionModel::TellsSweep(StampNs stamp_ns) const {
-  // The way since a scan long ago says little of it.
-  constexpr double kMotionOfS = 2.0;
   const double dt = Gap(stamp_ns);
   return dt > 0.0 && dt <= kMotionOfS;
 }

@@ -53,6 +53,8 @@ class MotionModel {
   Vector6d TwistTo(const SE3& T_world_lidar, double dt_s) const {
     return MeanTwist(T_world_last_, T_world_lidar, dt_s);
   }
+  // The way since a scan longer ago says little of the motion during one.
+  static constexpr double kMotionOfS = 2.0;
   // Whether the way since the last pose then says how the sensor moves during a scan.
   bool TellsSweep(StampNs stamp_ns) const;
   // Body twist during a scan at that time, per second; zero where nothing is known of it.

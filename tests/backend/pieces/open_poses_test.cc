@@ -16,11 +16,11 @@ SE3 TrueAt(StampNs stamp_ns) {
 
 // Scan number k along x, registered in the middle of its sweep, during which it seems to move so.
 void Add(std::int64_t k, OdometryFrame::Status status, double off_m, OpenPoses* open,
-         double sweep_m_s = kSpeedMS) {
+         double sweep_m_s = kSpeedMS, std::int64_t times_slower = 1) {
   MapperScan scan;
   scan.number = k;
-  scan.stamp_ns = k * kPeriodNs;
-  scan.middle_ns = kMiddleNs;
+  scan.stamp_ns = k * times_slower * kPeriodNs;
+  scan.middle_ns = times_slower * kMiddleNs;
   OdometryFrame frame;
   frame.status = status;
   frame.stamp_ns = scan.stamp_ns + scan.middle_ns;
@@ -60,6 +60,14 @@ TEST(OpenPosesTest, TheMotionWithinAScanIsThatThroughItsNeighbours) {
   EXPECT_NEAR(WorstM(open, 2), kSpeedMS * SecondsBetween(0, kMiddleNs), 1e-9);
   Add(3, OdometryFrame::Status::kTracked, 0.0, &open);
   EXPECT_LT(WorstM(open, 2), 1e-9);
+}
+
+// Of a sensor of 1 Hz, too, of which the first scans are registered without any motion.
+TEST(OpenPosesTest, LongSweepsHaveTheMotionThroughTheirNeighbours) {
+  OpenPoses open;
+  for (std::int64_t k = 0; k < 4; ++k)
+    Add(k, OdometryFrame::Status::kTracked, 0.0, &open, k < 2 ? 0.0 : kSpeedMS, 10);
+  EXPECT_LT(WorstM(open, 0), 1e-9);
 }
 
 // Bundle adjustment finds the sensor to be slower than the frontend thought, which changes where it
