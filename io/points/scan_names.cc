@@ -94,25 +94,31 @@ bool IsDateAndHour(std::string_view digits) {
 // nanoseconds as in `cloud_1700000000_123456789`.
 NameStamp StampAtEnd(std::string_view stem) {
   enum Form : std::int64_t { kWhole = 10, kSeconds = -2, kSecondsAndNs = -3 };
-  constexpr double kLeastS = 1e9, kMostS = 3e9;
+  // Counters are none of these seconds, and have fewer digits than nanoseconds.
+  const auto of_now = [](double s) { return s > 1e9 && s < 3e9; };
+  constexpr std::size_t kNsDigits = 9;
   const CountedName last = SplitAtLastNumber(stem, stem.size());
   std::int64_t number = 0, seconds = 0;
   if (!last.behind.empty() || !ParseWhole(last.number, &number)) return {};
-  if (const std::int64_t ns_per_unit = EpochNsPerUnit(number); ns_per_unit != 0)
-    return {number * ns_per_unit, kWhole + ns_per_unit};
+  if (const std::int64_t ns_per_unit = EpochNsPerUnit(number); ns_per_unit != 0) {
+    const StampNs stamp_ns = number * ns_per_unit;
+    return of_now(SecondsBetween(0, stamp_ns)) ? NameStamp{stamp_ns, kWhole + ns_per_unit}
+                                               : NameStamp();
+  }
   const char separator = last.before.empty() ? ' ' : last.before.back();
   if (separator != '.' && separator != '_' && separator != '-') return {};
   const CountedName first = SplitAtLastNumber(last.before, last.before.size() - 1);
   if (first.behind.size() != 1 || !ParseWhole(first.number, &seconds)) return {};
-  const auto s = static_cast<double>(seconds);
-  if (s < kLeastS || s > kMostS || last.number.size() > 9 || IsDateAndHour(first.number)) return {};
-  NameStamp stamp;
-  // A counter has fewer digits.
-  constexpr std::size_t kNsDigits = 9;
-  if (separator != '.' && last.number.size() != kNsDigits) return {};
-  if (separator != '.') return {seconds * 1'000'000'000 + number, kSecondsAndNs};
+  if (!of_now(static_cast<double>(seconds)) || IsDateAndHour(first.number)) return {};
+  if (separator != '.') {
+    return last.number.size() == kNsDigits
+               ? NameStamp{seconds * 1'000'000'000 + number, kSecondsAndNs}
+               : NameStamp();
+  }
+  NameStamp stamp{0, kSeconds};
   const std::string decimal = std::string(first.number) + "." + std::string(last.number);
-  return ParseSecondsNs(decimal, &stamp.stamp_ns) ? NameStamp{stamp.stamp_ns, kSeconds} : stamp;
+  return last.number.size() <= kNsDigits && ParseSecondsNs(decimal, &stamp.stamp_ns) ? stamp
+                                                                                     : NameStamp();
 }
 
 }  // namespace

@@ -164,9 +164,9 @@ TEST_F(ScanSourceTest, StampsAtTheEndOfNames) {
   WriteScans("nuscenes", {"n015-2018-07-24-11-22-45+0800__LIDAR_TOP__1532402927647951.pcd.bin"});
   EXPECT_THAT(Stamps(*Open("nuscenes")), ElementsAre(1532402927647951000));
   // Counters, and a day with its time.
-  for (const char* name :
-       {"scan_0000000007", "scan_1700_12", "scan_1700000000_000001", "20240101123000",
-        "2024010112_30", "scan_1700000000_1700000000", "1700000000123456789_cloud"}) {
+  for (const char* name : {"scan_0000000007", "scan_1700_12", "scan_1700000000_000001",
+                           "20240101123000", "scan_202401011230", "2024010112_30",
+                           "scan_1700000000_1700000000", "1700000000123456789_cloud"}) {
     WriteScans(name, {std::string(name) + ".bin"});
     EXPECT_FALSE(Open(name)->recorded_stamps()) << name;
   }
