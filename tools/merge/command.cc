@@ -3,9 +3,12 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/base/error.h"
@@ -39,6 +42,23 @@ std::vector<Drive> ReadDrives(const MergeArguments& arguments) {
   return drives;
 }
 
+// Why pairs of submaps that were compared are none, the most frequent reasons first.
+std::string DescribeRefusals(const std::vector<Loop>& loops) {
+  constexpr std::size_t kMost = 3;
+  std::map<std::string, int> counts;
+  for (const Loop& loop : loops) {
+    if (loop.status != Loop::Status::kAccepted && !loop.reason.empty()) --counts[loop.reason];
+  }
+  std::vector<std::pair<int, std::string>> reasons;
+  for (const auto& [reason, count] : counts) reasons.emplace_back(count, reason);
+  std::sort(reasons.begin(), reasons.end());
+  if (reasons.size() > kMost) reasons.resize(kMost);
+  std::string text;
+  for (const auto& [count, reason] : reasons)
+    text += fmt::format("{}{} ({})", text.empty() ? "" : ", ", reason, -count);
+  return text.empty() ? "no place looks like another" : text;
+}
+
 int Merge(const MergeArguments& arguments) {
   const auto limit = LimitThreads(arguments.threads);
   if (IsSession(arguments.out))
@@ -57,6 +77,10 @@ int Merge(const MergeArguments& arguments) {
              merged.frames() == 1 ? "one map"
                                   : fmt::format("{} maps that nothing connects", merged.frames()));
   const std::filesystem::path out(arguments.out);
+  if (merged.frames() > 1) {
+    fmt::print("refused      {}; each is in {}\n", DescribeRefusals(merged.loops()),
+               (out / "loops.csv").string());
+  }
   fmt::print("trajectories {}, and one for each drive: {} ...\nmap          {}\nfigures      {}\n",
              (out / "trajectory_tum.txt").string(), DriveTrajectoryName(0),
              (out / MapFileName(0)).string(), (out / "summary.json").string());

@@ -55,7 +55,11 @@ TEST_F(MergeCommand, DrivesOfTwoTownsStayTwoMaps) {
   const std::vector<SE3> drive = Drive({{-60, -60}, {60, -60}, {60, 0}});
   const std::string first = MapDrive("first", Town(1), drive, 0);
   const std::string second = MapDrive("second", Town(12), drive, 1000);
+  testing::internal::CaptureStdout();
   EXPECT_EQ(Merge({first, second, "--out", Path("out")}), 0);
+  const std::string said = testing::internal::GetCapturedStdout();
+  EXPECT_NE(said.find("2 maps that nothing connects"), std::string::npos) << said;
+  EXPECT_NE(said.find("refused      "), std::string::npos) << said;
   EXPECT_EQ(Summary()["frames"].size(), 2U);
   EXPECT_EQ(Summary()["loops"]["accepted"], 0);
   for (const char* name : {"map_surfels_piece1.ply", "trajectory_tum_piece0.txt",
