@@ -30,7 +30,7 @@ PoseDifference WithDrift(const PoseDifference& slack, const LoopOptions& options
 // Within what two loops agree that have this much way between them: 0.5 m, 1.5 degrees and the
 // drift.
 PoseDifference AgreementBound(const LoopOptions& options, double way_m);
-// Whatever a pose is apart by more than this much, agrees with it by chance.
+// Poses that may differ by more agree by chance.
 inline constexpr double kMostAgreeM = 3.0;
 
 // What was found of a pair: refused and why, or waiting.
