@@ -126,19 +126,24 @@ bool Session::Repeating() const {
   return next_ < repeat_from_ + static_cast<std::int64_t>(to_repeat_.size());
 }
 
+const ScanRecord* Session::Recorded() const {
+  const auto i = static_cast<std::size_t>(next_ - repeat_from_);
+  return i < to_repeat_.size() ? &to_repeat_[i] : nullptr;
+}
+
 // Whether a scan that is repeated could be read the first time, and cannot now.
 bool Session::FileIsGone(const MappedScan& report) const {
-  const auto i = static_cast<std::size_t>(next_ - repeat_from_);
-  return i < to_repeat_.size() && !to_repeat_[i].skipped && report.skipped &&
+  const ScanRecord* const before = Recorded();
+  return before != nullptr && !before->skipped && report.skipped &&
          report.reason == SkipReason::kUnreadable;
 }
 
 // Whether a scan that is repeated has other points than the first time: the same file gives the
 // same.
 bool Session::HasChanged(const MappedScan& report) const {
-  const auto i = static_cast<std::size_t>(next_ - repeat_from_);
-  return i < to_repeat_.size() && !to_repeat_[i].skipped && !report.skipped &&
-         to_repeat_[i].points != static_cast<std::int64_t>(report.points);
+  const ScanRecord* const before = Recorded();
+  return before != nullptr && !before->skipped && !report.skipped &&
+         before->points != static_cast<std::int64_t>(report.points);
 }
 
 void Session::ReportDamage() {

@@ -125,6 +125,8 @@ class Session {
   void OnScanDone();
   bool FileIsGone(const MappedScan& report) const;
   bool HasChanged(const MappedScan& report) const;
+  // What was recorded of the scan that is mapped again; null if none is.
+  const ScanRecord* Recorded() const;
   void ReportDamage();
 
   SessionSetup setup_;

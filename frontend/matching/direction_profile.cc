@@ -108,6 +108,25 @@ class MovedCluster {
   double sight_ = 0.0, inverse_scale2_ = 0.0;
 };
 
+// Of a posterior that is narrower than its places are apart: the parabola through the cost of the
+// likeliest one and of those beside it.
+DirectionProfile::Posterior Narrow(const std::vector<double>& places,
+                                   const std::vector<double>& costs) {
+  constexpr double kLeastSigmaM = 5e-4;  // planes of a map are off by as much, however many
+  const double step_m = places[1] - places[0];
+  const auto least = std::min_element(costs.begin(), costs.end());
+  const auto k = std::clamp<std::ptrdiff_t>(least - costs.begin(), 1,
+                                            static_cast<std::ptrdiff_t>(costs.size()) - 2);
+  const double before = costs[static_cast<std::size_t>(k - 1)];
+  const double at = costs[static_cast<std::size_t>(k)];
+  const double after = costs[static_cast<std::size_t>(k + 1)];
+  const double curvature = before - 2.0 * at + after;  // per squared step
+  const double place_m = places[static_cast<std::size_t>(k)];
+  if (!(curvature > 0.0)) return {places[static_cast<std::size_t>(least - costs.begin())], step_m};
+  const double off = std::clamp(0.5 * (before - after) / curvature, -1.0, 1.0);
+  return {place_m + step_m * off, std::max(kLeastSigmaM, step_m / std::sqrt(curvature))};
+}
+
 }  // namespace
 
 SE3 DirectionProfile::At(double s_m) const {
@@ -202,29 +221,6 @@ std::vector<double> DirectionProfile::EdgeLosses(double from_m, double to_m, int
   }
   return losses;
 }
-
-namespace {
-
-// Of a posterior that is narrower than its places are apart: the parabola through the cost of the
-// likeliest one and of those beside it.
-DirectionProfile::Posterior Narrow(const std::vector<double>& places,
-                                   const std::vector<double>& costs) {
-  constexpr double kLeastSigmaM = 5e-4;  // planes of a map are off by as much, however many
-  const double step_m = places[1] - places[0];
-  const auto least = std::min_element(costs.begin(), costs.end());
-  const auto k = std::clamp<std::ptrdiff_t>(least - costs.begin(), 1,
-                                            static_cast<std::ptrdiff_t>(costs.size()) - 2);
-  const double before = costs[static_cast<std::size_t>(k - 1)];
-  const double at = costs[static_cast<std::size_t>(k)];
-  const double after = costs[static_cast<std::size_t>(k + 1)];
-  const double curvature = before - 2.0 * at + after;  // per squared step
-  const double place_m = places[static_cast<std::size_t>(k)];
-  if (!(curvature > 0.0)) return {places[static_cast<std::size_t>(least - costs.begin())], step_m};
-  const double off = std::clamp(0.5 * (before - after) / curvature, -1.0, 1.0);
-  return {place_m + step_m * off, std::max(kLeastSigmaM, step_m / std::sqrt(curvature))};
-}
-
-}  // namespace
 
 DirectionProfile::Posterior DirectionProfile::With(double predicted_m,
                                                    double predicted_sigma_m) const {

@@ -252,24 +252,18 @@ PreparedScan PrepareScan(const Scan& scan, const ScanPreparationOptions& options
   return result;
 }
 
-std::optional<double> TimeBetween(const std::vector<StampNs>& stamps) {
+std::optional<double> TimeBetween(const std::vector<StampNs>& stamps, std::size_t most) {
   std::vector<double> gaps_s;
-  for (std::size_t k = 1; k < stamps.size(); ++k) {
-    if (stamps[k] > stamps[k - 1]) gaps_s.push_back(SecondsBetween(stamps[k - 1], stamps[k]));
+  for (std::size_t i = stamps.size(); i-- > 1 && gaps_s.size() < most;) {
+    if (stamps[i] > stamps[i - 1]) gaps_s.push_back(SecondsBetween(stamps[i - 1], stamps[i]));
   }
   if (gaps_s.empty()) return std::nullopt;
   return UpperMedian(&gaps_s);
 }
 
 double SweepPeriod(const std::vector<StampNs>& stamps_up_to_i, double fallback_s) {
-  constexpr size_t kMost = 9;
-  std::vector<double> periods;
-  for (size_t i = stamps_up_to_i.size(); i-- > 1 && periods.size() < kMost;) {
-    const double period = SecondsBetween(stamps_up_to_i[i - 1], stamps_up_to_i[i]);
-    if (period > 0.0) periods.push_back(period);
-  }
-  if (periods.empty()) return fallback_s;
-  const double period_s = UpperMedian(&periods);
+  constexpr std::size_t kMost = 9;
+  const double period_s = TimeBetween(stamps_up_to_i, kMost).value_or(fallback_s);
   return period_s <= kLongestSweepS ? period_s : fallback_s;
 }
 

@@ -7,6 +7,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 #include <optional>
 #include <vector>
 
@@ -71,8 +72,10 @@ struct PreparedScan {
 PreparedScan PrepareScan(const Scan& scan, const ScanPreparationOptions& options,
                          double sweep_period_s, const SE3& T_vehicle_lidar = SE3());
 
-// The median time between scans, however long; nothing if the stamps do not tell.
-std::optional<double> TimeBetween(const std::vector<StampNs>& stamps);
+// The median time between scans, of the newest ones, however long; nothing if the stamps do not
+// tell.
+std::optional<double> TimeBetween(const std::vector<StampNs>& stamps,
+                                  std::size_t most = std::numeric_limits<std::size_t>::max());
 
 // The period that PrepareScan wants for scan i: the median of the last (up to 9) positive
 // differences of the stamps up to i, or `fallback_s` where there is none, or where it is longer

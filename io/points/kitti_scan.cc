@@ -41,10 +41,13 @@ bool HaveRings(const std::vector<RingPoint>& points) {
 
 }  // namespace
 
+bool IsWholeKittiBin(std::size_t bytes) {
+  return bytes % sizeof(ScanPoint) == 0 || bytes % sizeof(RingPoint) == 0;
+}
+
 Scan ReadKittiBin(const std::string& path, PointTimeUnit /*unit*/, PointTimeField* /*times*/) {
   InputFile file(path);
-  const bool plain = file.size() % sizeof(ScanPoint) == 0;
-  if (!plain && file.size() % sizeof(RingPoint) != 0) {
+  if (!IsWholeKittiBin(file.size())) {
     throw InputError(
         fmt::format("{}: has {} bytes, must be a multiple of 16 (x y z intensity, "
                     "float32), or of 20 (and the ring)",
@@ -53,24 +56,26 @@ Scan ReadKittiBin(const std::string& path, PointTimeUnit /*unit*/, PointTimeFiel
   constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 31;
   if (file.size() > kMostBytes)
     throw InputError(fmt::format("{}: has {} bytes, more than 2 GB", path, file.size()));
+  std::vector<RingPoint> with_rings;
+  if (file.size() % sizeof(RingPoint) == 0) {
+    with_rings.resize(file.size() / sizeof(RingPoint));
+    file.Read(with_rings.data(), file.size());
+  }
   Scan scan;
-  if (file.size() > 0 && file.size() % sizeof(RingPoint) == 0) {
-    std::vector<RingPoint> points(file.size() / sizeof(RingPoint));
-    file.Read(points.data(), file.size());
-    if (HaveRings(points)) {
-      for (const RingPoint& p : points) scan.points.push_back(p.point);
-      return WithPoints(std::move(scan), path);
-    }
-    if (!plain) {
-      throw InputError(fmt::format(
-          "{}: has {} bytes, which are points of 20, but none with the number of its ring", path,
-          file.size()));
-    }
-    scan.points.resize(file.size() / sizeof(ScanPoint));
-    std::memcpy(static_cast<void*>(scan.points.data()), points.data(), file.size());
-  } else {
-    scan.points.resize(file.size() / sizeof(ScanPoint));
+  if (HaveRings(with_rings)) {
+    for (const RingPoint& p : with_rings) scan.points.push_back(p.point);
+    return scan;
+  }
+  if (file.size() % sizeof(ScanPoint) != 0) {
+    throw InputError(fmt::format(
+        "{}: has {} bytes, which are points of 20, but none with the number of its ring", path,
+        file.size()));
+  }
+  scan.points.resize(file.size() / sizeof(ScanPoint));
+  if (with_rings.empty()) {
     file.Read(scan.points.data(), file.size());
+  } else {
+    std::memcpy(static_cast<void*>(scan.points.data()), with_rings.data(), file.size());
   }
   return WithPoints(std::move(scan), path);
 }

@@ -4,12 +4,16 @@
 // Private to io/points.
 #pragma once
 
+#include <cstddef>
 #include <string>
 
 #include "core/geometry/scan.h"
 #include "io/points/point_times.h"
 
 namespace lamina {
+
+// Whether a `.bin` of this length holds whole records.
+bool IsWholeKittiBin(std::size_t bytes);
 
 // `.bin`: float32, little-endian, no header: a record has five numbers where its length allows it
 // and every fifth number is a whole one below 256. `.txt`: a line for each point. Unit and times,

@@ -26,19 +26,19 @@ struct PointFormat {
   Scan (*read)(const std::string& path, PointTimeUnit unit, PointTimeField* times);
   // How long a file must be by its first bytes, see point_file_check.h; null if they do not tell.
   std::optional<std::size_t> (*declared_bytes)(std::string_view head);
-  // A whole file's length is a multiple of one of these.
-  std::size_t record_bytes, other_record_bytes;
+  // Whether a whole file may be so long; null if any may.
+  bool (*whole)(std::size_t bytes);
 };
 
 // A new format is a file with its reader, and a row here.
 constexpr PointFormat kFormats[] = {
-    {".bin", ScanName::kPoints, ReadKittiBin, nullptr, 16, 20},
-    {".pcd", ScanName::kPoints, ReadPcd, DeclaredPcdBytes, 1, 1},
-    {".ply", ScanName::kPoints, ReadPly, DeclaredPlyBytes, 1, 1},
-    {".las", ScanName::kPoints, ReadLas, DeclaredLasBytes, 1, 1},
-    {".laz", ScanName::kPoints, ReadLas, DeclaredLasBytes, 1, 1},
-    {".csv", ScanName::kNone, ReadHokuyoCsv, nullptr, 1, 1},
-    {".txt", ScanName::kText, ReadKittiText, nullptr, 1, 1},
+    {".bin", ScanName::kPoints, ReadKittiBin, nullptr, IsWholeKittiBin},
+    {".pcd", ScanName::kPoints, ReadPcd, DeclaredPcdBytes, nullptr},
+    {".ply", ScanName::kPoints, ReadPly, DeclaredPlyBytes, nullptr},
+    {".las", ScanName::kPoints, ReadLas, DeclaredLasBytes, nullptr},
+    {".laz", ScanName::kPoints, ReadLas, DeclaredLasBytes, nullptr},
+    {".csv", ScanName::kNone, ReadHokuyoCsv, nullptr, nullptr},
+    {".txt", ScanName::kText, ReadKittiText, nullptr, nullptr},
 };
 
 // Null if there is none.
@@ -106,7 +106,7 @@ Scan ReadScanFile(const std::string& path, PointTimeUnit unit, PointTimeField* t
 bool IsWholeScanFile(const std::string& path, std::uint64_t size) {
   const PointFormat* const format = FormatOf(path);
   if (format == nullptr) return true;
-  if (size % format->record_bytes != 0 && size % format->other_record_bytes != 0) return false;
+  if (format->whole != nullptr && !format->whole(size)) return false;
   if (format->declared_bytes == nullptr) return true;
   const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (file < 0) return true;

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
 #include <vector>
@@ -42,20 +43,17 @@ std::vector<Drive> ReadDrives(const MergeArguments& arguments) {
   return drives;
 }
 
-// Why pairs of submaps that were compared are none, the most frequent reasons first.
-std::string DescribeRefusals(const std::vector<Loop>& loops) {
+// The most frequent of these reasons, with their counts (summary.json).
+std::string DescribeRefusals(const std::map<std::string, std::size_t>& by_reason) {
   constexpr std::size_t kMost = 3;
-  std::map<std::string, int> counts;
-  for (const Loop& loop : loops) {
-    if (loop.status != Loop::Status::kAccepted && !loop.reason.empty()) --counts[loop.reason];
-  }
-  std::vector<std::pair<int, std::string>> reasons;
-  for (const auto& [reason, count] : counts) reasons.emplace_back(count, reason);
-  std::sort(reasons.begin(), reasons.end());
-  if (reasons.size() > kMost) reasons.resize(kMost);
+  std::vector<std::pair<std::string, std::size_t>> reasons(by_reason.begin(), by_reason.end());
+  std::stable_sort(reasons.begin(), reasons.end(),
+                   [](const auto& a, const auto& b) { return a.second > b.second; });
   std::string text;
-  for (const auto& [count, reason] : reasons)
-    text += fmt::format("{}{} ({})", text.empty() ? "" : ", ", reason, -count);
+  for (std::size_t i = 0; i < std::min(kMost, reasons.size()); ++i) {
+    const auto& [reason, count] = reasons[i];
+    text += fmt::format("{}{} ({})", text.empty() ? "" : ", ", reason, count);
+  }
   return text.empty() ? "no place looks like another" : text;
 }
 
@@ -78,7 +76,8 @@ int Merge(const MergeArguments& arguments) {
                                   : fmt::format("{} maps that nothing connects", merged.frames()));
   const std::filesystem::path out(arguments.out);
   if (merged.frames() > 1) {
-    fmt::print("refused      {}; each is in {}\n", DescribeRefusals(merged.loops()),
+    fmt::print("refused      {}; each is in {}\n",
+               DescribeRefusals(summary["loops"]["refused_by_reason"]),
                (out / "loops.csv").string());
   }
   fmt::print("trajectories {}, and one for each drive: {} ...\nmap          {}\nfigures      {}\n",

@@ -22,6 +22,15 @@ Vector6d TwistAround(const Trajectory& poses, std::size_t i) {
   return terms > 0 ? Vector6d(sum / terms) : sum;
 }
 
+std::vector<StampNs> StampsAround(const ScanSource& scans, size_t i) {
+  constexpr size_t kBefore = 9;
+  std::vector<StampNs> stamps = scans.StampsUpTo(i, 0, kBefore + 1);
+  for (size_t k = i + 1; k < scans.size() && stamps.size() <= kBefore; ++k) {
+    if (scans.Sensor(k) == scans.Sensor(i)) stamps.push_back(scans.Stamp(k));
+  }
+  return stamps;
+}
+
 }  // namespace
 
 std::vector<StampNs> ScanStamps(const ScanSource& scans) {
@@ -53,19 +62,6 @@ std::vector<PosedScan> PoseScans(const ScanSource& scans, const Trajectory& traj
   }
   return posed;
 }
-
-namespace {
-
-std::vector<StampNs> StampsAround(const ScanSource& scans, size_t i) {
-  constexpr size_t kBefore = 9;
-  std::vector<StampNs> stamps = scans.StampsUpTo(i, 0, kBefore + 1);
-  for (size_t k = i + 1; k < scans.size() && stamps.size() <= kBefore; ++k) {
-    if (scans.Sensor(k) == scans.Sensor(i)) stamps.push_back(scans.Stamp(k));
-  }
-  return stamps;
-}
-
-}  // namespace
 
 double SweepPeriodOfScan(const ScanSource& scans, size_t i, double fallback_s) {
   return SweepPeriod(StampsAround(scans, i), fallback_s);

@@ -95,8 +95,7 @@ SessionSetup WatchDaemon::MakeSessionSetup() const {
   setup.fixed_options = ResultOptionsToYaml(setup_.config);
   setup.session = setup_.config.session;
   setup.base_map = setup_.base_map;
-  setup.has_file = [files = WatchFiles(setup_.inbox, setup_.session, setup_.done)](
-                       const ScanRecord& scan) { return files.Has(scan); };
+  setup.has_file = [this](const ScanRecord& scan) { return files_.Has(scan); };
   if (setup_.base_map) {
     setup.base_map->fixed_options = setup.fixed_options;
     std::string start = "none";

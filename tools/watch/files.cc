@@ -62,12 +62,16 @@ bool WatchFiles::Has(const ScanRecord& scan) const {
                     ignored);
 }
 
+std::string WatchFiles::ReasonPath(const std::string& name) const {
+  return (fs::path(session_) / "rejected" / (name + ".reason.txt")).string();
+}
+
 void WatchFiles::NoteReason(const std::string& name, const std::string& reason) const {
   try {
-    const fs::path to = fs::path(session_) / "rejected" / name;
-    MakeDirectory(to.parent_path().string());
+    const std::string path = ReasonPath(name);
+    MakeDirectory(fs::path(path).parent_path().string());
     // Not waited for to reach the disk: thousands may come at once, and the database knows it, too.
-    std::ofstream file(to.string() + ".reason.txt", std::ios::binary);
+    std::ofstream file(path, std::ios::binary);
     file << Printable(reason) << "\n";
     if (!file.flush()) throw OutputError("the reason cannot be written");
   } catch (const std::exception& error) {
@@ -166,8 +170,7 @@ void WatchFiles::ReleaseOne(const ScanRecord& scan) const {
     // There may have been no room for the copy when it was rejected.
     if (scan.skipped) CopyToRejected(scan.file);
     // Of a mapped file there is none: this is another one, which came in its place.
-    const fs::path reason = fs::path(session_) / "rejected" / (scan.file + ".reason.txt");
-    if (!scan.skipped && fs::exists(reason)) return MoveTo("rejected", scan.file);
+    if (!scan.skipped && fs::exists(ReasonPath(scan.file))) return MoveTo("rejected", scan.file);
     if (policy_ == DonePolicy::kDelete || scan.skipped) {
       fs::remove(from);
       return;

@@ -45,6 +45,7 @@ class WatchFiles {
  private:
   // Throws InputError, OutputError.
   void CopyToRejected(const std::string& name) const;
+  std::string ReasonPath(const std::string& name) const;
   void ReleaseOne(const ScanRecord& scan) const;
   void ReleaseRecordings(const SessionDatabase& database, std::int64_t to) const;
   void ReleaseRecording(const std::string& name) const;

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "backend/mapping/mapped_scan.h"
 #include "tools/results/verdict/rules.h"
 
 namespace lamina {
@@ -111,7 +112,7 @@ double ShareHistogram::Median() const {
 void VerdictCounter::Add(const ScanRecord& scan) {
   if (scan.skipped) {
     // Of two sensors that are triggered together one is enough.
-    skipped_ += scan.status == "too_soon_after_other_sensor" ? 0 : 1;
+    skipped_ += scan.status == ToString(SkipReason::kTooSoonAfterOtherSensor) ? 0 : 1;
     return last_.clear();
   }
   ++frames_;
