@@ -302,19 +302,25 @@ std::vector<SubmapPair> PieceJoiner::Beside(const std::vector<bool>& joins,
   return pairs;
 }
 
+// Whether a match that is no loop may be right all the same: open along a street, it could lie
+// elsewhere as well, but need not; and of two submaps that overlap in part, each has structure
+// where the other did not look.
+bool MayBeRight(const SubmapMatch& match, VerificationOptions options) {
+  options.min_facing = 0.0;
+  if (NoneIsGone(match)) options.min_structure = 0.0;
+  return Refusal(match, options).empty();
+}
+
 // Registers them, and keeps those that agree; what came of it adds to *evidence.
 void PieceJoiner::Compare(const std::vector<SubmapPair>& pairs, Evidence* evidence) {
   const std::vector<SubmapMatch> matches = Register(pairs);
-  VerificationOptions but_for_facing = options_.verification;
-  but_for_facing.min_facing = 0.0;
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     Loop loop = LoopOf(pairs[i], matches[i], options_.verification);
     const bool expected = IsWhereExpected(loop, pairs[i], submaps_.images()[loop.to]);
     if (loop.status == Loop::Status::kWaiting && expected) {
       loop.status = Loop::Status::kAccepted;
       ++evidence->agreeing;
-    } else if (expected && Refusal(loop.match, but_for_facing).empty()) {
-      // Open along a street, it could lie elsewhere as well, but need not.
+    } else if (expected && MayBeRight(loop.match, options_.verification)) {
       loop.status = Loop::Status::kRefused;
     } else if (loop.match.converged && loop.match.planes >= options_.verification.min_planes) {
       // What has few planes in common says nothing.

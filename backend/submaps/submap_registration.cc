@@ -62,9 +62,8 @@ SightLines::Seen SeenOfEachOther(const SubmapQuery& query, const SubmapTarget& t
 }
 
 double LeastOverlap(const SubmapMatch& match, const VerificationOptions& options) {
-  const bool none_gone = match.looks >= kManyLooks && match.gone <= kNoneGone;
-  return none_gone ? std::min(options.min_overlap, options.min_overlap_none_gone)
-                   : options.min_overlap;
+  return NoneIsGone(match) ? std::min(options.min_overlap, options.min_overlap_none_gone)
+                           : options.min_overlap;
 }
 
 double StructureInCommon(const SubmapQuery& query, const VoxelMap& map, const SE3& T) {
@@ -97,6 +96,10 @@ void VerificationOptions::Visit(OptionVisitor& v) {
   v.Number("min_facing", &min_facing, 0.0, 1e6);
   v.Number("max_residual_sigmas", &max_residual_sigmas, 0.0, 100.0);
   v.Number("max_gone", &max_gone, 0.0, 1.0);
+}
+
+bool NoneIsGone(const SubmapMatch& match) {
+  return match.looks >= kManyLooks && match.gone <= kNoneGone;
 }
 
 std::string Refusal(const SubmapMatch& match, const VerificationOptions& options) {

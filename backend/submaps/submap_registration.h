@@ -61,6 +61,10 @@ struct SubmapMatch {
   int looks = 0;  // that `gone` is a share of
 };
 
+// Whether each looked at enough of what the other has above the sensor, and all of it was there.
+// What has nothing beside it in the other one lies where that one did not look.
+bool NoneIsGone(const SubmapMatch& match);
+
 // Why a match is not to be believed; empty if it is.
 std::string Refusal(const SubmapMatch& match, const VerificationOptions& options);
 

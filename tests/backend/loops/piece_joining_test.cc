@@ -72,6 +72,21 @@ TEST(PieceJoining, WhatIsOpenAlongAStreetSpeaksNotAgainstAJoin) {
   }
 }
 
+// Submaps that overlap in part lack much of one another's structure. Neither looked there: it does
+// not contradict the loops that have them beside one another.
+TEST(PieceJoining, WhatADriveDidNotLookAtSpeaksNotAgainstAJoin) {
+  const Town town(1);
+  const MappedDrive first = MapDrive(town, Drive({{-60, -60}, {60, -60}, {60, 60}}), 3);
+  const MappedDrive second = MapDrive(town, Drive({{-35, -60}, {60, -60}, {60, 30}}), 4);
+  LoopOptions options = DriveLoopOptions();
+  options.verification.min_structure = 0.7;  // most of these pairs have less
+  const JoinedPieces joined = Join({&first, &second}, options);
+  EXPECT_EQ(joined.part, (std::vector<std::size_t>{0, 0}));
+  EXPECT_LT(WorstM(joined, {&first, &second}), 1.6);
+  const auto lacking = [](const Loop& loop) { return loop.reason == "structure does not agree"; };
+  EXPECT_GE(std::count_if(joined.loops.begin(), joined.loops.end(), lacking), 4);
+}
+
 TEST(PieceJoining, APieceOfOneSubmapFindsItsPlace) {
   const Town town(1);
   const MappedDrive all = MapDrive(town, Drive({{-60, -60}, {60, -60}, {60, 60}}), 3, 0.0);
