@@ -2,9 +2,11 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <optional>
 
 #include "backend/anchors/loop_innovation.h"
 #include "backend/bundle/relative_pose_residual.h"
+#include "core/base/disjoint_sets.h"
 
 namespace lamina {
 namespace {
@@ -63,9 +65,13 @@ class CeresGraph {
     return summary.IsSolutionUsable();
   }
 
-  // Of all loops at the present poses, those in `kept` counting.
-  std::vector<Innovation> Innovations(const std::vector<bool>& kept) {
-    return LoopInnovations(Linearise(), graph_.odometry.size(), kept);
+  // Of all loops at the present poses, those in result->kept counting; nothing if edges have no
+  // finite value.
+  std::optional<std::vector<Innovation>> Innovations(AnchorGraphResult* result) {
+    const std::optional<std::vector<LinearEdge>> edges = Linearise();
+    if (edges) return LoopInnovations(*edges, graph_.odometry.size(), result->kept);
+    result->reason = "its edges could not be evaluated";
+    return std::nullopt;
   }
 
  private:
@@ -77,7 +83,7 @@ class CeresGraph {
   }
 
   // All edges, odometry first, whatever their losses.
-  std::vector<LinearEdge> Linearise() {
+  std::optional<std::vector<LinearEdge>> Linearise() {
     ceres::Problem::EvaluateOptions options;
     options.apply_loss_function = false;
     options.residual_blocks = edges_;
@@ -88,7 +94,7 @@ class CeresGraph {
     }
     std::vector<double> residuals;
     ceres::CRSMatrix J;
-    problem_.Evaluate(options, nullptr, &residuals, nullptr, &J);
+    if (!problem_.Evaluate(options, nullptr, &residuals, nullptr, &J)) return std::nullopt;
     std::vector<LinearEdge> edges(edges_.size());
     for (std::size_t row = 0; row < residuals.size(); ++row) {
       LinearEdge& edge = edges[row / 6];
@@ -108,20 +114,12 @@ class CeresGraph {
 
   // The first pose of each part that edges join.
   void Hold() {
-    std::vector<std::size_t> part(poses_.size());
-    for (std::size_t i = 0; i < part.size(); ++i) part[i] = i;
-    const auto first = [&](std::size_t i) {
-      while (part[i] != i) i = part[i] = part[part[i]];
-      return i;
-    };
+    DisjointSets parts(poses_.size());
     for (const auto* edges : {&graph_.odometry, &graph_.loops}) {
-      for (const AnchorEdge& edge : *edges) {
-        const std::size_t a = first(edge.from), b = first(edge.to);
-        part[std::max(a, b)] = std::min(a, b);
-      }
+      for (const AnchorEdge& edge : *edges) parts.Join(edge.from, edge.to);
     }
-    for (std::size_t i = 0; i < part.size(); ++i) {
-      if (first(i) != i) continue;
+    for (std::size_t i = 0; i < poses_.size(); ++i) {
+      if (parts.Find(i) != i) continue;
       problem_.SetParameterBlockConstant(poses_[i].q.coeffs().data());
       problem_.SetParameterBlockConstant(poses_[i].t.data());
     }
@@ -170,7 +168,9 @@ bool SolveRounds(const std::vector<bool>& excluded, double gate2, CeresGraph* ce
   // A loop that has come and gone may come again once: no rounds without end.
   const std::size_t most = 2 * excluded.size() + 2;
   for (std::size_t round = 0; round < most && good && !excluded.empty(); ++round) {
-    if (!ChangeKept(ceres_graph->Innovations(result->kept), excluded, gate2, &result->kept)) break;
+    const std::optional<std::vector<Innovation>> innovations = ceres_graph->Innovations(result);
+    if (!innovations) return false;
+    if (!ChangeKept(*innovations, excluded, gate2, &result->kept)) break;
     good = ceres_graph->Solve(result);
   }
   return good;
@@ -221,12 +221,17 @@ double SquaredResidual(const AnchorEdge& edge, const std::vector<SE3>& poses) {
   return d.dot(edge.information * d);
 }
 
+std::string WhyLeftOut(const AnchorGraphResult& result) {
+  return result.good ? "contradicts the other loops" : "could not be solved with: " + result.reason;
+}
+
 AnchorGraphResult SolveAnchorGraph(const AnchorGraph& graph, const AnchorGraphOptions& options) {
   CheckOptions(options, "loops.graph");
   AnchorGraphResult result;
   result.poses = graph.poses;
-  result.kept = graph.kept_before;
-  result.kept.resize(graph.loops.size(), false);
+  std::vector<bool> kept_before = graph.kept_before;
+  kept_before.resize(graph.loops.size(), false);
+  result.kept = kept_before;
   for (const auto* edges : {&graph.odometry, &graph.loops}) {
     for (const AnchorEdge& edge : *edges) result.cost_before += SquaredResidual(edge, result.poses);
   }
@@ -240,6 +245,10 @@ AnchorGraphResult SolveAnchorGraph(const AnchorGraph& graph, const AnchorGraphOp
   constexpr std::ptrdiff_t kFew = 3, kShare = 5;
   if (result.good && out > kFew && kShare * out > static_cast<std::ptrdiff_t>(result.kept.size()))
     result.good = TryWithout(graph, gate2, &ceres_graph, &result);
+  if (!result.good) {
+    result.poses = graph.poses;
+    result.kept = kept_before;
+  }
   result.cost = Cost(graph, result);
   return result;
 }

@@ -43,7 +43,7 @@ struct AnchorGraphOptions {
 };
 
 struct AnchorGraphResult {
-  bool good = false;
+  bool good = false;   // if not, poses and `kept` are those of before
   std::string reason;  // of a failure
   std::vector<SE3> poses;
   std::vector<bool> kept;    // of the loops
@@ -51,6 +51,9 @@ struct AnchorGraphResult {
   double cost = 0.0;         // over odometry and the loops kept
   int iterations = 0;
 };
+
+// Of loops that are not kept: the others contradict them, or the solve failed.
+std::string WhyLeftOut(const AnchorGraphResult& result);
 
 // Pure function; deterministic. Throws std::out_of_range for an edge of a pose that there is not.
 AnchorGraphResult SolveAnchorGraph(const AnchorGraph& graph, const AnchorGraphOptions& options);

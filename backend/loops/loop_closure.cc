@@ -318,9 +318,8 @@ std::string LoopClosure::DriftRefusal(const Loop& loop) const {
 void LoopClosure::Correct() {
   const AnchorGraph graph = this->graph();
   const AnchorGraphResult result = SolveAnchorGraph(graph, options_.graph);
-  if (!result.good) return;
   anchors_ = result.poses;
-  corrected_ = true;
+  corrected_ = corrected_ || result.good;
   std::vector<SE3> start;
   for (const Submap& submap : submaps_) start.push_back(submap.T_world_submap);
   cost_before_ = 0.0;
@@ -334,7 +333,7 @@ void LoopClosure::Correct() {
       cost_before_ += SquaredResidual(graph.loops[i], start);
     } else {
       loop.status = Loop::Status::kRefused;
-      loop.reason = "contradicts the other loops";
+      loop.reason = WhyLeftOut(result);
     }
   }
 }

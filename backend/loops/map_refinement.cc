@@ -182,7 +182,6 @@ void GraphRefiner::Compare(const std::vector<SubmapPair>& pairs) {
 void GraphRefiner::Solve() {
   AnchorGraph& graph = result_.graph;
   const AnchorGraphResult solved = SolveAnchorGraph(graph, options_.graph);
-  if (!solved.good) return;
   graph.poses = solved.poses;
   // What was there before is first; what was found here follows in the order of its loops.
   const std::size_t before = graph.loops.size() - loop_of_edge_.size();
@@ -196,7 +195,7 @@ void GraphRefiner::Solve() {
         loops.push_back(loop_of_edge_[i - before]);
       } else {
         loop.status = Loop::Status::kRefused;
-        loop.reason = "contradicts the other loops";
+        loop.reason = WhyLeftOut(solved);
       }
     }
     if (solved.kept[i]) edges.push_back(graph.loops[i]);

@@ -92,12 +92,13 @@ class PieceJoiner {
   struct Evidence {
     std::size_t agreeing = 0, contradicting = 0;
   };
-  // False leaves the result of no use.
-  bool TryJoin(const Group& group);
+  // What speaks against it; empty if it is joined, otherwise the result is of no use.
+  std::string TryJoin(const Group& group);
   std::vector<SubmapPair> Beside(const std::vector<bool>& joins, const PairSet& compared) const;
   void Compare(const std::vector<SubmapPair>& pairs, Evidence* evidence);
-  // All pieces with the loops that are accepted; those that contradict the others go.
-  bool Solve();
+  // All pieces with the loops that are accepted; those that contradict the others go. Why it
+  // failed; empty if it did not.
+  std::string Solve();
 
   const std::vector<MapPiece>& pieces_;
   const LoopOptions& options_;
@@ -258,12 +259,13 @@ bool PieceJoiner::JoinNext() {
   for (const Group& group : groups) {
     JoinedPieces before = result_;
     std::vector<bool> kept = kept_;
-    if (TryJoin(group)) return true;
+    const std::string refusal = TryJoin(group);
+    if (refusal.empty()) return true;
     result_ = std::move(before);
     kept_ = std::move(kept);
     for (const std::size_t i : group.members) {
       result_.loops[i].status = Loop::Status::kRefused;
-      result_.loops[i].reason = "what lies around does not agree";
+      result_.loops[i].reason = refusal;
     }
   }
   return false;
@@ -339,7 +341,7 @@ void PieceJoiner::Compare(const std::vector<SubmapPair>& pairs, Evidence* eviden
   }
 }
 
-bool PieceJoiner::Solve() {
+std::string PieceJoiner::Solve() {
   AnchorGraph& graph = result_.graph;
   graph.loops.resize(own_loops_);
   std::vector<Loop*> accepted;
@@ -350,19 +352,19 @@ bool PieceJoiner::Solve() {
   }
   graph.kept_before.assign(graph.loops.size(), true);
   const AnchorGraphResult solved = SolveAnchorGraph(graph, options_.graph);
-  if (!solved.good) return false;
+  if (!solved.good) return WhyLeftOut(solved);
   graph.poses = solved.poses;
   kept_ = solved.kept;
   for (std::size_t i = 0; i < accepted.size(); ++i) {
     accepted[i]->solved = kept_[own_loops_ + i];
     if (accepted[i]->solved) continue;
     accepted[i]->status = Loop::Status::kRefused;
-    accepted[i]->reason = "contradicts the other loops";
+    accepted[i]->reason = WhyLeftOut(solved);
   }
-  return true;
+  return "";
 }
 
-bool PieceJoiner::TryJoin(const Group& group) {
+std::string PieceJoiner::TryJoin(const Group& group) {
   // By the candidate that most agree with.
   const SE3 T_a_b = BetweenParts(result_.loops[group.lead], group.a);
   std::vector<bool> joins(submaps_.size());
@@ -380,19 +382,20 @@ bool PieceJoiner::TryJoin(const Group& group) {
   }
   Evidence evidence;
   evidence.agreeing = group.size;
-  if (!Solve()) return false;
+  if (std::string failure = Solve(); !failure.empty()) return failure;
   for (int round = 0; round < kRounds; ++round) {
     const std::vector<SubmapPair> pairs = Beside(joins, compared);
     if (pairs.empty()) break;
     for (const SubmapPair& pair : pairs) compared.insert({pair.from, pair.to});
     Compare(pairs, &evidence);
-    if (!Solve()) return false;
+    if (std::string failure = Solve(); !failure.empty()) return failure;
   }
   const auto kept = std::count_if(result_.loops.begin(), result_.loops.end(), [&](const Loop& l) {
     return l.status == Loop::Status::kAccepted && joins[l.from] != joins[l.to];
   });
-  return kept > 0 && static_cast<double>(evidence.contradicting) <=
-                         kMostContradicting * static_cast<double>(evidence.agreeing);
+  const bool agrees = kept > 0 && static_cast<double>(evidence.contradicting) <=
+                                      kMostContradicting * static_cast<double>(evidence.agreeing);
+  return agrees ? "" : "what lies around does not agree";
 }
 
 }  // namespace

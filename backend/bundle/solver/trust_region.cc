@@ -57,9 +57,8 @@ BundleResult MinimiseInTrustRegion(const std::vector<SE3>& poses,
   Stopwatch clock;
   BundleResult result;
   result.poses = poses;
-  result.status = BundleResult::Status::kFailed;
+  result.status = BundleResult::Status::kFailed;  // until a step could be solved for
   if (!model->Linearise(result.poses)) return result;
-  result.status = BundleResult::Status::kIterationLimit;
   result.initial_cost = result.final_cost = model->value();
   TrustRegion region;
   bool done = false;
@@ -70,6 +69,7 @@ BundleResult MinimiseInTrustRegion(const std::vector<SE3>& poses,
     double promised = 0.0;
     bool stale = false;
     if (model->Solve(region.radius(), &delta, &promised)) {
+      result.status = BundleResult::Status::kIterationLimit;
       step.step = delta.cwiseAbs().maxCoeff();
       const std::vector<SE3> moved = Moved(result.poses, delta);
       const double before = model->value();

@@ -62,6 +62,21 @@ Problem Laps(unsigned seed) {
   return problem;
 }
 
+TEST(AnchorGraph, WhatCannotBeSolvedStaysAsItWas) {
+  Problem problem = Laps(1);
+  AnchorGraph& graph = problem.graph;
+  graph.kept_before.assign(graph.loops.size(), true);
+  graph.kept_before.back() = false;
+  graph.loops.back().information(0, 0) = std::nan("");
+  const AnchorGraphResult result = SolveAnchorGraph(graph, {});
+  ASSERT_FALSE(result.good);
+  EXPECT_EQ(result.kept, graph.kept_before);
+  for (std::size_t i = 0; i < graph.poses.size(); ++i)
+    EXPECT_EQ(result.poses[i].t, graph.poses[i].t);
+  EXPECT_EQ(WhyLeftOut(result), "could not be solved with: " + result.reason);
+  EXPECT_FALSE(result.reason.empty());
+}
+
 TEST(AnchorGraph, LoopsTakeBackTheDrift) {
   const Problem problem = Laps(1);
   const AnchorGraphResult result = SolveAnchorGraph(problem.graph, {});
