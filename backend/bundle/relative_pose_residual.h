@@ -9,6 +9,7 @@
 
 #include <ceres/ceres.h>
 
+#include "core/geometry/robust_kernel.h"
 #include "core/geometry/se3.h"
 
 namespace lamina {
@@ -42,12 +43,13 @@ struct RelativePoseResidual {
   }
 };
 
-// rho(s) = s / (1 + s / scale^2), that of core/geometry/robust_kernel.h for s = scale^2 e^2.
+// rho(s) = s / (1 + s / scale^2): twice that of core/geometry/robust_kernel.h, in units of scale^2,
+// for s = scale^2 e^2.
 class GemanMcClureLoss final : public ceres::LossFunction {
  public:
   explicit GemanMcClureLoss(double scale) : scale2_(scale * scale) {}
   void Evaluate(double s, double out[3]) const override {
-    const double d = 1.0 / (1.0 + s / scale2_);
+    const double d = GemanMcClureFit(s / scale2_);
     out[0] = s * d;
     out[1] = d * d;
     out[2] = -2.0 * d * d * d / scale2_;

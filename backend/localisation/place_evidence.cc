@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <cstddef>
 
+#include "core/base/thinning.h"
+
 namespace lamina {
 namespace {
 
 // Points that are asked for.
-constexpr std::size_t kMostPoints = 4000;
+constexpr std::size_t kEnoughPoints = 4000;
 
 // Of the lower of the two leaves, along each axis, that are the nearest to a point.
 VoxelKey BlockOf(const Eigen::Vector3i& lower) {
@@ -30,7 +32,7 @@ OccupiedLeaves::OccupiedLeaves(const Submap& place)
 
 double OccupiedLeaves::Met(const std::vector<Eigen::Vector3f>& points,
                            const SE3& T_place_query) const {
-  const std::size_t stride = std::max<std::size_t>(1, points.size() / kMostPoints);
+  const std::size_t stride = StrideToAtLeast(points.size(), kEnoughPoints);
   const double inverse = 1.0 / leaf_size_m_;
   const Eigen::Matrix3d R = T_place_query.R();
   const Eigen::Vector3d half = Eigen::Vector3d::Constant(0.5 * leaf_size_m_);

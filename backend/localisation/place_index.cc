@@ -11,6 +11,7 @@
 #include "backend/places/submap_place.h"
 #include "core/base/angle.h"
 #include "core/base/parallel.h"
+#include "core/base/thinning.h"
 
 namespace lamina {
 namespace {
@@ -61,10 +62,10 @@ Submap Around(const Submap& submap, double radius_m) {
 
 // Every n-th leaf.
 Submap Thinned(const Submap& place) {
-  constexpr std::size_t kMost = 8000;
+  constexpr std::size_t kEnough = 8000;
   Submap some = place;
   some.leaves.clear();
-  const std::size_t stride = std::max<std::size_t>(1, place.leaves.size() / kMost);
+  const std::size_t stride = StrideToAtLeast(place.leaves.size(), kEnough);
   for (std::size_t i = 0; i < place.leaves.size(); i += stride)
     some.leaves.push_back(place.leaves[i]);
   return some;

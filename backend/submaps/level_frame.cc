@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/base/angle.h"
+#include "core/base/thinning.h"
 
 namespace lamina {
 namespace {
@@ -13,7 +14,7 @@ constexpr double kToleranceDeg = 8.0;
 
 // Every n-th, so that at most `most` are left.
 std::vector<Eigen::Vector3f> SomeNormals(const std::vector<LeafPlane>& planes, std::size_t most) {
-  const std::size_t stride = std::max<std::size_t>(1, (planes.size() + most - 1) / most);
+  const std::size_t stride = StrideToAtMost(planes.size(), most);
   std::vector<Eigen::Vector3f> normals;
   for (std::size_t i = 0; i < planes.size(); i += stride) normals.push_back(planes[i].normal);
   return normals;

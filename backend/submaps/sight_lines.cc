@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/base/angle.h"
+#include "core/base/thinning.h"
 
 namespace lamina {
 namespace {
@@ -37,15 +38,12 @@ std::size_t PixelOf(int azimuth, int elevation) {
   return static_cast<std::size_t>(elevation * kAzimuths + (azimuth + kAzimuths) % kAzimuths);
 }
 
-std::size_t Stride(std::size_t keyframes) {
-  return std::max<std::size_t>(1, (keyframes + kMostKeyframes - 1) / kMostKeyframes);
-}
-
 }  // namespace
 
 SightLines::SightLines(const std::vector<FinalKeyframe>& keyframes, double leaf_size_m)
     : leaf_size_m_(leaf_size_m), behind_m_(std::max(kBehindM, leaf_size_m)) {
-  for (std::size_t i = 0; i < keyframes.size(); i += Stride(keyframes.size())) {
+  for (std::size_t i = 0; i < keyframes.size();
+       i += StrideToAtMost(keyframes.size(), kMostKeyframes)) {
     std::vector<Eigen::Vector3d> means;
     for (const PointCluster& cluster : keyframes[i].clusters) means.push_back(cluster.mean);
     images_.push_back(ImageOf(keyframes[i].T_world_lidar, means));
@@ -57,7 +55,8 @@ SightLines::SightLines(const Submap& submap, const SubmapLeaves& leaves)
   std::vector<Eigen::Vector3d> means;
   means.reserve(leaves.size());
   for (const SubmapLeaf& leaf : leaves) means.push_back(submap.Cluster(leaf).mean);
-  for (std::size_t i = 0; i < submap.keyframes.size(); i += Stride(submap.keyframes.size()))
+  for (std::size_t i = 0; i < submap.keyframes.size();
+       i += StrideToAtMost(submap.keyframes.size(), kMostKeyframes))
     images_.push_back(ImageOf(submap.keyframes[i].T_submap_lidar, means));
 }
 

@@ -4,12 +4,12 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <numeric>
 #include <unordered_map>
 
 #include "backend/anchors/anchor_prior.h"
 #include "backend/bundle/uncertainty/observability.h"
 #include "backend/submaps/association_rounds.h"
+#include "core/base/disjoint_sets.h"
 #include "core/base/parallel.h"
 #include "core/geometry/robust_kernel.h"
 #include "core/geometry/state_archive.h"
@@ -27,26 +27,18 @@ struct Part {
 };
 
 std::vector<Part> PartsOf(const AnchorGraph& graph) {
-  std::vector<std::size_t> first(graph.poses.size());
-  std::iota(first.begin(), first.end(), std::size_t{0});
-  const auto root = [&](std::size_t i) {
-    while (first[i] != i) i = first[i] = first[first[i]];
-    return i;
-  };
+  DisjointSets joined(graph.poses.size());
   for (const auto* edges : {&graph.odometry, &graph.loops}) {
-    for (const AnchorEdge& edge : *edges) {
-      const std::size_t a = root(edge.from), b = root(edge.to);
-      first[std::max(a, b)] = std::min(a, b);
-    }
+    for (const AnchorEdge& edge : *edges) joined.Join(edge.from, edge.to);
   }
   std::vector<Part> parts;
-  std::vector<std::size_t> part(first.size()), place(first.size());
-  for (std::size_t i = 0; i < first.size(); ++i) {
-    if (root(i) == i) {
+  std::vector<std::size_t> part(graph.poses.size()), place(graph.poses.size());
+  for (std::size_t i = 0; i < part.size(); ++i) {
+    if (joined.Find(i) == i) {
       part[i] = parts.size();
       parts.emplace_back();
     }
-    part[i] = part[root(i)];
+    part[i] = part[joined.Find(i)];
     place[i] = parts[part[i]].submaps.size();
     parts[part[i]].submaps.push_back(i);
   }
@@ -202,7 +194,7 @@ Round SolveRound(const PartProblem& part, const std::vector<SE3>& anchors, bool 
   Round round;
   VoxelMapOptions sized = part.map;
   if (first) sized.max_thickness_m *= kFirstRoundThickness;
-  const CastSubmaps cast(part.submaps, anchors, sized);
+  const CastSubmaps cast(part.submaps, anchors, WithinRange(sized));
   if (!cast.fits()) {
     round.refusal = "all submaps at once are more than map.budget_mb";
     return round;

@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "core/base/angle.h"
-#include "frontend/scan/thinning.h"
+#include "core/base/thinning.h"
 
 namespace lamina {
 namespace {
@@ -31,7 +31,7 @@ ScanMatcherOptions Coarse(ScanMatcherOptions options) {
   options.kernel_start_sigma = 20.0;
   options.kernel_end_sigma = 4.0;
   options.max_distance_m *= 2.0;
-  return options;
+  return WithinRange(options);
 }
 
 std::unique_ptr<VoxelMap> MapOf(const Submap& submap, const SubmapLeaves& leaves,
@@ -47,7 +47,7 @@ std::unique_ptr<VoxelMap> MapOf(const Submap& submap, const SubmapLeaves& leaves
 }
 
 std::vector<Eigen::Vector3f> SomeMeans(const Submap& submap, const SubmapLeaves& leaves) {
-  const std::size_t stride = std::max<std::size_t>(1, leaves.size() / kSomeLeaves);
+  const std::size_t stride = StrideToAtLeast(leaves.size(), kSomeLeaves);
   std::vector<Eigen::Vector3f> means;
   for (std::size_t i = 0; i < leaves.size(); i += stride)
     means.push_back(submap.Cluster(leaves[i]).mean.cast<float>());
@@ -70,7 +70,7 @@ double StructureInCommon(const SubmapQuery& query, const VoxelMap& map, const SE
   std::size_t met = 0;
   for (const Eigen::Vector3f& mean : query.upright) {
     const Eigen::Vector3d p = T * mean.cast<double>();
-    if (map.CanHold(p) && map.FindSurface(p) != VoxelMap::kNoNode) ++met;
+    if (map.FindSurface(p) != VoxelMap::kNoNode) ++met;
   }
   return query.upright.empty()
              ? 0.0
@@ -116,11 +116,11 @@ std::string Refusal(const SubmapMatch& match, const VerificationOptions& options
 SubmapTarget::SubmapTarget(const Submap& submap, const VoxelMapOptions& map) {
   const SubmapLeaves leaves = submap.Leaves();
   VoxelMapOptions options = map;
-  options.budget_mb = 1e6;
+  options.budget_mb = VoxelMapOptions::kMostBudgetMb;
   fine_ = MapOf(submap, leaves, options);
   options.root_size_m *= 2.0;
   options.max_thickness_m *= 2.0;
-  coarse_ = MapOf(submap, leaves, options);
+  coarse_ = MapOf(submap, leaves, WithinRange(options));
   some_ = SomeMeans(submap, leaves);
   sight_ = SightLines(submap, leaves);
 }
@@ -183,9 +183,9 @@ void SubmapRegistration::JudgePlanes(const SubmapQuery& query, const VoxelMap& m
   Eigen::Matrix3f facing = Eigen::Matrix3f::Zero();
   for (const LeafPlane& plane : query.planes) {
     const Eigen::Vector3d p = match->T_other_query * plane.mean.cast<double>();
-    const VoxelMap::NodeId node = map.CanHold(p) ? map.FindSurface(p) : VoxelMap::kNoNode;
-    if (node == VoxelMap::kNoNode || map.kind(node) != Surface::Kind::kPlane) continue;
-    const Surface& surface = map.plane(node);
+    const Surface* const plane_there = map.PlaneAt(p);
+    if (plane_there == nullptr) continue;
+    const Surface& surface = *plane_there;
     // Ground lies on ground anywhere.
     const bool upright = !LiesFlat(plane, query.up);
     on_planes += upright ? 1 : 0;

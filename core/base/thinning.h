@@ -1,4 +1,5 @@
-// A part of a scan's clusters, for what some of them tell as well as all.
+// Every n-th of many things, for what some of them tell as well as all: a part that covers all of a
+// scan, whose points stand in the order in which they were measured.
 #pragma once
 
 #include <algorithm>
@@ -7,14 +8,23 @@
 
 namespace lamina {
 
-// Every n-th one, with the smallest n that leaves `most` of them at most; most >= 1. They stand in
-// the order in which they were measured, so the part covers all of the scan.
-template <typename Cluster>
-std::vector<Cluster> Thinned(const std::vector<Cluster>& all, std::size_t most) {
-  const std::size_t step = std::max<std::size_t>(1, (all.size() + most - 1) / most);
-  std::vector<Cluster> some;
-  some.reserve(all.size() / step + 1);
-  for (std::size_t i = 0; i < all.size(); i += step) some.push_back(all[i]);
+// The smallest n >= 1 that leaves `most` >= 1 at most.
+inline std::size_t StrideToAtMost(std::size_t count, std::size_t most) {
+  return std::max<std::size_t>(1, (count + most - 1) / most);
+}
+
+// The greatest n >= 1 that leaves `least` >= 1 at least, or all: fewer than twice as many.
+inline std::size_t StrideToAtLeast(std::size_t count, std::size_t least) {
+  return std::max<std::size_t>(1, count / least);
+}
+
+// At most so many.
+template <typename T>
+std::vector<T> Thinned(const std::vector<T>& all, std::size_t most) {
+  const std::size_t stride = StrideToAtMost(all.size(), most);
+  std::vector<T> some;
+  some.reserve(all.size() / stride + 1);
+  for (std::size_t i = 0; i < all.size(); i += stride) some.push_back(all[i]);
   return some;
 }
 

@@ -99,23 +99,6 @@ struct TimedCluster {
     points += o.points;
     return *this;
   }
-
-  // The cluster in the LiDAR frame at tau = 0, for a sensor that moves like this during the scan.
-  // With its twist [w; v] and pose T at the mean time, the change [a; b] of the twist, s = tau -
-  // mean and c = w x mu + v,
-  //
-  //     p' = T (p + s (w x p + v) + s^2/2 (w x (w x p + v) + a x p + b) + ...)
-  //
-  // The scatter is that of the right side to first order in s. The mean is carried further, since
-  // what is left out of it does not average away over clusters: it lies on the same side of every
-  // surface. Its terms of even order are those of times spread evenly, E[s^4] = 9/5 E[s^2]^2, whose
-  // sum is s^2/2 (1 - |w|^2 E[s^2] 9/60) w x c; of odd order, that of the moments alone. At 20
-  // degrees within a cluster of 0.1 s, 20 m away, 0.1 mm remain.
-  PointCluster Deskewed(const SweepMotion& motion) const;
-
-  // The same, but in the LiDAR frame at tau = time_s, which must be near the cluster's mean time (s
-  // = tau - time_s above): Deskewed without its last, rigid motion.
-  PointCluster DeskewedTo(double time_s, const SweepMotion& motion) const;
 };
 
 }  // namespace lamina

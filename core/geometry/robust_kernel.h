@@ -12,4 +12,7 @@ namespace lamina {
 // or belongs elsewhere is let go. Takes e^2.
 inline double GemanMcClureWeight(double e2) { return 1.0 / ((1.0 + e2) * (1.0 + e2)); }
 
+// 1 - 2 rho(e), in (0, 1]: how well what is so far off fits. Its square is the weight.
+inline double GemanMcClureFit(double e2) { return 1.0 / (1.0 + e2); }
+
 }  // namespace lamina

@@ -15,7 +15,7 @@ void VoxelMapOptions::Visit(OptionVisitor& v) {
   v.Number("max_flatness", &max_flatness, 1e-6, 1.0);
   v.Number("min_breadth", &min_breadth, 0.0, 1.0);
   v.Number("max_fixed_weight", &max_fixed_weight, 1.0, 1e9);
-  v.Number("budget_mb", &budget_mb, 1.0, 1e6);
+  v.Number("budget_mb", &budget_mb, 1.0, kMostBudgetMb);
 }
 
 VoxelMap::VoxelMap(const VoxelMapOptions& options, VoxelStore* store)
@@ -72,7 +72,12 @@ void VoxelMap::RemoveRoot(NodeId root) {
 }
 
 VoxelMap::NodeId VoxelMap::FindSurface(const Eigen::Vector3d& p) const {
-  return FindSurface(trees_.PlaceOf(p));
+  return CanHold(p) ? FindSurface(trees_.PlaceOf(p)) : kNoNode;
+}
+
+const Surface* VoxelMap::PlaneAt(const Eigen::Vector3d& p) const {
+  const NodeId id = FindSurface(p);
+  return id != kNoNode && kind(id) == Surface::Kind::kPlane ? &plane(id) : nullptr;
 }
 
 VoxelMap::NodeId VoxelMap::FindSurface(const LeafPlace& place) const {
@@ -172,6 +177,15 @@ std::vector<VoxelMap::NodeId> VoxelMap::AddFrame(const std::vector<PointCluster>
     AddWindow(leaves[i - kLeavesAhead], clusters[i - kLeavesAhead], frame);
   }
   return leaves;
+}
+
+void VoxelMap::AddFrame(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
+                        std::int64_t frame) {
+  const Eigen::Matrix3d R = T_world_lidar.R();
+  std::vector<PointCluster> moved;
+  moved.reserve(clusters.size());
+  for (const PointCluster& cluster : clusters) moved.push_back(cluster.Moved(R, T_world_lidar.t));
+  AddFrame(moved, frame);
 }
 
 void VoxelMap::ReplaceWindow(NodeId leaf, const PointCluster& before, const PointCluster& after) {

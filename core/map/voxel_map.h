@@ -68,6 +68,8 @@ struct VoxelMapOptions {
   double max_fixed_weight = 30.0;
   // Memory of the map, in units of 2^20 bytes.
   double budget_mb = 2048.0;
+  // More leaves would be more than NodeId can number.
+  static constexpr double kMostBudgetMb = 32e3;
 
   void Visit(OptionVisitor& v);
   double LeafSize() const { return root_size_m / static_cast<double>(1 << depth); }
@@ -106,9 +108,11 @@ class VoxelMap {
   // --- Reading -------------------------------------------------------------------------------
 
   // The coarsest planar node around p or, if there is none, the leaf around p (rough or empty);
-  // kNoNode where the map has nothing.
+  // kNoNode where the map has nothing, or CanHold() nothing.
   NodeId FindSurface(const Eigen::Vector3d& p) const;
-  // The same by the leaf voxel around p, on which alone it depends.
+  // The plane around p; null if there is none.
+  const Surface* PlaneAt(const Eigen::Vector3d& p) const;
+  // The surface by the leaf voxel around a p that satisfies CanHold, on which alone it depends.
   LeafPlace PlaceOf(const Eigen::Vector3d& p) const { return trees_.PlaceOf(p); }
   NodeId FindSurface(const LeafPlace& place) const;
   // The coarsest planar node among a leaf and its ancestors, else kNoNode.
@@ -200,6 +204,9 @@ class VoxelMap {
   // leaves, which are held then.
   std::vector<NodeId> AddFrame(const std::vector<PointCluster>& clusters, std::int64_t frame,
                                std::vector<LeafAddress>* held = nullptr);
+  // The same of clusters in the LiDAR frame.
+  void AddFrame(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
+                std::int64_t frame);
   // Exchanges a cluster that was added before, when its frame has moved; its count stays.
   void ReplaceWindow(NodeId leaf, const PointCluster& before, const PointCluster& after);
   // Marginalisation: a cluster that was added to the window part leaves it and joins the fixed

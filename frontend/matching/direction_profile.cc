@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/geometry/robust_kernel.h"
 #include "frontend/matching/block_votes.h"
 #include "frontend/matching/degeneracy.h"
 #include "frontend/matching/line_of_sight.h"
@@ -25,8 +26,8 @@ constexpr double kBroadM = 0.05;
 
 // The plane around p, or what stands in for it; null if there is none.
 WeightedPlane PlaneIn(const VoxelMap& map, const PlanesInstead& instead, const Eigen::Vector3d& p) {
-  if (!instead) return {PlaneAt(map, p), 1.0};
-  const VoxelMap::NodeId surface = map.CanHold(p) ? map.FindSurface(p) : VoxelMap::kNoNode;
+  if (!instead) return {map.PlaneAt(p), 1.0};
+  const VoxelMap::NodeId surface = map.FindSurface(p);
   return surface == VoxelMap::kNoNode ? WeightedPlane() : instead(surface);
 }
 
@@ -53,15 +54,11 @@ double InverseScale2(const PointCluster& cluster, const Surface& surface,
 // 1 - rho of a cluster whose mean is at p.
 double KernelFit(const Surface& surface, const Eigen::Vector3d& p, double inverse_scale2) {
   const double distance = surface.Distance(p);
-  return 1.0 / (1.0 + distance * distance * inverse_scale2);
+  return GemanMcClureFit(distance * distance * inverse_scale2);
 }
 
 // Middle eigenvalue of a cluster's covariance.
-double Breadth2(const PointCluster& cluster) {
-  Eigen::Vector3d l = EigenDecompose(cluster.Covariance()).l;
-  std::sort(l.data(), l.data() + 3);
-  return l.y();
-}
+double Breadth2(const PointCluster& cluster) { return EigenDecompose(cluster.Covariance()).l(1); }
 
 // Whether a cluster fits the plane around it while it is moved in steps smaller than a leaf. Planes
 // are looked up, and what they make of the cluster is worked out, once for each leaf.

@@ -11,10 +11,10 @@
 //     l_b = sum_i w_i rho_i / sum_i w_i,     d_b(s) = max_s' F_b(s') - F_b(s),
 //
 // with w_i the information of cluster i that counts along the direction (degeneracy.h), rho_i in
-// [0, 1) its kernel's loss at the place that is s away, and a_b = w_b / (w_b + w_0), which fades
-// out blocks that hardly face the direction. The second sum is of clusters on planes that do not
-// face it: they tell where these planes end. Moved past the edge of a plane a cluster meets another
-// one, which it does not fit, and
+// [0, 1) twice its kernel's loss (core/geometry/robust_kernel.h) at the place that is s away, and
+// a_b = w_b / (w_b + w_0), which fades out blocks that hardly face the direction. The second sum is
+// of clusters on planes that do not face it: they tell where these planes end. Moved past the edge
+// of a plane a cluster meets another one, which it does not fit, and
 //
 //     F_b(s) = -sum_i (1 - c_i (1 - rho_i)),    c_i of line_of_sight.h,
 //

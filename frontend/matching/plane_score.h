@@ -15,14 +15,6 @@
 
 namespace lamina {
 
-// The plane around p; null if there is none.
-inline const Surface* PlaneAt(const VoxelMap& map, const Eigen::Vector3d& p) {
-  if (!map.CanHold(p)) return nullptr;
-  const VoxelMap::NodeId id = map.FindSurface(p);
-  if (id == VoxelMap::kNoNode || map.kind(id) != Surface::Kind::kPlane) return nullptr;
-  return &map.plane(id);
-}
-
 // GemanMcClureWeight((distance / scale_m)^2) of a cluster's mean and the plane around it, times
 // SightWeight: a plane that the sensor could not have seen from there speaks against the pose.
 class PlaneScore {
@@ -38,7 +30,7 @@ class PlaneScore {
   // In [0, 1]; kNone where there is no plane.
   double Of(const PointCluster& cluster) const {
     const Eigen::Vector3d p = InMap(cluster);
-    const Surface* plane = PlaneAt(map_, p);
+    const Surface* plane = map_.PlaneAt(p);
     return plane == nullptr ? kNone : Fit(*plane, p);
   }
 
@@ -96,8 +88,7 @@ class PlaceVotes {
 
  private:
   const Surface* PlaneOf(const Eigen::Vector3d& p) const {
-    if (!instead_) return PlaneAt(map_, p);
-    if (!map_.CanHold(p)) return nullptr;
+    if (!instead_) return map_.PlaneAt(p);
     const VoxelMap::NodeId id = map_.FindSurface(p);
     return id == VoxelMap::kNoNode ? nullptr : instead_(id).plane;
   }

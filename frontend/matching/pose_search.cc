@@ -9,6 +9,7 @@
 #include "core/base/angle.h"
 #include "core/base/median.h"
 #include "core/base/parallel.h"
+#include "core/base/thinning.h"
 
 namespace lamina {
 namespace {
@@ -77,11 +78,11 @@ ScanMatcherOptions PoseSearch::Coarse(ScanMatcherOptions options) {
   options.kernel_end_sigma *= kWide;
   options.max_iterations = 8;
   options.max_distance_m *= 1.5;
-  return options;
+  return WithinRange(options);
 }
 
 std::size_t PoseSearch::Stride(std::size_t clusters) const {
-  return std::max<std::size_t>(1, clusters / static_cast<std::size_t>(options_.clusters));
+  return StrideToAtLeast(clusters, static_cast<std::size_t>(options_.clusters));
 }
 
 void PoseSearch::SortByScore(const SearchedScan& scan, std::size_t stride, double chance,

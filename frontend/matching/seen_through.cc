@@ -30,14 +30,12 @@ SeenPlane AsSeen(const Surface& plane, const PointCluster& members, const Eigen:
   const Eigen::Vector3d s = sensor - members.mean;
   Eigen::Vector3d n = plane.normal.cast<double>();
   if (n.dot(s) < 0.0) n = -n;
-  // Along the plane: the thinnest axis is the normal.
+  // Along the plane: the last axis is the normal.
   const Eigen3 eigen = EigenDecompose(members.Covariance());
-  Eigen::Index thinnest = 0;
-  eigen.l.minCoeff(&thinnest);
   const auto axis = [&](Eigen::Index k) -> Eigen::Vector3d {
     return eigen.u.col(k) / std::sqrt(std::max(eigen.l(k), kLeastVariance));
   };
-  const Eigen::Vector3d v1 = axis((thinnest + 1) % 3), v2 = axis((thinnest + 2) % 3);
+  const Eigen::Vector3d v1 = axis(0), v2 = axis(1);
   SeenPlane seen{};
   Store(n, seen.n);
   Store(v1, seen.v1);

@@ -65,13 +65,7 @@ bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& cluste
       std::min(kept_.size() > 1 ? kLeastOverlap : kLeastOverlapOfTwo, usual);
   VoxelMap map(map_options_);
   std::int64_t frame = 0;
-  for (const Scan& other : kept_) {
-    for (const PointCluster& cluster : other.clusters) {
-      const PointCluster moved = cluster.Moved(other.T_first_lidar);
-      if (map.CanHold(moved.mean)) map.AddWindow(map.LeafAt(moved.mean), moved, frame);
-    }
-    ++frame;
-  }
+  for (const Scan& other : kept_) map.AddFrame(other.clusters, other.T_first_lidar, frame++);
   map.Refresh();
   const PosePrediction prediction = motion_.Predict(stamp_ns);
   Vector6d twist = motion_.Twist(stamp_ns);

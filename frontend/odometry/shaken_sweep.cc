@@ -6,6 +6,7 @@
 
 #include "core/base/angle.h"
 #include "core/base/parallel.h"
+#include "core/base/thinning.h"
 #include "frontend/matching/block_votes.h"
 #include "frontend/matching/degeneracy.h"
 #include "frontend/matching/map_residuals.h"
@@ -179,7 +180,7 @@ ShakenSweep::State ShakenSweep::BestOf(const ShakenScan& scan,
   constexpr std::size_t kClusters = 400;
   constexpr double kScaleM = 0.1;
   std::vector<TimedCluster> part;
-  const std::size_t stride = std::max<std::size_t>(1, scan.clusters.size() / kClusters);
+  const std::size_t stride = StrideToAtLeast(scan.clusters.size(), kClusters);
   for (std::size_t i = 0; i < scan.clusters.size(); i += stride) part.push_back(scan.clusters[i]);
   std::vector<State> ends(starts.size());
   std::vector<double> scores(starts.size(), -1.0);

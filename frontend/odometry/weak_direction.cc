@@ -3,10 +3,10 @@
 #include <cmath>
 #include <vector>
 
+#include "core/base/thinning.h"
 #include "frontend/matching/degeneracy.h"
 #include "frontend/matching/direction_profile.h"
 #include "frontend/odometry/odometry.h"
-#include "frontend/scan/thinning.h"
 
 namespace lamina {
 namespace {

@@ -6,6 +6,7 @@
 #include <limits>
 #include <utility>
 
+#include "core/base/thinning.h"
 #include "frontend/pairwise/maximum_clique.h"
 
 namespace lamina {
@@ -34,7 +35,7 @@ std::vector<FeatureMatch> Differences(const std::vector<FeatureMatch>& matches) 
   const std::size_t n = matches.size();
   for (std::size_t i = 0; i < n; ++i) {
     // Spread over the set, so that long differences, which tell a rotation best, are among them.
-    const std::size_t stride = std::max<std::size_t>(1, n / kDifferencesEach);
+    const std::size_t stride = StrideToAtLeast(n, kDifferencesEach);
     for (std::size_t step = 1; step < n; step += stride) {
       const std::size_t j = (i + step) % n;
       differences.push_back(

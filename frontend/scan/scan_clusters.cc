@@ -163,7 +163,7 @@ class SweepPoses {
   std::vector<Instant> instants_;
 };
 
-// TimedCluster::DeskewedTo the nearest instant, and moved from there.
+// To the nearest instant, and moved from there.
 LAMINA_FOR_EACH_PROCESSOR
 void DeskewRange(const TimedCluster* from, std::size_t count, const SweepPoses& sweep,
                  const SweepMotion& sweep_motion, PointCluster* to) {

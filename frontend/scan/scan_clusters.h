@@ -12,13 +12,8 @@
 
 namespace lamina {
 
-struct ScanClusters {
-  StampNs stamp_ns = 0;
-  std::vector<TimedCluster> clusters;  // in the order in which the points first met the voxels
-};
-
-// leaf_size_m > 0; points must lie within 2^20 leaves of the origin (the range filter sees to
-// that). Pure function; thread-safe.
+// In the order in which the points first met the voxels. leaf_size_m > 0; points must lie within
+// 2^20 leaves of the origin (the range filter sees to that). Pure function; thread-safe.
 std::vector<TimedCluster> BuildScanClusters(const std::vector<TimedPoint>& points,
                                             double leaf_size_m);
 
@@ -33,8 +28,22 @@ std::vector<TimedCluster> MergeClusters(const std::vector<TimedCluster>& cluster
 std::vector<std::vector<TimedPoint>> GroupByCluster(const std::vector<TimedPoint>& points,
                                                     double leaf_size_m);
 
-// All clusters in the LiDAR frame at the instant from which their times count, for a sensor that
-// moves like this during the scan. result[i] belongs to clusters[i].
+// All clusters in the LiDAR frame at the instant from which their times count, tau = 0, for a
+// sensor that moves like this during the scan. result[i] belongs to clusters[i]. With the sensor's
+// twist [w; v] and pose T at an instant, the change [a; b] of the twist, s = tau - that instant and
+// c = w x mu
+// + v,
+//
+//     p' = T (p + s (w x p + v) + s^2/2 (w x (w x p + v) + a x p + b) + ...)
+//
+// The scatter is that of the right side to first order in s. The mean is carried further, since
+// what is left out of it does not average away over clusters: it lies on the same side of every
+// surface. Its terms of even order are those of times spread evenly, E[s^4] = 9/5 E[s^2]^2, whose
+// sum is s^2/2 (1 - |w|^2 E[s^2] 9/60) w x c; of odd order, that of the moments alone. At 20
+// degrees within a cluster of 0.1 s, 20 m away, 0.1 mm remain.
+//
+// The instant is the nearest to the cluster's mean time of 128 that divide the sweep: its scatter
+// is turned by w times half of one division less or more, 0.05 degrees at 140 deg/s.
 std::vector<PointCluster> DeskewClusters(const std::vector<TimedCluster>& clusters,
                                          const SweepMotion& motion);
 // The same into memory that is there already.

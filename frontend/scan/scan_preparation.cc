@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 
 #include "core/base/angle.h"
 #include "core/base/median.h"
@@ -220,6 +221,14 @@ void ScanPreparationOptions::Visit(OptionVisitor& v) {
   v.Number("sweep_start_azimuth_deg", &sweep_start_azimuth_deg, -360.0, 360.0);
   v.Number("stamp_at_sweep_fraction", &stamp_at_sweep_fraction, 0.0, 1.0);
   v.Number("sweep_period_s", &sweep_period_s, 0.0, 10.0);
+}
+
+void ScanPreparationOptions::CheckTogether() const {
+  if (min_range_m < max_range_m) return;
+  std::ostringstream message;
+  message << "preparation.min_range_m = " << min_range_m
+          << ": must be less than preparation.max_range_m = " << max_range_m;
+  throw OptionError(message.str());
 }
 
 PreparedScan PrepareScan(const Scan& scan, const ScanPreparationOptions& options,

@@ -53,6 +53,8 @@ struct ScanPreparationOptions {
   double sweep_period_s = 0.0;
 
   void Visit(OptionVisitor& v);
+  // Throws OptionError, naming both, if two contradict one another.
+  void CheckTogether() const;
 };
 
 // A point in the LiDAR frame of the instant `time_s` seconds after the scan's stamp.

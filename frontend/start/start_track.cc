@@ -115,7 +115,7 @@ Eigen::Matrix3d StartTrack::Faced(const std::vector<SE3>& poses, std::size_t sca
   Eigen::Matrix3d faced = Eigen::Matrix3d::Zero();
   const std::size_t last = scans_.size() - 1;
   for (const PointCluster& cluster : Deskewed(last, poses)) {
-    const Surface* plane = PlaneAt(map, poses[last] * cluster.mean);
+    const Surface* plane = map.PlaneAt(poses[last] * cluster.mean);
     if (plane == nullptr) continue;
     const Eigen::Vector3d normal = plane->normal.cast<double>();
     faced += normal * normal.transpose();
@@ -131,12 +131,7 @@ VoxelMap StartTrack::MapOf(const std::vector<SE3>& poses, std::size_t scans,
                            std::size_t without) const {
   VoxelMap map(map_options_);
   for (std::size_t k = 0; k < scans; ++k) {
-    if (k == without) continue;
-    for (const PointCluster& cluster : Deskewed(k, poses)) {
-      const PointCluster moved = cluster.Moved(poses[k]);
-      if (map.CanHold(moved.mean))
-        map.AddWindow(map.LeafAt(moved.mean), moved, static_cast<std::int64_t>(k));
-    }
+    if (k != without) map.AddFrame(Deskewed(k, poses), poses[k], static_cast<std::int64_t>(k));
   }
   map.Refresh();
   return map;
@@ -180,7 +175,7 @@ std::vector<SE3> StartTrack::Minima(const std::vector<PointCluster>& clusters,
     const Eigen::Vector3d p = T_world_lidar * cluster.mean;
     bool faces = false;
     for (double way_m = -reach_m; !faces && way_m < reach_m; way_m += 0.5 * voxel_m) {
-      const Surface* plane = PlaneAt(map, p + (middle_m + way_m) * u_);
+      const Surface* plane = map.PlaneAt(p + (middle_m + way_m) * u_);
       faces = plane != nullptr && std::abs(plane->normal.cast<double>().dot(u_)) > kLeastFacing;
     }
     if (faces) points.push_back(p);
@@ -192,7 +187,7 @@ std::vector<SE3> StartTrack::Minima(const std::vector<PointCluster>& clusters,
     double sum = 0.0;
     for (const Eigen::Vector3d& point : points) {
       const Eigen::Vector3d p = point + way_m * u_;
-      const Surface* plane = PlaneAt(map, p);
+      const Surface* plane = map.PlaneAt(p);
       if (plane != nullptr) sum += FitAlong(*plane, p, u_);
     }
     profile.emplace_back(sum, way_m);

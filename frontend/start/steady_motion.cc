@@ -11,6 +11,7 @@
 
 #include "core/base/median.h"
 #include "core/base/parallel.h"
+#include "core/base/thinning.h"
 #include "core/map/voxel_key.h"
 #include "frontend/matching/block_votes.h"
 
@@ -71,8 +72,8 @@ void SteadyMotionSearch::ThinOut() {
   // So many tell a speed in any scene, and hundreds of speeds are tried.
   constexpr std::size_t kMostClusters = 3000;
   for (SteadyScan& scan : scans_) {
-    const std::size_t stride = (scan.clusters.size() + kMostClusters - 1) / kMostClusters;
-    if (stride <= 1) continue;
+    const std::size_t stride = StrideToAtMost(scan.clusters.size(), kMostClusters);
+    if (stride == 1) continue;
     std::size_t kept = 0;
     for (std::size_t i = 0; i < scan.clusters.size(); i += stride, ++kept) {
       scan.clusters[kept] = scan.clusters[i];

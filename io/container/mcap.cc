@@ -23,8 +23,7 @@ namespace {
 constexpr std::string_view kMcapMagic("\x89MCAP0\r\n", 8);
 constexpr std::uint64_t kRecordHead = 9;  // opcode and length
 constexpr std::uint64_t kFooterBytes = 20;
-constexpr std::uint64_t kMostRecordBytes = 64 << 20;  // of those that are read into memory
-constexpr std::uint64_t kMessageHead = 22;            // channel, sequence, two times
+constexpr std::uint64_t kMessageHead = 22;  // channel, sequence, two times
 constexpr std::uint64_t kChannelEntryBytes = sizeof(std::uint16_t) + sizeof(std::uint64_t);
 
 enum Opcode : unsigned char {

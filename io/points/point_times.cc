@@ -11,6 +11,7 @@
 
 #include "core/base/error.h"
 #include "core/base/median.h"
+#include "core/base/thinning.h"
 
 namespace lamina {
 namespace {
@@ -54,7 +55,7 @@ template <typename T>
 Range UsualRange(const std::vector<T>& values) {
   constexpr std::size_t kEnough = 1024;
   constexpr double kOutliers = 0.01;
-  const std::size_t stride = std::max<std::size_t>(1, values.size() / kEnough);
+  const std::size_t stride = StrideToAtLeast(values.size(), kEnough);
   std::vector<T> some;
   some.reserve(values.size() / stride + 1);
   for (std::size_t i = 0; i < values.size(); i += stride) {

@@ -6,11 +6,11 @@
 #include <iomanip>
 #include <limits>
 #include <map>
-#include <numeric>
 #include <sstream>
 
 #include "backend/bundle/plane_geometry.h"
 #include "backend/bundle/uncertainty/sliding_groups.h"
+#include "core/base/disjoint_sets.h"
 #include "frontend/matching/degeneracy.h"
 
 namespace lamina {
@@ -97,31 +97,6 @@ std::vector<BundleFault> OpenDirections(int frame, const DirectionEvidence& evid
   return faults;
 }
 
-// Frames joined by planes that they share.
-class Groups {
- public:
-  explicit Groups(std::size_t frames) : parent_(frames) {
-    std::iota(parent_.begin(), parent_.end(), 0);
-  }
-  int Find(int a) {
-    while (parent_[static_cast<std::size_t>(a)] != a) {
-      int& up = parent_[static_cast<std::size_t>(a)];
-      up = parent_[static_cast<std::size_t>(up)];
-      a = up;
-    }
-    return a;
-  }
-  // The smaller number leads.
-  void Join(int a, int b) {
-    a = Find(a);
-    b = Find(b);
-    parent_[static_cast<std::size_t>(std::max(a, b))] = std::min(a, b);
-  }
-
- private:
-  std::vector<int> parent_;
-};
-
 void HoldAll(int frame, std::vector<HeldDirection>* holds) {
   for (int i = 0; i < 6; ++i) holds->push_back({frame, Vector6d::Unit(i)});
 }
@@ -140,19 +115,20 @@ std::vector<int> SharedPlanes(const BundleProblem& problem) {
 // Members of each group, by its leading frame; frames that share too little are left out.
 std::map<int, std::vector<int>> FindGroups(const BundleProblem& problem,
                                            const std::vector<bool>& usable) {
-  Groups groups(problem.poses.size());
+  DisjointSets groups(problem.poses.size());
   for (const Plane& plane : problem.planes) {
     int joined = -1;
     for (int i = plane.first; i < plane.first + plane.count; ++i) {
       const int frame = problem.observations[static_cast<std::size_t>(i)].frame;
       if (!usable[static_cast<std::size_t>(frame)]) continue;
-      if (joined >= 0) groups.Join(joined, frame);
+      if (joined >= 0)
+        groups.Join(static_cast<std::size_t>(joined), static_cast<std::size_t>(frame));
       joined = frame;
     }
   }
   std::map<int, std::vector<int>> members;
   for (std::size_t k = 0; k < usable.size(); ++k) {
-    if (usable[k]) members[groups.Find(static_cast<int>(k))].push_back(static_cast<int>(k));
+    if (usable[k]) members[static_cast<int>(groups.Find(k))].push_back(static_cast<int>(k));
   }
   return members;
 }

@@ -123,7 +123,7 @@ TEST(SlidingWindow, TheMapHoldsTheSumOfTheFramesInIt) {
     for (std::size_t k = 0; k < frame.leaves.size(); ++k) {
       const double weight = std::min(frame.measured[k].points.count, 4.0);
       EXPECT_NEAR(frame.in_map[k].count, weight, 1e-12);
-      const PointCluster expected = frame.measured[k].Deskewed(frame.sweep);
+      const PointCluster expected = DeskewClusters({frame.measured[k]}, frame.sweep)[0];
       EXPECT_LT(MeanGap(frame.in_map[k], expected.Moved(frame.T_world_lidar)), 1e-3);
       sums[frame.leaves[k]] += frame.in_map[k];
       if (frame.id < 2) of_first[frame.leaves[k]] += frame.in_map[k];

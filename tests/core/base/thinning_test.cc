@@ -1,4 +1,4 @@
-#include "frontend/scan/thinning.h"
+#include "core/base/thinning.h"
 
 #include <gtest/gtest.h>
 
@@ -21,6 +21,15 @@ TEST(Thinning, LeavesSoManyAtMostFromAllOfTheScan) {
       EXPECT_GE(some.back() + (some[1] - some[0]), static_cast<int>(size)) << size;
     }
   }
+}
+
+TEST(Thinning, LeavesSoManyAtLeastAndFewerThanTwiceAsMany) {
+  for (const std::size_t size : {10, 11, 19, 20, 29, 100, 109}) {
+    const std::size_t stride = StrideToAtLeast(size, 10), left = (size + stride - 1) / stride;
+    EXPECT_GE(left, 10U) << size;
+    EXPECT_LT(left, 20U) << size;
+  }
+  EXPECT_EQ(StrideToAtLeast(3, 10), 1U);
 }
 
 }  // namespace
