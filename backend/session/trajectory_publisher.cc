@@ -23,7 +23,6 @@ TrajectoryPublisher::TrajectoryPublisher(const SessionFolder& folder, const Mapp
 void TrajectoryPublisher::PublishIfDue(std::int64_t scans, double period_s) {
   const double now_s = 1e-3 * clock_.Milliseconds();
   if (scans == published_ || now_s < due_s_ || under_way_) return;
-  published_ = scans;
   under_way_ = true;
   due_s_ = now_s + std::max(period_s, took_s_ / kMostShare);
   TakeInCorrections();
@@ -35,6 +34,7 @@ void TrajectoryPublisher::PublishIfDue(std::int64_t scans, double period_s) {
     log_->WaitDurable();
     const Stopwatch publication;
     files_->Publish(SessionDatabase(folder_.Path("session.db"), false), scans, *open);
+    published_ = scans;
     took_s_ = 1e-3 * publication.Milliseconds();
   });
 }

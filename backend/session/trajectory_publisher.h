@@ -41,7 +41,7 @@ class TrajectoryPublisher {
   SessionLog* log_;
   Stopwatch clock_;
   double due_s_ = 0.0;
-  std::int64_t published_ = 0;  // scans in the files
+  std::atomic<std::int64_t> published_{0};  // scans in the files
   std::atomic<bool> under_way_{false};
   std::atomic<double> took_s_{0.0};         // the last publication
   std::int64_t corrections_ = 0;            // by loops, that are in the files

@@ -1,45 +1,35 @@
 #include "io/file/published_file.h"
 
 #include <fcntl.h>
-#include <fmt/format.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
-#include <cstring>
+#include <optional>
 #include <utility>
 #include <vector>
 
-#include "core/base/error.h"
+#include "io/file/disk_room.h"
+#include "io/file/file_bytes.h"
 
 namespace lamina {
 namespace {
 
 // Whether all was done; errno tells why not.
-bool WriteAt(int file, std::uint64_t offset, std::string_view bytes) {
-  while (!bytes.empty()) {
-    const ssize_t written = pwrite(file, bytes.data(), bytes.size(), static_cast<off_t>(offset));
-    if (written < 0 && errno == EINTR) continue;
-    if (written < 0) return false;
-    offset += static_cast<std::uint64_t>(written);
-    bytes.remove_prefix(static_cast<std::size_t>(written));
-  }
-  return true;
-}
-
 bool CopyRange(int from, int to, std::uint64_t begin, std::uint64_t end) {
   std::vector<char> block(std::min<std::uint64_t>(end - begin, 1 << 20));
   while (begin < end) {
-    const ssize_t read =
-        pread(from, block.data(), std::min<std::uint64_t>(end - begin, block.size()),
-              static_cast<off_t>(begin));
-    if (read < 0 && errno == EINTR) continue;
-    if (read == 0) errno = EIO;  // another process has cut it
-    if (read <= 0) return false;
-    if (!WriteAt(to, begin, {block.data(), static_cast<std::size_t>(read)})) return false;
-    begin += static_cast<std::uint64_t>(read);
+    const std::size_t bytes = std::min<std::uint64_t>(end - begin, block.size());
+    const std::optional<std::size_t> read = ReadAt(from, begin, block.data(), bytes);
+    if (!read) return false;
+    if (*read < bytes) {  // another process has cut it
+      errno = EIO;
+      return false;
+    }
+    if (!WriteAt(to, begin, {block.data(), bytes})) return false;
+    begin += bytes;
   }
   return true;
 }
@@ -111,8 +101,6 @@ void PublishedFile::DropNext() {
   close(std::exchange(next_, {}).file);
 }
 
-void PublishedFile::Fail(const char* doing) const {
-  throw OutputError(fmt::format("{}: {}: {}", path_, doing, std::strerror(errno)));
-}
+void PublishedFile::Fail(const char* doing) const { ThrowNotWritten(path_, doing, errno); }
 
 }  // namespace lamina

@@ -4,8 +4,10 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <optional>
 
 #include "io/file/disk_room.h"
+#include "io/file/file_bytes.h"
 
 namespace lamina {
 
@@ -25,26 +27,13 @@ void SpoolFile::Append(std::string_view bytes) {
 }
 
 void SpoolFile::Overwrite(std::uint64_t at, std::string_view bytes) {
-  while (!bytes.empty()) {
-    const ssize_t put = pwrite(file_, bytes.data(), bytes.size(), static_cast<off_t>(at));
-    if (put < 0 && errno == EINTR) continue;
-    if (put <= 0) ThrowNotWritten(path_, "its points cannot be kept", put < 0 ? errno : ENOSPC);
-    bytes.remove_prefix(static_cast<std::size_t>(put));
-    at += static_cast<std::uint64_t>(put);
-  }
+  if (!WriteAt(file_, at, bytes)) ThrowNotWritten(path_, "its points cannot be kept", errno);
 }
 
 std::string SpoolFile::Read(std::uint64_t at, std::size_t bytes) const {
   std::string result(bytes, '\0');
-  std::size_t got = 0;
-  while (got < bytes) {
-    const ssize_t more =
-        pread(file_, result.data() + got, bytes - got, static_cast<off_t>(at + got));
-    if (more < 0 && errno == EINTR) continue;
-    if (more <= 0)
-      ThrowNotWritten(path_, "its points cannot be read again", more < 0 ? errno : EIO);
-    got += static_cast<std::size_t>(more);
-  }
+  const std::optional<std::size_t> got = ReadAt(file_, at, result.data(), bytes);
+  if (got != bytes) ThrowNotWritten(path_, "its points cannot be read again", got ? EIO : errno);
   return result;
 }
 

@@ -8,6 +8,8 @@
 #include <vector>
 
 #include "core/base/error.h"
+#include "core/base/median.h"
+#include "core/base/thinning.h"
 #include "io/file/text_input.h"
 
 namespace lamina {
@@ -37,6 +39,39 @@ bool HaveRings(const std::vector<RingPoint>& points) {
     any = any || p.ring > 0.0F;
   }
   return any;
+}
+
+// Median distance from a point to the next, if points are of so many numbers.
+double MedianStep(const std::vector<ScanPoint>& numbers, std::size_t size) {
+  const auto* const all = reinterpret_cast<const float*>(numbers.data());
+  const std::size_t points = 4 * numbers.size() / size;
+  const std::size_t stride = StrideToAtLeast(points, 1000);
+  std::vector<double> steps;
+  for (std::size_t i = 0; i + 1 < points; i += stride) {
+    const float* const p = all + i * size;
+    const float* const q = p + size;
+    const double step =
+        std::hypot(static_cast<double>(p[0] - q[0]), static_cast<double>(p[1] - q[1]),
+                   static_cast<double>(p[2] - q[2]));
+    if (std::isfinite(step)) steps.push_back(step);
+  }
+  return steps.empty() ? 0.0 : UpperMedian(&steps);
+}
+
+// A sensor's points lie beside one another in the order in which they were measured. If they do so
+// by another size of points alone, it is theirs, and by four numbers a coordinate is now x and now
+// something else. Returns 4 where nothing speaks against it.
+std::size_t NumbersOfPoints(const std::vector<ScanPoint>& numbers) {
+  // Not 8: of a sensor that fires two far beams in turn, every second point lies beside the next.
+  constexpr std::size_t kEnough = 100, kMostNumbers = 7;
+  constexpr double kClearly = 0.2;
+  if (numbers.size() < kEnough) return 4;
+  const double by_four = MedianStep(numbers, 4);
+  for (std::size_t size = 5; size <= kMostNumbers; ++size) {
+    if (4 * numbers.size() % size == 0 && MedianStep(numbers, size) < kClearly * by_four)
+      return size;
+  }
+  return 4;
 }
 
 }  // namespace
@@ -76,6 +111,12 @@ Scan ReadKittiBin(const std::string& path, PointTimeUnit /*unit*/, PointTimeFiel
     file.Read(scan.points.data(), file.size());
   } else {
     std::memcpy(static_cast<void*>(scan.points.data()), with_rings.data(), file.size());
+  }
+  if (const std::size_t numbers = NumbersOfPoints(scan.points); numbers != 4) {
+    throw InputError(fmt::format(
+        "{}: its points seem to be of {} numbers; read are those of 4 (x y z intensity) and of 5 "
+        "(and the ring)",
+        path, numbers));
   }
   return WithPoints(std::move(scan), path);
 }

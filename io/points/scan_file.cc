@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "core/base/error.h"
+#include "io/file/file_bytes.h"
 #include "io/file/folder_list.h"
 #include "io/points/ethz_csv.h"
 #include "io/points/kitti_scan.h"
@@ -53,9 +54,9 @@ const PointFormat* FormatOf(std::string_view path) {
 // The first bytes of a file, `most` if it has as many; nothing if it cannot be read.
 std::optional<std::string> HeadOf(int file, std::size_t most) {
   std::string head(most, '\0');
-  const ssize_t got = pread(file, head.data(), most, 0);
-  if (got < 0) return std::nullopt;
-  head.resize(static_cast<std::size_t>(got));
+  const std::optional<std::size_t> got = ReadAt(file, 0, head.data(), most);
+  if (!got) return std::nullopt;
+  head.resize(*got);
   return head;
 }
 

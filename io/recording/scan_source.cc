@@ -301,21 +301,41 @@ StampNs MadeUpStamp(std::size_t i, const ScanSourceOptions& options) {
 
 namespace {
 
+// Whether times are no offsets from the stamp, but readings of a clock that is near zero: offsets
+// begin or end within a sweep of it.
+bool BeyondASweep(const TimeSpan& span) {
+  constexpr double kBeyond = 0.9;
+  return std::max(span.low_s, -span.high_s) > kBeyond * span.length_s();
+}
+
+// Readings of a clock near zero are told from offsets by a stamp that reads the same: of a
+// simulation's time, or, an hour's having begun, of a clock that counts within the hour. Others, of
+// a part of the sweep, stay as they are.
+void FitClockNearZero(StampNs stamp_ns, Scan* scan) {
+  constexpr double kSameS = 0.5, kHourS = 3600.0, kEpochS = 1e9;
+  const TimeSpan span = SpanOfTimes(scan->time_s);
+  if (scan->time_s.empty() || !BeyondASweep(span)) return;
+  const double stamp_s = kSecondsPerNs * static_cast<double>(stamp_ns);
+  double origin_s = 0.0;
+  if (std::abs(stamp_s - span.low_s) <= kSameS) {
+    origin_s = stamp_s;
+  } else if (stamp_s > kEpochS && std::abs(std::fmod(stamp_s, kHourS) - span.low_s) <= kSameS) {
+    origin_s = span.low_s;
+  }
+  for (float& t : scan->time_s) t = static_cast<float>(static_cast<double>(t) - origin_s);
+}
+
 // Times by stamps that are made up tell where in its sweep a point was measured, and no more. Those
 // that lie beyond a sweep from the stamp are readings of a clock that began with the recording, and
 // count from the earliest. A sweep that is longer than stamps are apart is taken to last that long.
 void FitMadeUpStamp(double period_s, Scan* scan) {
-  constexpr double kBeyond = 0.9;
-  const auto beyond = [](const TimeSpan& span) {
-    return std::max(span.low_s, -span.high_s) > kBeyond * span.length_s();
-  };
   const auto longer = [&](const TimeSpan& span) {
     return span.length_s() > kLongerThanPeriod * period_s;
   };
   TimeSpan span = SpanOfTimes(scan->time_s);
-  if (!beyond(span) && !longer(span)) return;
+  if (!BeyondASweep(span) && !longer(span)) return;
   if (longer(span)) span = UsualSpanOfTimes(scan->time_s);
-  const double origin_s = beyond(span) ? span.low_s : 0.0;
+  const double origin_s = BeyondASweep(span) ? span.low_s : 0.0;
   const double scale = longer(span) ? period_s / span.length_s() : 1.0;
   for (float& t : scan->time_s) t = static_cast<float>(scale * (static_cast<double>(t) - origin_s));
 }
@@ -339,6 +359,8 @@ void GiveStamp(StampNs stamp_ns, bool recorded_stamp, Scan* scan) {
   if (clock_ns != 0 && recorded_stamp && std::abs(apart_ns) <= kSameClockNs) {
     const float shift_s = static_cast<float>(SecondsBetween(stamp_ns, clock_ns));
     for (float& t : scan->time_s) t += shift_s;
+  } else if (clock_ns == 0 && recorded_stamp) {
+    FitClockNearZero(stamp_ns, scan);
   }
 }
 

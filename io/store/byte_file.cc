@@ -13,6 +13,7 @@
 #include "core/base/error.h"
 #include "io/file/checksum.h"
 #include "io/file/disk_room.h"
+#include "io/file/file_bytes.h"
 #include "io/file/file_writer.h"
 
 namespace lamina {
@@ -49,28 +50,14 @@ std::optional<StoredBytes> ByteFile::Append(std::string_view bytes) {
   if (lifetime_ == Lifetime::kReadOnly) return std::nullopt;
   if (file_ < 0) Make();
   const StoredBytes place = {size_, bytes.size(), Crc32(bytes)};
-  std::uint64_t at = size_;
-  while (!bytes.empty()) {
-    const ssize_t put = pwrite(file_, bytes.data(), bytes.size(), static_cast<off_t>(at));
-    if (put < 0 && errno == EINTR) continue;
-    if (put <= 0) ThrowNotWritten(path_, "cannot be written", put < 0 ? errno : ENOSPC);
-    bytes.remove_prefix(static_cast<std::size_t>(put));
-    at += static_cast<std::uint64_t>(put);
-  }
-  size_ = at;
+  if (!WriteAt(file_, size_, bytes)) ThrowNotWritten(path_, "cannot be written", errno);
+  size_ += bytes.size();
   return place;
 }
 
 bool ByteFile::Read(const StoredBytes& place, char* to) const {
-  std::uint64_t got = 0;
-  while (got < place.size) {
-    const ssize_t more =
-        pread(file_, to + got, place.size - got, static_cast<off_t>(place.at + got));
-    if (more < 0 && errno == EINTR) continue;
-    if (more <= 0) break;
-    got += static_cast<std::uint64_t>(more);
-  }
-  const bool whole = got == place.size && Crc32({to, place.size}) == place.checksum;
+  const bool whole = ReadAt(file_, place.at, to, place.size) == place.size &&
+                     Crc32({to, place.size}) == place.checksum;
   if (!whole) ++damaged_;
   return whole;
 }

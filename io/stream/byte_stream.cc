@@ -7,8 +7,10 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <optional>
 
 #include "core/base/error.h"
+#include "io/file/file_bytes.h"
 
 namespace lamina {
 namespace {
@@ -78,20 +80,11 @@ RandomFile::~RandomFile() { close(descriptor_); }
 
 std::size_t RandomFile::ReadAt(std::uint64_t offset, char* to, std::size_t bytes) const {
   ThrowIfGivenUp(path_);
-  std::size_t done = 0;
   if (offset >= size_) return 0;
   bytes = static_cast<std::size_t>(std::min<std::uint64_t>(bytes, size_ - offset));
-  while (done < bytes) {
-    const ssize_t more =
-        pread(descriptor_, to + done, bytes - done, static_cast<off_t>(offset + done));
-    if (more < 0 && errno == EINTR) continue;
-    if (more < 0) {
-      throw InputError(fmt::format("{}: cannot be read: {}", path_, std::strerror(errno)));
-    }
-    if (more == 0) break;
-    done += static_cast<std::size_t>(more);
-  }
-  return done;
+  const std::optional<std::size_t> got = lamina::ReadAt(descriptor_, offset, to, bytes);
+  if (!got) throw InputError(fmt::format("{}: cannot be read: {}", path_, std::strerror(errno)));
+  return *got;
 }
 
 bool ByteStream::TryRead(char* to, std::size_t bytes) {

@@ -124,6 +124,23 @@ TEST_F(ScanFileTest, BinsMayHaveTheRingAsAFifthNumber) {
               HasSubstr("none with the number of its ring"));
 }
 
+TEST_F(ScanFileTest, BinsOfOtherPointsAreRefusedWhateverTheirLength) {
+  // A ring of a sensor, then the next: points lie beside one another.
+  const auto bin = [](const std::vector<float>& more) {
+    std::string bytes;
+    for (int i = 0; i < 400; ++i) {
+      const float azimuth = 0.0628F * static_cast<float>(i),
+                  range = 10.0F + 0.1F * static_cast<float>(i / 100);
+      bytes += Pack(range * std::cos(azimuth), range * std::sin(azimuth), 0.5F, 0.3F);
+      for (const float number : more) bytes += Pack(number + 1e-4F * static_cast<float>(i));
+    }
+    return bytes;
+  };
+  EXPECT_EQ(Read("four.bin", bin({})).points.size(), 400U);
+  EXPECT_THAT(ReadError("time.bin", bin({0.0F})), HasSubstr("of 5 numbers"));
+  EXPECT_THAT(ReadError("six.bin", bin({0.0F, 7.5F})), HasSubstr("of 6 numbers"));
+}
+
 TEST_F(ScanFileTest, BinLengthNotMultipleOf16) {
   EXPECT_THAT(ReadError("a.bin", std::string(33, 'x')),
               AllOf(HasSubstr("a.bin"), HasSubstr("33 bytes"), HasSubstr("multiple of 16")));

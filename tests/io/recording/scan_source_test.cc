@@ -206,6 +206,24 @@ TEST_F(ScanSourceTest, PointTimesOfAnotherClockCountFromTheEarliestPoint) {
   }
 }
 
+TEST_F(ScanSourceTest, ClocksNearZeroAreNoOffsets) {
+  // A simulation's time, stamps at the end of sweeps.
+  Write("sim/0.6.ply", TimedPly("0.5", "0.6"));
+  Write("sim/1.7.ply", TimedPly("1.6", "1.7"));
+  const auto sim = Open("sim");
+  EXPECT_THAT(sim->Read(0).time_s, Pointwise(FloatNear(1e-6F), {-0.1F, 0.0F}));
+  EXPECT_THAT(sim->Read(1).time_s, Pointwise(FloatNear(1e-6F), {-0.1F, 0.0F}));
+  // A clock that counts within the hour: 1699999200 is a whole one.
+  Write("hour/1699999199.9.ply", TimedPly("3599.8", "3599.9"));
+  Write("hour/1699999200.4.ply", TimedPly("0.3", "0.4"));
+  const auto hour = Open("hour");
+  EXPECT_THAT(hour->Read(0).time_s, Pointwise(FloatNear(1e-6F), {0.0F, 0.1F}));
+  EXPECT_THAT(hour->Read(1).time_s, Pointwise(FloatNear(1e-6F), {0.0F, 0.1F}));
+  // Offsets of a part of the sweep.
+  Write("part/1699999203.4.ply", TimedPly("0.3", "0.4"));
+  EXPECT_THAT(Open("part")->Read(0).time_s, Pointwise(FloatNear(1e-6F), {0.3F, 0.4F}));
+}
+
 TEST_F(ScanSourceTest, ClocksOfPointsAreStampsWhereThereAreNoOthers) {
   Write("s/1.ply", TimedPly("1700000000.875", "1700000000.95"));
   Write("s/2.ply", TimedPly("1700000000.05", "1700000000.00"));
