@@ -37,6 +37,7 @@ MappingOptions LaminaConfig::Mapping() const {
 LaminaConfig LoadConfig(const std::string& path, const std::vector<std::string>& key_values) {
   LaminaConfig config;
   ReadOptions(path, key_values, [&](OptionVisitor& v) { config.Visit(v); });
+  config.preparation.CheckTogether();
   config.backend.CheckTogether();
   return config;
 }

@@ -8,6 +8,8 @@
 #include <filesystem>
 #include <map>
 #include <set>
+#include <string_view>
+#include <type_traits>
 
 #include "config/shipped_configs.h"
 #include "config/yaml_file.h"
@@ -78,6 +80,12 @@ SE3 PoseFromNumbers(const std::vector<double>& v) {
   return SE3(R, T.col(3));
 }
 
+// 010 would be read as eight.
+bool HasLeadingZero(std::string_view number) {
+  number.remove_prefix(std::min(number.find_first_not_of("+-"), number.size()));
+  return number.size() > 1 && number[0] == '0';
+}
+
 // Gives options the values of `settings`, and remembers which names there are.
 class Assigner final : public NamedOptionVisitor {
  public:
@@ -88,7 +96,7 @@ class Assigner final : public NamedOptionVisitor {
            [&] { OptionChecker("").Number(FullName(name).c_str(), value, low, high); });
   }
   void Integer(const char* name, int* value, int low, int high) override {
-    Assign(name, "a whole number", value,
+    Assign(name, "a whole number, without leading zeros", value,
            [&] { OptionChecker("").Integer(FullName(name).c_str(), value, low, high); });
   }
   void Flag(const char* name, bool* value) override {
@@ -187,7 +195,9 @@ class Assigner final : public NamedOptionVisitor {
     const Setting* setting = Find(name);
     if (setting == nullptr) return;
     try {
-      *value = YAML::Load(setting->value).as<T>();
+      const YAML::Node node = YAML::Load(setting->value);
+      if (std::is_same_v<T, int> && HasLeadingZero(setting->value)) throw YAML::BadConversion({});
+      *value = node.as<T>();
     } catch (const YAML::Exception&) {
       throw OptionError(fmt::format("{}: {} = {}: must be {}", setting->place, FullName(name),
                                     setting->value, rule));

@@ -1,5 +1,7 @@
 #include "backend/mapping/mapped_scan.h"
 
+#include "core/base/printable_text.h"
+
 namespace lamina {
 
 const char* ToString(SkipReason reason) {
@@ -16,6 +18,12 @@ const char* ToString(SkipReason reason) {
       return "too_soon_after_other_sensor";
   }
   return "unknown";
+}
+
+void MappedScan::Skip(SkipReason skip_reason, const std::string& why) {
+  skipped = true;
+  reason = skip_reason;
+  detail = Printable(why);
 }
 
 const char* StatusName(const MappedScan& scan) {

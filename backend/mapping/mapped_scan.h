@@ -43,6 +43,9 @@ struct MappedScan {
   // Milliseconds of wall time. Of the solve: the one that was taken in before this scan. Of the
   // map: to take that in and to build the next problem, since the scan before.
   double read_ms = 0, prepare_ms = 0, cluster_ms = 0, odometry_ms = 0, map_ms = 0, solve_ms = 0;
+
+  // `why` may have bytes of a file in it.
+  void Skip(SkipReason skip_reason, const std::string& why);
 };
 
 // In a word, as in results: tracked, degenerate (tracked, and planes do not determine some

@@ -16,12 +16,6 @@ constexpr std::int64_t kAllScans = std::numeric_limits<std::int64_t>::max();
 // Of scans that no piece has room for.
 constexpr FinalPoses::Stream kNoStream = -1;
 
-void Skip(SkipReason reason, const std::string& why, MappedScan* report) {
-  report->skipped = true;
-  report->reason = reason;
-  report->detail = "scan " + std::to_string(report->index) + ": " + why;
-}
-
 MappingOptions Together(MappingOptions options) {
   options.mapper.pieces_are_found = options.loops.enabled;
   return options;
@@ -44,6 +38,7 @@ Mapping::Mapping(const MappingOptions& options, MappingCallbacks callbacks, Voxe
   CheckOptions(options.mapper.odometry, "frontend");
   CheckOptions(options.mapper.backend, "backend");
   CheckOptions(options.pipeline, "pipeline");
+  options.preparation.CheckTogether();
   options.mapper.backend.CheckTogether();
   if (options_.loops.enabled) {
     loops_ = std::make_unique<PieceLoops>(options_.loops, options_.mapper.map,
@@ -114,8 +109,9 @@ MappedScan Mapping::Add(DecodedScan scan) {
   ++counts_.scans;
   Recording* const recording = FindOrBegin(report);
   if (recording == nullptr) {
-    Skip(SkipReason::kNoRoomForPiece,
-         "the map holds " + std::to_string(kMostSlots) + " pieces and no more", &report);
+    report.Skip(SkipReason::kNoRoomForPiece, "scan " + std::to_string(report.index) +
+                                                 ": the map holds " + std::to_string(kMostSlots) +
+                                                 " pieces and no more");
   } else {
     if (!report.skipped && recording->any) CheckStamp(recording, &report);
     if (!report.skipped) Map(recording, &report, &scan.clusters);
@@ -145,8 +141,9 @@ Mapping::Recording* Mapping::FindOrBegin(const MappedScan& report) {
       EndLongestSilent(report.index);
     }
     if (!localise_from_ && counts_.pieces > 0 && !map_.RoomForPiece()) return nullptr;
-    found = recordings_.emplace(report.recording, Recording()).first;
-    BeginPiece(SE3(), &found->second);
+    Recording begun;
+    BeginPiece(SE3(), &begun);
+    found = recordings_.emplace(report.recording, std::move(begun)).first;
   }
   newest_ = report.recording;
   found->second.last_scan = static_cast<std::int64_t>(report.index);
@@ -325,7 +322,7 @@ FinalPoses::Visit Mapping::Visitor() const {
 }
 
 void Mapping::Finish() {
-  finished_ = true;
+  if (std::exchange(finished_, true)) return;
   for (auto& [name, recording] : recordings_) {
     if (recording.mapper == nullptr) continue;
     recording.mapper->FinishSolves();
@@ -377,6 +374,7 @@ void Mapping::Archive(StateArchive& a) {
   bool localising = localise_from_.has_value();
   SE3 start = localise_from_.value_or(SE3());
   a(&counts_, &poses_, &localising, &start, &next_stream_, &newest_);
+  ArchiveByKey(a, &stamps_, [this](const std::string& name) { return &stamps_[name]; });
   if (a.reading()) localise_from_ = localising ? std::make_optional(start) : std::nullopt;
   ArchiveSearches(a);
   std::vector<std::string> names;

@@ -24,7 +24,7 @@
 //               takes effect a fixed number of scans later
 //
 // Deterministic: the same scans and options give the same bits, however many threads there are
-// (ThreadLimit of core/base/parallel.h bounds them), whether scans come one by one or are decoded
+// (tbb::global_control bounds them), whether scans come one by one or are decoded
 // ahead (pipeline.h). Memory does not grow with the number of scans: poses are handed on by
 // MappingCallbacks::on_final_pose when nothing will change them any more, and the map keeps within
 // map.budget_mb if it has a VoxelStore; with a ByteStore loops take some 50 kB a submap, without
@@ -98,7 +98,7 @@ class Mapping {
   DecodedScan Decode(const ScanSource& source, std::size_t begin, std::size_t i) const;
 
   // No more scans are to come: one last solve of every recording under way, then all poses are
-  // final, and so are the corrections by loops.
+  // final, and so are the corrections by loops. A second call does nothing.
   void Finish();
 
   // From now on scans are matched to the map and leave it as it is, the first one near this pose.

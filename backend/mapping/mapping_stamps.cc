@@ -7,14 +7,15 @@ namespace lamina {
 
 void Mapping::CheckStamp(Recording* recording, MappedScan* report) {
   constexpr StampNs kLeastApartNs = 10'000'000;
-  const std::string times = "its stamp " + std::to_string(report->stamp_ns) + " ns is not ";
+  const std::string times = "scan " + std::to_string(report->index) + ": its stamp " +
+                            std::to_string(report->stamp_ns) + " ns is not ";
   const std::string last = std::to_string(recording->last_stamp_ns) + " ns";
   const bool other = report->sensor != recording->last_sensor;
   // In this order: the difference of two stamps might not fit.
   if (report->stamp_ns < recording->last_stamp_ns ||
       (!other && report->stamp_ns == recording->last_stamp_ns)) {
     if (!ClockWasSet(report->stamp_ns, recording))
-      return Skip(SkipReason::kStampNotAfterLast, times + "after the last one, " + last, report);
+      return report->Skip(SkipReason::kStampNotAfterLast, times + "after the last one, " + last);
     // A sensor that is only to be near where it began goes on where it was.
     if (localise_from_) return;
     RegisteredScan before;
@@ -25,10 +26,9 @@ void Mapping::CheckStamp(Recording* recording, MappedScan* report) {
     report->began_piece = true;
   } else if (other && SecondsBetween(recording->last_stamp_ns, report->stamp_ns) <
                           kSecondsPerNs * static_cast<double>(kLeastApartNs)) {
-    Skip(SkipReason::kTooSoonAfterOtherSensor,
-         times + "10 ms after that of sensor '" + recording->last_sensor + "' of its vehicle, " +
-             last,
-         report);
+    report->Skip(SkipReason::kTooSoonAfterOtherSensor, times + "10 ms after that of sensor '" +
+                                                           recording->last_sensor +
+                                                           "' of its vehicle, " + last);
   }
 }
 

@@ -10,7 +10,6 @@
 
 #include "core/base/error.h"
 #include "core/base/median.h"
-#include "core/base/printable_text.h"
 #include "core/base/stopwatch.h"
 #include "frontend/scan/scan_clusters.h"
 
@@ -29,12 +28,6 @@ std::vector<StampNs> StampsAt(const ScanSource& source, std::size_t begin, std::
 double PeriodByStamps(const std::vector<StampNs>& stamps) {
   constexpr double kFallbackS = 0.1;
   return SweepPeriod(stamps, kFallbackS);
-}
-
-void SkipUndecoded(SkipReason reason, const std::string& why, MappedScan* report) {
-  report->skipped = true;
-  report->reason = reason;
-  report->detail = Printable(why);
 }
 
 // Why the times of a scan's points are none of a sweep, by which it would be torn apart; empty if
@@ -82,18 +75,16 @@ void ClusterScan(const Scan& scan, const std::string& name,
                  DecodedScan* decoded) {
   MappedScan& report = decoded->report;
   const std::string misfit = TimesMisfit(scan, preparation, stamps);
-  if (!misfit.empty()) return SkipUndecoded(SkipReason::kUnreadable, name + ": " + misfit, &report);
+  if (!misfit.empty()) return report.Skip(SkipReason::kUnreadable, name + ": " + misfit);
   Stopwatch watch;
   PreparedScan prepared = PrepareScan(scan, preparation, PeriodByStamps(stamps), T_vehicle_lidar);
   report.points = prepared.points.size();
   report.prepare_ms = watch.LapMilliseconds();
   if (report.points < static_cast<std::size_t>(min_points)) {
-    SkipUndecoded(SkipReason::kTooFewPoints,
-                  name + ": " + std::to_string(report.points) + " usable points, at least " +
-                      std::to_string(min_points) + " wanted (" +
-                      std::to_string(prepared.non_finite) + " not finite, " +
-                      std::to_string(prepared.out_of_range) + " out of range)",
-                  &report);
+    report.Skip(SkipReason::kTooFewPoints,
+                name + ": " + std::to_string(report.points) + " usable points, at least " +
+                    std::to_string(min_points) + " wanted (" + std::to_string(prepared.non_finite) +
+                    " not finite, " + std::to_string(prepared.out_of_range) + " out of range)");
     return;
   }
   decoded->clusters = BuildScanClusters(prepared.points, leaf_size_m);
@@ -119,7 +110,7 @@ DecodedScan DecodeScan(const ScanSource& source, const ScanPreparationOptions& p
     ClusterScan(scan, source.Name(i), preparation, min_points, leaf_size_m,
                 StampsAt(source, begin, i), source.T_vehicle_lidar(i), &decoded);
   } catch (const InputError& error) {
-    SkipUndecoded(SkipReason::kUnreadable, error.what(), &report);
+    report.Skip(SkipReason::kUnreadable, error.what());
   }
   return decoded;
 }

@@ -191,7 +191,7 @@ BundleProblem BatchRegistration::CastRound(const std::vector<BatchFrame>& frames
   map.root_size_m = root_size_m;
   // Poor poses make planes thick: what passes for one grows with the voxel.
   map.max_thickness_m *= map.root_size_m / map_.root_size_m;
-  return BatchCast(frames, poses, map, weights_).Problem(formulation_.needs_points);
+  return BatchCast(frames, poses, WithinRange(map), weights_).Problem(formulation_.needs_points);
 }
 
 BundleResult BatchRegistration::SolveRound(const RegistrationCallbacks& callbacks,
@@ -233,7 +233,7 @@ double BatchRegistration::MisfitAt(const std::vector<BatchFrame>& frames,
   map.root_size_m *= kSize;
   std::vector<SE3> shifted = poses;
   for (SE3& T : shifted) T.t.array() += kShift * map_.root_size_m;
-  return BatchCast(frames, shifted, map, weights_).Misfit();
+  return BatchCast(frames, shifted, WithinRange(map), weights_).Misfit();
 }
 
 void BatchRegistration::JudgeAgainstStart(const std::vector<BatchFrame>& frames,

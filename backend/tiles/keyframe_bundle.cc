@@ -56,6 +56,7 @@ class KeyframeBundle {
     TiledProblem::Options options{map_, weights_,
                                   static_cast<std::size_t>(options_.most_observations)};
     if (number == 0) options.map.max_thickness_m *= kFirstRoundThickness;
+    options.map = WithinRange(options.map);
     const TiledClusters clusters(keyframes_, result_.poses, options.map, options_.tile_size_m,
                                  sharing_, make_store_);
     const TiledProblem problem(clusters, result_.poses, options, sharing_, make_store_);
@@ -97,6 +98,7 @@ class KeyframeBundle {
     constexpr double kSize = 1.25, kShift = 0.37;  // in root voxels
     VoxelMapOptions map = map_;
     map.root_size_m *= kSize;
+    map = WithinRange(map);
     std::vector<SE3> shifted = poses;
     for (SE3& T : shifted) T.t.array() += kShift * map_.root_size_m;
     const TiledClusters clusters(keyframes_, shifted, map, options_.tile_size_m, sharing_,

@@ -1,5 +1,6 @@
 #include "core/options/options.h"
 
+#include <algorithm>
 #include <sstream>
 
 #include "core/base/printable_text.h"
@@ -35,6 +36,14 @@ void OptionChecker::Number(const char* name, double* value, double low, double h
 
 void OptionChecker::Integer(const char* name, int* value, int low, int high) {
   CheckRange(FullName(name), *value, low, high);
+}
+
+void OptionLimiter::Number(const char*, double* value, double low, double high) {
+  *value = std::clamp(*value, low, high);
+}
+
+void OptionLimiter::Integer(const char*, int* value, int low, int high) {
+  *value = std::clamp(*value, low, high);
 }
 
 void OptionChecker::Choice(const char* name, int* index, const std::vector<std::string>& names) {

@@ -89,6 +89,30 @@ class OptionChecker final : public NamedOptionVisitor {
   void FolderPoses(const char* name, std::map<std::string, SE3>* poses, double most_m) override;
 };
 
+// Brings numbers that are out of range to the nearest that are in it.
+class OptionLimiter final : public OptionVisitor {
+ public:
+  void Number(const char* name, double* value, double low, double high) override;
+  void Integer(const char* name, int* value, int low, int high) override;
+  void Flag(const char*, bool*) override {}
+  void Choice(const char*, int*, const std::vector<std::string>&) override {}
+  void Text(const char*, std::string*, std::size_t) override {}
+  void NumberRows(const char*, std::vector<std::vector<double>>*, const std::vector<OptionColumn>&,
+                  std::size_t) override {}
+  void FolderPoses(const char*, std::map<std::string, SE3>*, double) override {}
+  void BeginGroup(const char*) override {}
+  void EndGroup() override {}
+};
+
+// Of options that an algorithm derives from those of its user, such as voxels of twice the size:
+// what the user may give must not fail when it is doubled.
+template <typename Options>
+Options WithinRange(Options options) {
+  OptionLimiter limiter;
+  options.Visit(limiter);
+  return options;
+}
+
 // Every algorithm calls this on the options that it is constructed with.
 template <typename Options>
 void CheckOptions(Options options, const std::string& prefix) {

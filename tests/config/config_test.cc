@@ -175,6 +175,9 @@ TEST_F(Config, WrongTypesAreRefused) {
               testing::AllOf(HasSubstr(":2:"), HasSubstr("map.root_size_m = big"),
                              HasSubstr("must be a number")));
   EXPECT_THAT(Complaint("map:\n  depth: 1.5\n"), HasSubstr("must be a whole number"));
+  // YAML takes it for octal.
+  EXPECT_THAT(Complaint("map:\n  depth: 03\n"), HasSubstr("without leading zeros"));
+  EXPECT_EQ(Complaint("map:\n  depth: 0\n"), "");
   EXPECT_THAT(Complaint("backend:\n  enabled: maybe\n"), HasSubstr("must be true or false"));
   EXPECT_THAT(Complaint("preparation:\n  deskew: never\n"),
               testing::AllOf(HasSubstr("preparation.deskew = never"), HasSubstr("azimuth")));
@@ -191,6 +194,12 @@ TEST_F(Config, OutOfRangeNamesValueRuleAndPlace) {
   EXPECT_THAT(Complaint("map:\n  budget_mb: .nan\n"), HasSubstr("map.budget_mb"));
   EXPECT_THAT(Complaint("", {"map.depth=-1"}),
               testing::AllOf(StartsWith("--set map.depth=-1"), HasSubstr("[0, 4]")));
+}
+
+TEST_F(Config, OptionsThatContradictOneAnotherAreNamedTogether) {
+  EXPECT_THAT(
+      Complaint("preparation:\n  min_range_m: 30\n  max_range_m: 30\n"),
+      testing::AllOf(HasSubstr("preparation.min_range_m = 30"), HasSubstr("max_range_m = 30")));
 }
 
 TEST_F(Config, AnOptionGivenTwiceIsRefused) {

@@ -220,6 +220,25 @@ std::size_t WriteMap(const std::string& path, const BatchRegistration& registrat
   return surfels.size();
 }
 
+void WarnOfFaults(const RegistrationResult& result, RunProgress* progress) {
+  for (const BundleFault& fault : result.faults) progress->Warn(fault.Describe());
+  if (result.status == RegistrationResult::Status::kNoBetter) {
+    progress->Warn(result.reason + "; the initial poses are written as they were");
+  }
+  if (!result.covariance_failure.empty()) {
+    progress->Warn("no covariances, all else is written: " + result.covariance_failure);
+  }
+}
+
+// What cannot be used is an error, though all is written.
+void ThrowUnlessUsable(const RegistrationResult& result) {
+  if (result.status == RegistrationResult::Status::kIllPosed) {
+    throw InputError("the registration is ill-posed: " + result.reason +
+                     "; the initial poses are written as they were");
+  }
+  if (result.status == RegistrationResult::Status::kFailed) throw InputError(result.reason);
+}
+
 int Register(const RegisterArguments& arguments) {
   const auto limit = LimitThreads(arguments.threads);
   const LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
@@ -270,13 +289,7 @@ int Register(const RegisterArguments& arguments) {
   };
   RegistrationResult result = registration.Run(batch.frames, callbacks, &stop);
   NameScans(batch, &result);
-  for (const BundleFault& fault : result.faults) progress.Warn(fault.Describe());
-  if (result.status == RegistrationResult::Status::kNoBetter) {
-    progress.Warn(result.reason + "; the initial poses are written as they were");
-  }
-  if (!result.covariance_failure.empty()) {
-    progress.Warn("no covariances, all else is written: " + result.covariance_failure);
-  }
+  WarnOfFaults(result, &progress);
   rounds.Commit();
   WriteCovariances(path("covariance.csv"), batch.scans, result.covariances);
   figures.map_surfels = WriteMap(path("map_surfels.ply"), registration, batch, result.poses,
@@ -292,11 +305,7 @@ int Register(const RegisterArguments& arguments) {
       Summarise(result, batch.scans, formulation.name, figures, errors ? &*errors : nullptr);
   summary["recording"] = ToJson(part);
   WriteTextFile(path("summary.json"), summary.dump(2) + "\n");
-  if (result.status == RegistrationResult::Status::kIllPosed) {
-    throw InputError("the registration is ill-posed: " + result.reason +
-                     "; the initial poses are written as they were");
-  }
-  if (result.status == RegistrationResult::Status::kFailed) throw InputError(result.reason);
+  ThrowUnlessUsable(result);
   PrintSummary(arguments.out, result, summary);
   if (stop) throw InterruptedError("the results are those of the rounds until then");
   return 0;

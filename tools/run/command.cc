@@ -219,6 +219,18 @@ PieceErrors JudgeByTruth(const std::map<std::int64_t, Trajectory>& pieces, const
   }
 }
 
+// What is to be told when all is written. Returns the exit code.
+int Tell(const RunArguments& arguments, const LaminaConfig& config, const Mapping& mapping,
+         const OpeningCalibration& opening, const PieceErrors& errors, const RunVerdict& verdict,
+         const nlohmann::json& summary) {
+  LogBeamCorrection(opening);
+  const std::string thick = ThickPlanesWarning(
+      MeasureThickness(mapping.map(), config.backend.min_surfel_frames), config.Mapping());
+  if (!thick.empty()) spdlog::warn("{}", thick);
+  if (!arguments.quiet) PrintSummary(arguments.out, mapping.counts(), errors, verdict, summary);
+  return verdict.grade == RunVerdict::Grade::kWrong ? kProbablyWrong : 0;
+}
+
 }  // namespace
 
 int RunRecording(const RunArguments& arguments) {
@@ -278,15 +290,11 @@ int RunRecording(const RunArguments& arguments) {
   if (pieces.empty()) {
     throw InputError(arguments.scans + ": not one usable scan; summary.json says why");
   }
-  const RunVerdict verdict = output.Judge();
-  LogBeamCorrection(mapped.opening);
-  const std::string thick = ThickPlanesWarning(
-      MeasureThickness(mapping.map(), config.backend.min_surfel_frames), config.Mapping());
-  if (!thick.empty()) spdlog::warn("{}", thick);
-  if (!arguments.quiet) PrintSummary(arguments.out, mapping.counts(), errors, verdict, summary);
+  const int exit_code =
+      Tell(arguments, config, mapping, mapped.opening, errors, output.Judge(), summary);
   if (figures.interrupted) throw InterruptedError(interruption);
   if (!truth_problem.empty()) throw InputError(truth_problem + " (all else is written)");
-  return verdict.grade == RunVerdict::Grade::kWrong ? kProbablyWrong : 0;
+  return exit_code;
 }
 
 void AddRunCommand(CLI::App* app, std::function<int()>* run) {

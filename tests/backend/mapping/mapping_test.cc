@@ -76,6 +76,19 @@ MappedTotals TotalsOf(const AddScans& add_scans, const MappingOptions& options =
   return outcome;
 }
 
+TEST(Mapping, IsFinishedOnce) {
+  std::size_t poses = 0;
+  MappingCallbacks callbacks;
+  callbacks.on_final_pose = [&](const FinalPose&) { ++poses; };
+  Mapping mapping(WalkOptions(), callbacks);
+  const std::vector<Scan> scans = WalkScans(1);
+  for (std::size_t i = 0; i < 5; ++i) mapping.Add(scans[i]);
+  mapping.Finish();
+  mapping.Finish();
+  EXPECT_EQ(poses, 5U);
+  EXPECT_THROW(mapping.Add(scans[5]), std::logic_error);
+}
+
 TEST(Mapping, GivesPosesAndAMapWithoutFilesOrThreadsOfTheCaller) {
   const std::vector<Scan> scans = WalkScans(1);
   std::vector<MappedScan> mapped;

@@ -46,6 +46,17 @@ std::string Complaint(const std::function<void(OuterOptions*)>& change) {
   return "";
 }
 
+TEST(Options, WhatIsDerivedIsBroughtBackIntoRange) {
+  OuterOptions options;
+  options.ratio *= 2.0;
+  options.inner.count *= -2;
+  const OuterOptions derived = WithinRange(options);
+  EXPECT_EQ(derived.ratio, 0.75);
+  EXPECT_EQ(derived.inner.count, 1);
+  EXPECT_EQ(derived.after, options.after);
+  EXPECT_NO_THROW(CheckOptions(derived, ""));
+}
+
 TEST(Options, DefaultsAndEndsOfTheRangePass) {
   EXPECT_EQ(Complaint([](OuterOptions*) {}), "");
   EXPECT_EQ(Complaint([](OuterOptions* o) { o->ratio = 0.25; }), "");
