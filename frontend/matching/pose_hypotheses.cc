@@ -87,6 +87,19 @@ std::vector<SE3> TurnsAbout(const PoseSearchOptions& options, const std::vector<
   return hypotheses;
 }
 
+std::vector<SE3> TurnsAboutAxes(const PoseSearchOptions& options, const SE3& centre) {
+  const double step_deg = 0.5 * options.step_deg;
+  const int steps = StepsIn(options.range_deg, step_deg);
+  std::vector<SE3> hypotheses;
+  for (int axis = 0; axis < 3; ++axis) {
+    for (int k = -steps; k <= steps; ++k) {
+      const Eigen::Vector3d w = Radians(step_deg) * k * Eigen::Vector3d::Unit(axis);
+      if (k != 0) hypotheses.emplace_back(centre.q * ExpSO3(w), centre.t);
+    }
+  }
+  return hypotheses;
+}
+
 std::vector<SE3> AllRound(const std::vector<SE3>& centres) {
   constexpr int kTurns = 12;
   constexpr double kBesideM = 2.0;

@@ -32,6 +32,8 @@ struct PoseHypotheses {
 
 // Turns of the sensor about each of these poses.
 std::vector<SE3> TurnsAbout(const PoseSearchOptions& options, const std::vector<SE3>& centres);
+// The same about one axis at a time, in half of the steps.
+std::vector<SE3> TurnsAboutAxes(const PoseSearchOptions& options, const SE3& centre);
 // Turns about the sensor's z axis, all round, at each of these poses and some way beside them.
 // Coarse.
 std::vector<SE3> AllRound(const std::vector<SE3>& centres);

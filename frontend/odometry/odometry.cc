@@ -112,6 +112,8 @@ OdometryFrame Odometry::RegisterDeskewed(StampNs stamp_ns,
   if (passes > 0 && !lost_ && Surprising(frame.match, prediction)) SettleSweepSurprise(&attempt);
   Judge(scan, hypotheses, &frame);
   if (frame.status == OdometryFrame::Status::kLost && frame.searched) ReturnToPrediction(&attempt);
+  if (frame.status == OdometryFrame::Status::kLost && frame.searched)
+    FindTurn(hypotheses, &attempt);
   DoubtUnbridged(prediction, deskewed, map, &frame);
   DoubtSurprising(prediction, &frame);
   return frame;

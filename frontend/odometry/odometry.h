@@ -240,6 +240,10 @@ class Odometry {
   // A match that has left a prediction along the direction that it knows least by more than both
   // explain, as things make it that move along, stays as well, and is degenerate there.
   void DoubtSurprising(const PosePrediction& prediction, OdometryFrame* frame) const;
+  // Of a scan that is lost right after others: a sensor that begins to turn bends it by that turn,
+  // and deskewed by the motion before it fits nowhere. Tries it as turned by as much as a search
+  // goes, about each axis, and deskewed by that turn.
+  void FindTurn(const PoseHypotheses& hypotheses, Attempt* attempt) const;
   // Whether a frame is the second one: no motion is known yet.
   bool Starting(bool map_is_older) const;
   // The same as Register once started, deskewed so often; 0: the scan as it is, by what is known of

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <utility>
 
+#include "core/base/thinning.h"
 #include "core/geometry/decompositions.h"
 #include "frontend/odometry/odometry.h"
 
@@ -73,6 +74,51 @@ void Odometry::SettleSweepSurprise(Attempt* attempt) const {
   SettleWeakest(&near);
   match.covariance += near.frame.acceleration.pose_covariance;
   attempt->Take(std::move(near));
+}
+
+void Odometry::FindTurn(const PoseHypotheses& hypotheses, Attempt* attempt) const {
+  // So many tell which turn it is.
+  constexpr std::size_t kClusters = 800;
+  // Each deskews by the turn that the one before has found.
+  constexpr int kPasses = 4;
+  // Of the turn since the last scan, in the time between: it begins at the latest with the scan.
+  constexpr double kShares[] = {1.0, 1.5, 2.0};
+  const OdometryFrame& found = attempt->frame;
+  const PosePrediction& prediction = attempt->prediction;
+  const double dt = motion_.Gap(found.stamp_ns);
+  if (lost_ || !motion_.moving_known() || attempt->passes == 0 || dt > options_.vouched_gap_s)
+    return;
+  const std::vector<TimedCluster> some = Thinned(attempt->clusters, kClusters);
+  std::vector<PointCluster> deskewed;
+  MatchResult best;
+  SweepMotion best_sweep;
+  for (const SE3& T : TurnsAboutAxes(options_.search, prediction.T_world_lidar)) {
+    for (const double share : kShares) {
+      SweepMotion sweep = SweepTo(T, Vector6d::Zero(), dt);
+      sweep.twist.head<3>() *= share;
+      sweep.of_scan = share != 1.0;
+      DeskewClusters(some, sweep, &deskewed);
+      const MatchResult match = matcher_.Match(deskewed, prediction, T, attempt->map);
+      if (match.status == MatchResult::Status::kTooFewMatches ||
+          match.evidence() <= best.evidence())
+        continue;
+      best = match;
+      best_sweep = sweep;
+    }
+  }
+  if (best.status == MatchResult::Status::kTooFewMatches) return;
+  Attempt turned{attempt->clusters, prediction, attempt->map, kPasses};
+  OdometryFrame& frame = turned.frame;
+  frame.stamp_ns = found.stamp_ns;
+  frame.T_world_predicted = found.T_world_predicted;
+  frame.searched = true;
+  turned.Deskew(best_sweep);
+  frame.match = matcher_.Match(turned.deskewed, prediction, best.T_world_lidar, turned.map);
+  MatchDeskewed(&turned);
+  SearchedScan scan{turned.deskewed, prediction, turned.map, false};
+  scan.timed = true;
+  Judge(scan, hypotheses, &frame);
+  if (frame.status == OdometryFrame::Status::kTracked) attempt->Take(std::move(turned));
 }
 
 void Odometry::ReturnToPrediction(Attempt* attempt) const {

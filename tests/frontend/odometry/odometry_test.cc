@@ -100,6 +100,39 @@ TEST_F(OdometryTest, RotationSearchFollowsAJump) {
   }
 }
 
+// A sensor that turns about z once in a sweep, and begins to turn itself at one moment: what it
+// sees until then tells nothing of that, and deskewed by the motion before it no scan fits the map.
+TEST_F(OdometryTest, FollowsATurnThatBeginsAtOnce) {
+  for (const double begins_s : {0.35, 0.4}) {
+    for (const double rate : {1.6, -2.4}) {
+      SCOPED_TRACE(testing::Message() << rate << " rad/s from " << begins_s << " s on");
+      const auto at = [&](double t) {
+        const double turned = rate * std::max(0.0, t - begins_s);
+        return SE3(ExpSO3(turned * Eigen::Vector3d::UnitZ()), {t, 0.0, 0.0});
+      };
+      odometry_ = Odometry(OdometryOptions());
+      for (int i = 0; i < 8; ++i) {
+        const double stamp_s = 0.1 * i;
+        std::vector<TimedPoint> points;
+        for (const Eigen::Vector3d& p : World::Room().Sample(500, 0.005, &draws_)) {
+          const Eigen::Vector3d seen = at(stamp_s).Inverse() * p;
+          const double tau = -0.1 * std::atan2(seen.y(), seen.x()) / (2.0 * M_PI);
+          const Eigen::Vector3f q = (at(stamp_s + tau).Inverse() * p).cast<float>();
+          points.push_back({q.x(), q.y(), q.z(), static_cast<float>(tau)});
+        }
+        const OdometryFrame frame = odometry_.Register(
+            i * kScanPeriodNs, BuildScanClusters(points, map_.options().LeafSize()), map_);
+        ASSERT_EQ(frame.status,
+                  i > 0 ? OdometryFrame::Status::kTracked : OdometryFrame::Status::kFirst)
+            << i;
+        EXPECT_LT((frame.T_world_lidar.t - at(stamp_s).t).norm(), 0.1) << i;
+        EXPECT_LT(RotationAngle(frame.T_world_lidar, at(stamp_s)), 2.0 * kDegree) << i;
+        odometry_.Accept(frame);
+      }
+    }
+  }
+}
+
 TEST_F(OdometryTest, AScanOfAnotherPlaceIsLost) {
   const OdometryFrame last = Drive(5, SE3());
   const auto elsewhere = BuildScanClusters(StillPoints(draws_.Cloud(8000, {0, 0, 0}, 8.0)), 0.8);
