@@ -297,16 +297,20 @@ class StartTrack {
   struct SteadyAlong {
     std::vector<SE3> poses;  // under it
     Eigen::Vector3d along = Eigen::Vector3d::UnitX();
-    double speed_m_s = 0.0, open_speed_m_s = 0.0;
-    double apart_m = 0.0;  // by which the two differ, at most
-    double sharper = 0.0;  // by so many standard deviations; negative if the poses' way is
-    bool told = false;     // known well enough to be one
-    bool refutes = false;  // the poses' way, clearly
+    double speed_m_s = 0.0;
+    double open_speed_m_s = 0.0;  // infinite where it is not asked for
+    double apart_m = 0.0;         // by which the two differ, at most
+    double sharper = 0.0;         // by so many standard deviations; negative if the poses' way is
+    bool told = false;            // known well enough to be one, as far as that is asked
+    bool refutes = false;         // the poses' way, clearly
   };
-  SteadyAlong FindAlong(const std::vector<SE3>& from, const Eigen::Vector3d& u,
-                        double noise_m) const;
+  // Whether what is left open of the speed is asked for, too, which takes a while.
+  enum class OpenSpeed { kAlways, kIfRefutes };
+  SteadyAlong FindAlong(const std::vector<SE3>& from, const Eigen::Vector3d& u, double noise_m,
+                        OpenSpeed asked) const;
   // The same along the direction that the fewest planes face.
-  SteadyAlong FindAhead(const std::vector<SE3>& from, double noise_m) const;
+  SteadyAlong FindAhead(const std::vector<SE3>& from, double noise_m,
+                        OpenSpeed asked = OpenSpeed::kIfRefutes) const;
   // By surfaces as sharp as the sensor's noise, and as sharp as decimetres: whether both say that
   // the poses' way is wrong, and agree on what it is instead.
   static bool Refute(const SteadyAlong& fine, const SteadyAlong& rough);

@@ -45,9 +45,10 @@ bool StartTrack::SettingOff(const std::vector<SE3>& poses) const {
   return Slow(poses) && StepM(poses, 1) < kAtRestMS * GapS(1);
 }
 
-StartTrack::SteadyAlong StartTrack::FindAhead(const std::vector<SE3>& from, double noise_m) const {
+StartTrack::SteadyAlong StartTrack::FindAhead(const std::vector<SE3>& from, double noise_m,
+                                              OpenSpeed asked) const {
   const Eigen::Vector3d u = LeastFaced(Faced(from, from.size() - 1));
-  return FindAlong(from, u, noise_m);
+  return FindAlong(from, u, noise_m, asked);
 }
 
 void StartTrack::CheckGoingAlong(const std::vector<SE3>& own, bool last) {
@@ -86,7 +87,7 @@ bool StartTrack::Parted(const std::vector<SE3>& poses) const {
 
 void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
   const std::vector<SE3> own = OwnPoses();
-  const SteadyAlong fine = FindAhead(poses, steady_.noise_m);
+  const SteadyAlong fine = FindAhead(poses, steady_.noise_m, OpenSpeed::kAlways);
   const SteadyAlong rough = FindAhead(poses, kRoughM);
   // Of a way that is none to speak of all scans are of one place, whatever else moves.
   constexpr double kStandsM = 0.3;

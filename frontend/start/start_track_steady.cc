@@ -1,6 +1,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -54,7 +55,8 @@ std::vector<SteadyScan> StartTrack::WithoutWay(const std::vector<SE3>& poses,
 }
 
 StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
-                                              const Eigen::Vector3d& u, double noise_m) const {
+                                              const Eigen::Vector3d& u, double noise_m,
+                                              OpenSpeed asked) const {
   // A speed that is known worse, or at the end of what is looked for, may be any. So may one that
   // is told neither from standing nor from going the other way, where that makes a difference.
   constexpr double kMostOpenMS = 4.0, kMostOfReach = 0.8;
@@ -77,15 +79,17 @@ StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
     steady.apart_m = std::max(steady.apart_m, std::abs(off_m));
   }
   steady.speed_m_s = std::abs(found.motion.speed_m_s);
-  steady.open_speed_m_s = found.open_speed_m_s;
-  steady.told = found.open_speed_m_s <= std::max(kKnownMS, steady.speed_m_s) &&
-                found.open_speed_m_s <= kMostOpenMS &&
-                steady.speed_m_s <= kMostOfReach * options.max_speed_m_s;
   // Scans from nearly one place have their points in the same few spots of each wall, and look
   // sharp for that alone.
   const bool standing = std::abs(way.positions_m.back()) < steady_.voxel_size_m;
-  steady.sharper = search.Sharper(way, own);
+  steady.sharper = search.Sharper(found, own);
   steady.refutes = !standing && steady.sharper > kRefutedSigmas;
+  steady.open_speed_m_s = asked == OpenSpeed::kAlways || steady.refutes
+                              ? search.OpenSpeed(found)
+                              : std::numeric_limits<double>::infinity();
+  steady.told = steady.open_speed_m_s <= std::max(kKnownMS, steady.speed_m_s) &&
+                steady.open_speed_m_s <= kMostOpenMS &&
+                steady.speed_m_s <= kMostOfReach * options.max_speed_m_s;
   return steady;
 }
 
@@ -94,7 +98,7 @@ StartTrack::SteadyWay StartTrack::FindSteady(const std::vector<SE3>& from,
   SteadyWay way;
   way.poses = way.moving = from;
   for (const Eigen::Vector3d& u : directions) {
-    const SteadyAlong steady = FindAlong(way.poses, u, steady_.noise_m);
+    const SteadyAlong steady = FindAlong(way.poses, u, steady_.noise_m, OpenSpeed::kAlways);
     const bool agrees = steady.open_speed_m_s <= kKnownMS && steady.apart_m <= kAgreesM;
     way.refuted = way.refuted || (steady.refutes && !steady.told);
     way.doubted = way.doubted ||
@@ -122,7 +126,7 @@ bool StartTrack::FindStraight(const std::vector<SE3>& other, std::vector<SE3>* p
   const std::vector<SE3> resting(other.size(), other.front());
   const Eigen::Vector3d up = other.front().q * Eigen::Vector3d::UnitZ();
   const Eigen::Vector3d ahead = LeastAcross(Faced(resting, 1), up);
-  const SteadyAlong steady = FindAlong(resting, ahead, steady_.noise_m);
+  const SteadyAlong steady = FindAlong(resting, ahead, steady_.noise_m, OpenSpeed::kIfRefutes);
   if (!steady.told || !steady.refutes || steady.open_speed_m_s > kMostOpenShare * steady.speed_m_s)
     return false;
   WayAlong straight, before;

@@ -137,41 +137,51 @@ WayAlong SteadyMotionSearch::WayUnder(const SteadyMotion& motion) const {
   return way;
 }
 
-SteadyMotionSearch::Evidence SteadyMotionSearch::EvidenceOf(const WayAlong& way, std::size_t grids,
-                                                            Scratch* scratch) const {
-  return EvidenceIn(*this, way, grids, scratch);
+std::vector<double> SteadyMotionSearch::BlocksOf(const WayAlong& way, std::size_t grids,
+                                                 Scratch* scratch) const {
+  return BlocksIn(*this, way, grids, scratch);
 }
 
-SteadyMotionSearch::Evidence SteadyMotionSearch::EvidenceIn(const SteadyMotionSearch& places,
-                                                            const WayAlong& way, std::size_t grids,
-                                                            Scratch* scratch) const {
+std::vector<double> SteadyMotionSearch::BlocksIn(const SteadyMotionSearch& places,
+                                                 const WayAlong& way, std::size_t grids,
+                                                 Scratch* scratch) const {
   Evidence sums;
-  sums.blocks.resize(places.block_points_.size(), 0.0);
-  for (std::size_t i = 0; i < grids; ++i) {
+  AddGrids(places, way, 0, grids, scratch, &sums);
+  return places.Means(sums.blocks, grids);
+}
+
+void SteadyMotionSearch::AddGrids(const SteadyMotionSearch& places, const WayAlong& way,
+                                  std::size_t begin, std::size_t end, Scratch* scratch,
+                                  Evidence* sums) const {
+  sums->blocks.resize(places.block_points_.size(), 0.0);
+  for (std::size_t i = begin; i < end; ++i) {
     if (&places == this) {
-      grids_[i].AddSharpness(way, blocks_[i], few_, scratch, &sums);
+      grids_[i].AddSharpness(way, blocks_[i], few_, scratch, sums);
     } else {
-      grids_[i].AddSharpness(way, grids_[i].InOrder(places.block_of_), places.few_, scratch, &sums);
+      grids_[i].AddSharpness(way, grids_[i].InOrder(places.block_of_), places.few_, scratch, sums);
     }
   }
-  for (std::size_t b = 0; b < sums.blocks.size(); ++b)
-    sums.blocks[b] /= static_cast<double>(grids) * (places.block_points_[b] + kHalfPoints);
-  sums.shared /= static_cast<double>(grids);
-  sums.sparse /= static_cast<double>(grids);
-  return sums;
 }
 
-std::vector<SteadyMotionSearch::Evidence> SteadyMotionSearch::EvidenceOf(
-    const std::vector<SteadyMotion>& motions, std::size_t grids) const {
+void SteadyMotionSearch::AddGrids(std::size_t begin, std::size_t end,
+                                  std::vector<Candidate>* candidates) const {
   // So many share scratch memory, which else goes back to the system each time.
   constexpr std::size_t kTogether = 8;
-  std::vector<Evidence> evidence(motions.size());
-  ParallelChunks(motions.size(), kTogether, [&](std::size_t begin, std::size_t end) {
+  ParallelChunks(candidates->size(), kTogether, [&](std::size_t first, std::size_t last) {
     Scratch scratch;
-    for (std::size_t i = begin; i < end; ++i)
-      evidence[i] = EvidenceOf(WayUnder(motions[i]), grids, &scratch);
+    for (std::size_t i = first; i < last; ++i) {
+      Candidate& candidate = (*candidates)[i];
+      AddGrids(*this, WayUnder(candidate.motion), begin, end, &scratch, &candidate.sums);
+    }
   });
-  return evidence;
+}
+
+std::vector<double> SteadyMotionSearch::Means(const std::vector<double>& sums,
+                                              std::size_t grids) const {
+  std::vector<double> means(sums.size());
+  for (std::size_t b = 0; b < sums.size(); ++b)
+    means[b] = sums[b] / (static_cast<double>(grids) * (block_points_[b] + kHalfPoints));
+  return means;
 }
 
 double SteadyMotionSearch::Total(const SteadyMotion& motion,
@@ -181,18 +191,17 @@ double SteadyMotionSearch::Total(const SteadyMotion& motion,
   return std::accumulate(blocks.begin(), blocks.end(), -0.5 * (v * v + a * a));
 }
 
-SteadyMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
+FoundMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
   constexpr double kLeastStepMS = 0.0125, kAccelerationStepPerS = 8.0;
   std::array<Scratch, 4> scratch;
-  const auto evidence_of = [&](const SteadyMotion& motion, Scratch* own) {
-    return Total(motion, EvidenceOf(WayUnder(motion), kGrids, own).blocks);
-  };
-  SteadyMotion best = start;
-  double most = evidence_of(best, scratch.data());
+  FoundMotion best;
+  best.motion = start;
+  best.blocks = BlocksOf(WayUnder(start), kGrids, scratch.data());
+  double most = Total(start, best.blocks);
   constexpr std::size_t kNone = 4;
   std::size_t back = kNone;  // where it came from, which is worse
   for (double step = step_m_s_; step >= kLeastStepMS;) {
-    const SteadyMotion from = best;
+    const SteadyMotion from = best.motion;
     const double faster = kAccelerationStepPerS * step;
     const std::array<SteadyMotion, 4> beside = {{
         {from.speed_m_s + step, from.acceleration_m_s2},
@@ -201,15 +210,19 @@ SteadyMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
         {from.speed_m_s, from.acceleration_m_s2 - faster},
     }};
     std::array<double, 4> evidence{};
+    std::array<std::vector<double>, 4> blocks;
     ParallelChunks(beside.size(), 1, [&](std::size_t i, std::size_t) {
-      evidence[i] = i == back ? -std::numeric_limits<double>::infinity()
-                              : evidence_of(beside[i], &scratch[i]);
+      evidence[i] = -std::numeric_limits<double>::infinity();
+      if (i == back) return;
+      blocks[i] = BlocksOf(WayUnder(beside[i]), kGrids, &scratch[i]);
+      evidence[i] = Total(beside[i], blocks[i]);
     });
     const auto i = static_cast<std::size_t>(
         std::distance(evidence.begin(), std::max_element(evidence.begin(), evidence.end())));
     if (evidence[i] > most) {
       most = evidence[i];
-      best = beside[i];
+      best.motion = beside[i];
+      best.blocks = std::move(blocks[i]);
       back = i ^ 1U;
     } else {
       step *= 0.5;
@@ -223,74 +236,82 @@ bool SteadyMotionSearch::RaysRepeat() const {
   // Of 16 to 64 rings standing leaves 0.2 to 0.7 of what moving does, of rosettes 0.9 to 1.2.
   constexpr double kVoxelsAside = 5.0, kMuchLess = 0.8;
   const double aside_m_s = kVoxelsAside * options_.voxel_size_m / duration_s_;
-  const std::vector<Evidence> evidence =
-      EvidenceOf({{}, {aside_m_s, 0.0}, {-aside_m_s, 0.0}}, kCoarseGrids);
-  return evidence[0].sparse < kMuchLess * std::min(evidence[1].sparse, evidence[2].sparse);
+  std::vector<Candidate> motions = {{{}, {}}, {{aside_m_s, 0.0}, {}}, {{-aside_m_s, 0.0}, {}}};
+  AddGrids(0, kCoarseGrids, &motions);
+  const double aside = std::min(motions[1].sums.sparse, motions[2].sums.sparse);
+  return motions[0].sums.sparse < kMuchLess * aside;
 }
 
-std::vector<SteadyMotion> SteadyMotionSearch::Candidates() const {
+std::vector<SteadyMotionSearch::Candidate> SteadyMotionSearch::Candidates() const {
   // In standard deviations of the acceleration.
   constexpr double kMostFromRest = 1.5;
-  std::vector<SteadyMotion> candidates;
+  std::vector<Candidate> candidates;
   const auto most_steps = static_cast<int>(max_speed_m_s_ / step_m_s_);
-  for (int i = -most_steps; i <= most_steps; ++i) candidates.push_back({step_m_s_ * i, 0.0});
+  for (int i = -most_steps; i <= most_steps; ++i) candidates.push_back({{step_m_s_ * i, 0.0}, {}});
   // A sensor that sets off ends at twice its mean speed.
   const double most_mean_m_s = 0.5 * kMostFromRest * options_.acceleration_sigma_m_s2 * duration_s_;
   const auto most_off = static_cast<int>(std::min(most_mean_m_s, max_speed_m_s_) / step_m_s_);
   for (int i = -most_off; i <= most_off; ++i)
-    candidates.push_back({step_m_s_ * i, 2.0 * step_m_s_ * i / duration_s_});
+    candidates.push_back({{step_m_s_ * i, 2.0 * step_m_s_ * i / duration_s_}, {}});
   return candidates;
 }
 
-std::size_t SteadyMotionSearch::Likeliest(const std::vector<SteadyMotion>& candidates,
-                                          std::size_t grids, double refuted_sigmas,
-                                          std::vector<Rival>* rivals) const {
+std::size_t SteadyMotionSearch::Likeliest(std::size_t grids, double refuted_sigmas,
+                                          std::vector<Candidate>* candidates) const {
   // Scans see mostly the same: a speed at which they have much less in common than at others is
   // none, though nothing that they see contradicts it.
   constexpr double kLeastShared = 0.5;
-  const std::vector<Evidence> evidence = EvidenceOf(candidates, grids);
   double most_shared = 0.0;
-  for (const Evidence& e : evidence) most_shared = std::max(most_shared, e.shared);
-  const auto possible = [&](const Evidence& e) { return !(e.shared < kLeastShared * most_shared); };
+  for (const Candidate& c : *candidates) most_shared = std::max(most_shared, c.sums.shared);
+  const auto is_none = [&](const Candidate& c) {
+    return c.sums.shared < kLeastShared * most_shared;
+  };
+  candidates->erase(std::remove_if(candidates->begin(), candidates->end(), is_none),
+                    candidates->end());
   std::size_t best = 0;
   double most = -std::numeric_limits<double>::infinity();
-  for (std::size_t i = 0; i < candidates.size(); ++i) {
-    const double total = Total(candidates[i], evidence[i].blocks);
-    if (total <= most || !possible(evidence[i])) continue;
-    best = i;
+  std::vector<std::vector<double>> blocks;
+  for (const Candidate& candidate : *candidates) {
+    blocks.push_back(Means(candidate.sums.blocks, grids));
+    const double total = Total(candidate.motion, blocks.back());
+    if (total <= most) continue;
+    best = blocks.size() - 1;
     most = total;
   }
-  rivals->clear();
-  for (std::size_t i = 0; i < candidates.size(); ++i) {
-    if (possible(evidence[i]) && Votes(evidence[best].blocks, evidence[i].blocks) < refuted_sigmas)
-      rivals->push_back({candidates[i], evidence[i].blocks});
+  std::vector<Candidate> left;
+  std::size_t best_left = 0;
+  for (std::size_t i = 0; i < candidates->size(); ++i) {
+    if (Votes(blocks[best], blocks[i]) >= refuted_sigmas) continue;
+    if (i == best) best_left = left.size();
+    left.push_back(std::move((*candidates)[i]));
   }
-  return best;
+  *candidates = std::move(left);
+  return best_left;
 }
 
 FoundMotion SteadyMotionSearch::Find() const {
   // Most candidates are refuted so clearly that one grid suffices.
   constexpr double kClearly = 2.0 * kOpenSigmas;
-  std::vector<Rival> rivals;
-  Likeliest(Candidates(), 1, kClearly, &rivals);
-  std::vector<SteadyMotion> left;
-  for (const Rival& rival : rivals) left.push_back(rival.motion);
+  std::vector<Candidate> candidates = Candidates();
+  AddGrids(0, 1, &candidates);
+  Likeliest(1, kClearly, &candidates);
+  AddGrids(1, kCoarseGrids, &candidates);
   const std::size_t best =
-      Likeliest(left, kCoarseGrids, std::numeric_limits<double>::infinity(), &rivals);
-  const SteadyMotion found = Climb(left[best]);
-  return {found, OpenSpeed(found, rivals)};
+      Likeliest(kCoarseGrids, std::numeric_limits<double>::infinity(), &candidates);
+  FoundMotion found = Climb(candidates[best].motion);
+  for (const Candidate& candidate : candidates)
+    found.rivals.push_back({candidate.motion, Means(candidate.sums.blocks, kCoarseGrids)});
+  return found;
 }
 
-double SteadyMotionSearch::OpenSpeed(const SteadyMotion& motion,
-                                     const std::vector<Rival>& rivals) const {
+double SteadyMotionSearch::OpenSpeed(const FoundMotion& found) const {
   // Speeds nearer than so many steps are told apart in all grids.
   constexpr int kNearSteps = 4;
-  const WayAlong way = WayUnder(motion);
+  const SteadyMotion& motion = found.motion;
   Scratch scratch;
-  const std::vector<double> ours = EvidenceOf(way, kGrids, &scratch).blocks;
-  const std::vector<double> ours_coarse = EvidenceOf(way, kCoarseGrids, &scratch).blocks;
+  const std::vector<double> ours_coarse = BlocksOf(WayUnder(motion), kCoarseGrids, &scratch);
   double open_m_s = 0.0;
-  for (const Rival& rival : rivals) {
+  for (const FoundMotion::Rival& rival : found.rivals) {
     const double apart = std::abs(rival.motion.speed_m_s - motion.speed_m_s);
     if (apart > kNearSteps * step_m_s_ && Votes(ours_coarse, rival.blocks) < kOpenSigmas)
       open_m_s = std::max(open_m_s, apart);
@@ -298,24 +319,25 @@ double SteadyMotionSearch::OpenSpeed(const SteadyMotion& motion,
   for (int step = -kNearSteps; step <= kNearSteps; ++step) {
     const double apart = step_m_s_ * step;
     const SteadyMotion other = {motion.speed_m_s + apart, motion.acceleration_m_s2};
-    if (step != 0 &&
-        Votes(ours, EvidenceOf(WayUnder(other), kGrids, &scratch).blocks) < kOpenSigmas)
+    if (step != 0 && Votes(found.blocks, BlocksOf(WayUnder(other), kGrids, &scratch)) < kOpenSigmas)
       open_m_s = std::max(open_m_s, std::abs(apart));
   }
   return open_m_s;
 }
 
 double SteadyMotionSearch::Sharper(const WayAlong& one, const WayAlong& other) const {
+  return Sharper(one, *this, other);
+}
+
+double SteadyMotionSearch::Sharper(const FoundMotion& one, const WayAlong& other) const {
   Scratch scratch;
-  return Votes(EvidenceOf(one, kGrids, &scratch).blocks,
-               EvidenceOf(other, kGrids, &scratch).blocks);
+  return Votes(one.blocks, BlocksOf(other, kGrids, &scratch));
 }
 
 double SteadyMotionSearch::Sharper(const WayAlong& one, const SteadyMotionSearch& from,
                                    const WayAlong& other) const {
   Scratch scratch;
-  return Votes(EvidenceOf(one, kGrids, &scratch).blocks,
-               from.EvidenceIn(*this, other, kGrids, &scratch).blocks);
+  return Votes(BlocksOf(one, kGrids, &scratch), from.BlocksIn(*this, other, kGrids, &scratch));
 }
 
 }  // namespace lamina

@@ -45,10 +45,16 @@ std::vector<SteadyScan> InStreet(double speed, double acceleration, int points, 
   return scans;
 }
 
-FoundMotion Find(std::vector<SteadyScan> scans) {
-  return SteadyMotionSearch(SteadyMotionOptions(), Eigen::Vector3d::UnitX(),
-                            Eigen::Vector3d::UnitZ(), std::move(scans))
-      .Find();
+struct FoundSpeed {
+  SteadyMotion motion;
+  double open_speed_m_s = 0.0;
+};
+
+FoundSpeed Find(std::vector<SteadyScan> scans) {
+  const SteadyMotionSearch search(SteadyMotionOptions(), Eigen::Vector3d::UnitX(),
+                                  Eigen::Vector3d::UnitZ(), std::move(scans));
+  const FoundMotion found = search.Find();
+  return {found.motion, search.OpenSpeed(found)};
 }
 
 TEST(SteadyMotionTest, FindsTheSpeedOfSparseScans) {
@@ -57,7 +63,7 @@ TEST(SteadyMotionTest, FindsTheSpeedOfSparseScans) {
   };
   for (const Drive drive : {Drive{15.0, 0.0}, Drive{-12.0, 0.0}, Drive{8.0, -3.0}, {3.0, 3.0}}) {
     for (unsigned seed = 1; seed <= 3; ++seed) {
-      const FoundMotion found = Find(InStreet(drive.speed, drive.acceleration, 3000, seed));
+      const FoundSpeed found = Find(InStreet(drive.speed, drive.acceleration, 3000, seed));
       EXPECT_NEAR(found.motion.speed_m_s, drive.speed, 0.8) << seed;
       for (const int scan : {0, kScans - 1}) {
         const double found_m =
@@ -90,6 +96,9 @@ TEST(SteadyMotionTest, RefutesPosesThatScatter) {
   EXPECT_GT(search.Sharper(way, scattered), 3.0);
   EXPECT_LT(search.Sharper(scattered, way), -3.0);
   EXPECT_EQ(search.Sharper(way, way), 0.0);
+  const FoundMotion found = search.Find();
+  EXPECT_EQ(search.Sharper(found, scattered),
+            search.Sharper(search.WayUnder(found.motion), scattered));
 }
 
 TEST(SteadyMotionTest, ALorryAtTheSensorsSpeedDoesNotStopTheStreet) {
@@ -141,7 +150,7 @@ TEST(SteadyMotionTest, TheSheetsOfRingsDoNotHoldTheSensor) {
       const auto clusters = BuildScanClusters(RingsPastALorry(street, T, &draws), 0.5);
       scans.push_back(SteadyScanOf(clusters, T, k));
     }
-    const FoundMotion found = Find(std::move(scans));
+    const FoundSpeed found = Find(std::move(scans));
     EXPECT_NEAR(found.motion.speed_m_s, kSpeedMS, 0.2) << seed;
     EXPECT_NEAR(found.motion.acceleration_m_s2, kStartingMS2, 1.5) << seed;
     EXPECT_LE(found.open_speed_m_s, 1.0) << seed;
@@ -155,7 +164,7 @@ TEST(SteadyMotionTest, SaysWhereSpeedCannotBeTold) {
   for (int k = 0; k < kScans; ++k)
     scans.push_back(
         SteadyScanOf(ScanFrom(SE3(), world.Sample(1500, 0.005, &draws), kSteadyVoxelM), SE3(), k));
-  const FoundMotion found = Find(std::move(scans));
+  const FoundSpeed found = Find(std::move(scans));
   EXPECT_GT(found.open_speed_m_s, 10.0);
 }
 
@@ -167,7 +176,7 @@ TEST(SteadyMotionTest, ASensorInARoomHasNotLeftIt) {
   for (int k = 0; k < kScans; ++k)
     scans.push_back(
         SteadyScanOf(ScanFrom(SE3(), room.Sample(400, 0.005, &draws), kSteadyVoxelM), SE3(), k));
-  const FoundMotion found = Find(std::move(scans));
+  const FoundSpeed found = Find(std::move(scans));
   EXPECT_NEAR(found.motion.speed_m_s, 0.0, 0.5);
   EXPECT_LE(found.open_speed_m_s, 1.0);
 }
