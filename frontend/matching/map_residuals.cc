@@ -73,14 +73,15 @@ NormalEquations MapResiduals::At(const SE3& T, double kernel_sigma, const Matrix
       ParallelSum(clusters_.size(), 1024, zero, [&](std::size_t begin, std::size_t end) {
         NormalEquations sum = zero;
         RowSums sums, rings;
+        EvidenceSums evidence(zero.all.directions);
         ForEachRows(begin, end, settings,
                     [&](const MatchRow* rows, const std::size_t* of, std::size_t count) {
                       sums.Add(rows, count);
                       if (rows[0].on_ring) rings.Add(rows, count);
+                      if (watched != nullptr) evidence.Add(rows, of, count, clusters_.data());
                       for (std::size_t k = 0; k < count; ++k) {
                         sum.matched += rows[k].matched ? 1 : 0;
                         sum.matched_old += rows[k].matched && !rows[k].young ? 1 : 0;
-                        if (watched != nullptr) AddEvidence(rows[k], clusters_[of[k]].mean, &sum);
                       }
                     });
         sum.H = sums.H();
@@ -89,6 +90,8 @@ NormalEquations MapResiduals::At(const SE3& T, double kernel_sigma, const Matrix
         sum.weight = sums.weight();
         sum.robust = sums.robust();
         sum.residual2 = sums.residual2();
+        EvidenceSums::Store(evidence.all, &sum.all);
+        EvidenceSums::Store(evidence.old, &sum.old);
         return sum;
       });
   // Rounding differs across the diagonal.
@@ -104,13 +107,6 @@ Vector6d MapResiduals::Information(const MatchRow& row, const Eigen::Vector3d& m
   return evidence.InformationOf(scaled, row.w, row.normal_error2, arm, 1.0);
 }
 
-void MapResiduals::AddEvidence(const MatchRow& row, const Eigen::Vector3d& mu,
-                               NormalEquations* sum) {
-  const Vector6d information = Information(row, mu, sum->all);
-  sum->all.Add(information);
-  if (!row.young) sum->old.Add(information);
-}
-
 DirectionEvidence MapResiduals::EvidenceOf(const PlanesInstead& planes, const SE3& T,
                                            double kernel_sigma, const Matrix6d& directions) {
   Associate(T, T.R());
@@ -121,16 +117,16 @@ DirectionEvidence MapResiduals::EvidenceOf(const PlanesInstead& planes, const SE
     planes_[i] = instead.plane;
     weights[i] = instead.weight;
   }
-  NormalEquations sum;
-  sum.all.directions = sum.old.directions = directions;
+  EvidenceSums sums(directions);
   ForEachRows(0, clusters_.size(), SettingsAt(T, kernel_sigma),
               [&](MatchRow* rows, const std::size_t* of, std::size_t count) {
-                for (std::size_t k = 0; k < count; ++k) {
-                  rows[k].w *= weights[of[k]];
-                  AddEvidence(rows[k], clusters_[of[k]].mean, &sum);
-                }
+                for (std::size_t k = 0; k < count; ++k) rows[k].w *= weights[of[k]];
+                sums.Add(rows, of, count, clusters_.data());
               });
-  return sum.all;
+  DirectionEvidence evidence;
+  evidence.directions = directions;
+  EvidenceSums::Store(sums.all, &evidence);
+  return evidence;
 }
 
 MetPlanes MapResiduals::Meet(const SE3& T, double kernel_sigma, const Vector6d& direction) {

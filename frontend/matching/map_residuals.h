@@ -142,7 +142,6 @@ class MapResiduals {
   // What a row, of a cluster with this mean, says along the directions.
   static Vector6d Information(const MatchRow& row, const Eigen::Vector3d& mu,
                               const DirectionEvidence& evidence);
-  static void AddEvidence(const MatchRow& row, const Eigen::Vector3d& mu, NormalEquations* sum);
 
   const ScanMatcherOptions& options_;
   const VoxelMap& map_;

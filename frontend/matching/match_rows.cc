@@ -1,6 +1,7 @@
 #include "frontend/matching/match_rows.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <cstring>
 
@@ -109,6 +110,14 @@ template <typename Rows>
   for (int c = 0; c < 3; ++c) sum->lower[c] += h * rows.lower[c];
   sum->g_upper += f * rows.g_upper;
   sum->g_lower += f * rows.g_lower;
+}
+
+[[gnu::always_inline]] inline void AddInformation(const Four& upper, const Four& lower,
+                                                  EvidenceSums::Sums* sums) {
+  sums->upper += upper;
+  sums->lower += lower;
+  sums->upper_squares += upper * upper;
+  sums->lower_squares += lower * lower;
 }
 
 template <typename Rows>
@@ -225,6 +234,58 @@ Vector6d RowSums::g() const {
   Vector6d g;
   g << g_upper[0], g_upper[1], g_upper[2], g_upper[3], g_lower[0], g_lower[1];
   return g;
+}
+
+EvidenceSums::EvidenceSums(const Matrix6d& directions) {
+  std::memset(static_cast<void*>(&all), 0, sizeof(all));
+  std::memset(static_cast<void*>(&old), 0, sizeof(old));
+  const Matrix6d& d = directions;
+  const Vector6d t = d.topRows<3>().colwise().squaredNorm().transpose();
+  for (int k = 0; k < 6; ++k) upper[k] = Four{d(k, 0), d(k, 1), d(k, 2), d(k, 3)};
+  for (int k = 0; k < 3; ++k)
+    lower[k] = Four{d(2 * k, 4), d(2 * k, 5), d(2 * k + 1, 4), d(2 * k + 1, 5)};
+  turned_upper = Four{t(0), t(1), t(2), t(3)};
+  turned_lower = Four{t(4), t(5), t(4), t(5)};
+}
+
+// DirectionEvidence::InformationOf, with the sums in the order in which Eigen takes them.
+LAMINA_FOR_EACH_PROCESSOR
+void EvidenceSums::Add(const MatchRow* rows, const std::size_t* of, std::size_t count,
+                       const PointCluster* clusters) {
+  Sums sum_all = all, sum_old = old;
+  const Four scale{kRotationArmM, kRotationArmM, kRotationArmM, 1.0};
+  for (std::size_t i = 0; i < count; ++i) {
+    const MatchRow& row = rows[i];
+    const Four j = Four{row.j[0], row.j[1], row.j[2], row.j[3]} / scale;
+    const Four along_upper = ((upper[0] * j[0]) + (upper[2] * j[2] + upper[4] * row.j[4])) +
+                             ((upper[1] * j[1]) + (upper[3] * j[3] + upper[5] * row.j[5]));
+    const Four halves = lower[0] * Four{j[0], j[0], j[1], j[1]} +
+                        (lower[1] * Four{j[2], j[2], j[3], j[3]} +
+                         lower[2] * Four{row.j[4], row.j[4], row.j[5], row.j[5]});
+    const Four along_lower = halves + __builtin_shuffle(halves, FourIntegers{2, 3, 0, 1});
+    const Eigen::Vector3d& mu = clusters[of[i]].mean;
+    const double arm = std::sqrt(mu[0] * mu[0] + mu[1] * mu[1] + mu[2] * mu[2]) / kRotationArmM;
+    const double error2 = row.normal_error2, turning2 = error2 * arm * arm - error2;
+    Four upper_says = along_upper * along_upper - (error2 + turning2 * turned_upper);
+    Four lower_says = along_lower * along_lower - (error2 + turning2 * turned_lower);
+    upper_says = row.w * (upper_says > 0.0 ? upper_says : Four{});
+    lower_says = row.w * (lower_says > 0.0 ? lower_says : Four{});
+    AddInformation(upper_says, lower_says, &sum_all);
+    if (!row.young) AddInformation(upper_says, lower_says, &sum_old);
+  }
+  all = sum_all;
+  old = sum_old;
+}
+
+void EvidenceSums::Store(const Sums& sums, DirectionEvidence* evidence) {
+  for (int k = 0; k < 4; ++k) {
+    evidence->information(k) = sums.upper[k];
+    evidence->squares(k) = sums.upper_squares[k];
+  }
+  for (int k = 4; k < 6; ++k) {
+    evidence->information(k) = sums.lower[k - 4];
+    evidence->squares(k) = sums.lower_squares[k - 4];
+  }
 }
 
 LAMINA_FOR_EACH_PROCESSOR

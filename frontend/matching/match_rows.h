@@ -17,6 +17,7 @@
 
 namespace lamina {
 
+struct DirectionEvidence;
 struct ScanMatcherOptions;
 
 // The distance of a cluster along a unit normal, how it changes with the pose, and its weight.
@@ -64,6 +65,25 @@ struct alignas(32) RowSums {
   double weight() const { return weights[0]; }
   double robust() const { return weights[1]; }
   double residual2() const { return weights[2]; }
+};
+
+// Sums of what rows say along directions (degeneracy.h).
+struct alignas(32) EvidenceSums {
+  // By direction: the first four, and the last two with what fills the lanes up.
+  struct Sums {
+    Four upper, lower, upper_squares, lower_squares;
+  };
+  // Rows 0 to 5 of four columns of the directions; even and odd rows of the last two columns; what
+  // the rotation has of each direction.
+  Four upper[6], lower[3], turned_upper, turned_lower;
+  Sums all, old;  // of all rows, of those that are not young
+
+  // Columns: the directions, orthonormal, scaled tangent.
+  explicit EvidenceSums(const Matrix6d& directions);
+  // Row i is of the cluster clusters[of[i]].
+  void Add(const MatchRow* rows, const std::size_t* of, std::size_t count,
+           const PointCluster* clusters);
+  static void Store(const Sums& sums, DirectionEvidence* evidence);
 };
 
 // What a step of the pose and another step have of a row.

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/QR>
 #include <algorithm>
 #include <random>
 #include <vector>
@@ -185,6 +186,32 @@ TEST_F(MatchRowsTest, SumToNormalEquations) {
   TwoStepRows twice = two;
   twice += two;
   EXPECT_TRUE(alike(twice.other.H(), Matrix6d(2.0 * other)));
+}
+
+TEST_F(MatchRowsTest, EvidenceIsThatOfOneRowAfterTheOtherToTheBit) {
+  Matrix6d directions;
+  for (int c = 0; c < 6; ++c) directions.col(c) << Random3(), Random3();
+  directions = directions.householderQr().householderQ() * Matrix6d::Identity();
+  const std::vector<MatchRow> rows = Rows(kCount);
+  std::vector<std::size_t> of;
+  DirectionEvidence all, old;
+  all.directions = old.directions = directions;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    of.push_back(i);
+    const Vector6d j = DividedByArm(Vector6d(Eigen::Map<const Vector6d>(rows[i].j)));
+    const double arm = clusters_[i].mean.norm() / kRotationArmM;
+    all.Add(j, rows[i].w, rows[i].normal_error2, arm, 1.0);
+    if (!rows[i].young) old.Add(j, rows[i].w, rows[i].normal_error2, arm, 1.0);
+  }
+  EvidenceSums sums(directions);
+  sums.Add(rows.data(), of.data(), rows.size(), clusters_.data());
+  DirectionEvidence in_lanes;
+  EvidenceSums::Store(sums.all, &in_lanes);
+  EXPECT_EQ(in_lanes.information, all.information);
+  EXPECT_EQ(in_lanes.squares, all.squares);
+  EvidenceSums::Store(sums.old, &in_lanes);
+  EXPECT_EQ(in_lanes.information, old.information);
+  EXPECT_EQ(in_lanes.squares, old.squares);
 }
 
 }  // namespace
