@@ -76,7 +76,11 @@ VoxelMap::NodeId VoxelMap::FindSurface(const Eigen::Vector3d& p) const {
 }
 
 const Surface* VoxelMap::PlaneAt(const Eigen::Vector3d& p) const {
-  const NodeId id = FindSurface(p);
+  return CanHold(p) ? PlaneAt(trees_.PlaceOf(p)) : nullptr;
+}
+
+const Surface* VoxelMap::PlaneAt(const LeafPlace& place) const {
+  const NodeId id = FindSurface(place);
   return id != kNoNode && kind(id) == Surface::Kind::kPlane ? &plane(id) : nullptr;
 }
 

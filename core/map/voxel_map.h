@@ -112,9 +112,16 @@ class VoxelMap {
   NodeId FindSurface(const Eigen::Vector3d& p) const;
   // The plane around p; null if there is none.
   const Surface* PlaneAt(const Eigen::Vector3d& p) const;
+  const Surface* PlaneAt(const LeafPlace& place) const;
   // The surface by the leaf voxel around a p that satisfies CanHold, on which alone it depends.
   LeafPlace PlaceOf(const Eigen::Vector3d& p) const { return trees_.PlaceOf(p); }
   NodeId FindSurface(const LeafPlace& place) const;
+  // The leaf voxels around the means of clusters, every `stride`-th one of them, that R and t move:
+  // PlaceOf(R mean + t), or LeafPlace(), where there is no surface, for those that CanHold refuses.
+  void PlacesOf(const PointCluster* clusters, std::size_t stride, std::size_t count,
+                const Eigen::Matrix3d& R, const Eigen::Vector3d& t, LeafPlace* places) const {
+    trees_.PlacesOf(clusters, stride, count, R, t, places);
+  }
   // The coarsest planar node among a leaf and its ancestors, else kNoNode.
   NodeId PlaneAbove(NodeId leaf) const;
   // As of the last refresh; below a planar node nothing is kept up to date.

@@ -1,14 +1,70 @@
 #include "core/map/voxel_trees.h"
 
+#include <algorithm>
 #include <utility>
 
+#include "core/base/processor.h"
+#include "core/geometry/cluster_lanes.h"
+
 namespace lamina {
+namespace {
+
+using FourInts = std::int32_t __attribute__((vector_size(16)));
+
+// Indices of voxels along one axis.
+[[gnu::always_inline]] inline void Floor(const Four& x, FourInts* floor) {
+  const Four towards_zero = __builtin_convertvector(__builtin_convertvector(x, FourInts), Four);
+  const Four one = Four{} + 1.0;
+  *floor = __builtin_convertvector(towards_zero - (towards_zero > x ? one : Four{}), FourInts);
+}
+
+}  // namespace
 
 VoxelTrees::VoxelTrees(double root_size_m, int depth)
     : root_size_m_(root_size_m),
       inverse_leaf_size_(1.0 / root_size_m * (1 << depth)),
       depth_(depth),
       most_leaf_((1 << depth) - 1) {}
+
+LAMINA_FOR_EACH_PROCESSOR
+void VoxelTrees::PlacesOf(const PointCluster* clusters, std::size_t stride, std::size_t count,
+                          const Eigen::Matrix3d& R, const Eigen::Vector3d& t,
+                          LeafPlace* places) const {
+  MotionLanes at;
+  at.Set(R, t);
+  for (std::size_t i = 0; i < count; i += 4) {
+    const double* means[4];
+    for (std::size_t k = 0; k < 4; ++k)
+      means[k] = clusters[stride * std::min(i + k, count - 1)].mean.data();
+    Four mu[4];  // the last one is of the scatter
+    LoadColumns(means, mu);
+    // In the order in which Eigen sums R mean: two rows together and the last one by itself.
+    Four x[3];
+    for (int a = 0; a < 2; ++a) x[a] = at.R[a][0] * mu[0] + at.R[a][1] * mu[1] + at.R[a][2] * mu[2];
+    x[2] = at.R[2][0] * mu[0] + (at.R[2][1] * mu[1] + at.R[2][2] * mu[2]);
+    FourIntegers in_range = ~FourIntegers{};
+    for (int a = 0; a < 3; ++a) {
+      x[a] = (x[a] + at.t[a]) * inverse_leaf_size_;
+      const auto most = static_cast<double>((RootKeyLayout::kOffset[a] - 1) << depth_);
+      in_range &= (x[a] < most) & (-x[a] < most);
+    }
+    FourIntegers keys{};
+    FourInts paths{};
+    for (int a = 0; a < 3; ++a) {
+      FourInts leaf;
+      Floor(in_range ? x[a] : Four{}, &leaf);
+      const FourInts root = (leaf >> depth_) + static_cast<std::int32_t>(RootKeyLayout::kOffset[a]);
+      keys |= __builtin_convertvector(root, FourIntegers) << RootKeyLayout::kShift[a];
+      // The bits of the place within the root, three apart.
+      const FourInts in_root = leaf & static_cast<std::int32_t>(most_leaf_);
+      paths |= ((in_root & 1) | (in_root & 2) << 2 | (in_root & 4) << 4 | (in_root & 8) << 6) << a;
+    }
+    keys &= in_range;
+    paths &= __builtin_convertvector(in_range, FourInts);
+    for (std::size_t k = 0; k < 4 && i + k < count; ++k)
+      places[i + k] = {static_cast<VoxelKey>(keys[k]), static_cast<std::uint32_t>(paths[k])};
+  }
+}
 
 int VoxelTrees::LevelOf(NodeId id) const {
   int level = 0;

@@ -15,6 +15,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <utility>
@@ -78,7 +79,7 @@ struct MapRoot : MapInner {
 static_assert(sizeof(MapRoot) == 80);
 
 // A leaf by the key of its root (in slot 0) and the child of each level, three bits each, that of
-// the root on top.
+// the root on top. No root in range has the key 0.
 struct LeafPlace {
   VoxelKey key = 0;
   std::uint32_t path = 0;
@@ -134,6 +135,10 @@ class VoxelTrees {
     }
     return place;
   }
+  // The leaves around the means of clusters, every `stride`-th one of them, that R and t move:
+  // PlaceOf(R mean + t), or LeafPlace(), in which nothing is, for those out of range.
+  void PlacesOf(const PointCluster* clusters, std::size_t stride, std::size_t count,
+                const Eigen::Matrix3d& R, const Eigen::Vector3d& t, LeafPlace* places) const;
   // The child on the way to a leaf, `level` levels above it.
   static unsigned SlotOfPath(std::uint64_t path, int level) {
     return static_cast<unsigned>(path >> (3 * level)) & 7U;

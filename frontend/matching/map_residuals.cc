@@ -342,17 +342,21 @@ void MapResiduals::Associate(const SE3& T, const Eigen::Matrix3d& R) {
   }
   associated_at_ = T;
   ParallelChunks(clusters_.size(), 1024, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const Eigen::Vector3d p = R * clusters_[i].mean + T.t;
-      const bool can_hold = map_.CanHold(p);
-      const LeafPlace place = can_hold ? map_.PlaceOf(p) : LeafPlace();
-      if (associated_ && place == places_[i]) continue;
-      places_[i] = place;
-      surfaces_[i] = can_hold ? map_.FindSurface(place) : VoxelMap::kNoNode;
-      if (IsDropped(surfaces_[i])) surfaces_[i] = VoxelMap::kNoNode;
-      const bool on_plane =
-          surfaces_[i] != VoxelMap::kNoNode && map_.kind(surfaces_[i]) == Surface::Kind::kPlane;
-      planes_[i] = on_plane ? &map_.plane(surfaces_[i]) : nullptr;
+    constexpr std::size_t kTogether = 64;
+    LeafPlace places[kTogether];
+    for (std::size_t first = begin; first < end; first += kTogether) {
+      const std::size_t count = std::min(kTogether, end - first);
+      map_.PlacesOf(&clusters_[first], 1, count, R, T.t, places);
+      for (std::size_t k = 0; k < count; ++k) {
+        const std::size_t i = first + k;
+        if (associated_ && places[k] == places_[i]) continue;
+        places_[i] = places[k];
+        surfaces_[i] = map_.FindSurface(places[k]);
+        if (IsDropped(surfaces_[i])) surfaces_[i] = VoxelMap::kNoNode;
+        const bool on_plane =
+            surfaces_[i] != VoxelMap::kNoNode && map_.kind(surfaces_[i]) == Surface::Kind::kPlane;
+        planes_[i] = on_plane ? &map_.plane(surfaces_[i]) : nullptr;
+      }
     }
   });
   if (!associated_) FindLeastThickness();

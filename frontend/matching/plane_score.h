@@ -33,6 +33,21 @@ class PlaneScore {
     const Surface* plane = map_.PlaneAt(p);
     return plane == nullptr ? kNone : Fit(*plane, p);
   }
+  // Calls visit with that of every `stride`-th one of many clusters, in their order.
+  template <typename Visit>
+  void OfEach(const std::vector<PointCluster>& clusters, std::size_t stride,
+              const Visit& visit) const {
+    constexpr std::size_t kTogether = 64;
+    LeafPlace leaves[kTogether];
+    for (std::size_t first = 0; first < clusters.size(); first += kTogether * stride) {
+      const std::size_t count = std::min(kTogether, (clusters.size() - 1 - first) / stride + 1);
+      map_.PlacesOf(&clusters[first], stride, count, R_, t_, leaves);
+      for (std::size_t k = 0; k < count; ++k) {
+        const Surface* plane = map_.PlaneAt(leaves[k]);
+        visit(plane == nullptr ? kNone : On(*plane, clusters[first + k * stride]));
+      }
+    }
+  }
 
   // Where the cluster is.
   Eigen::Vector3d InMap(const PointCluster& cluster) const { return R_ * cluster.mean + t_; }

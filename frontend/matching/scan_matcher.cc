@@ -350,10 +350,10 @@ double ScanMatcher::Score(const std::vector<PointCluster>& clusters, const SE3& 
   const PlaneScore score(T_world_lidar, map, scale_m);
   double sum = 0.0;
   std::size_t visited = 0;
-  for (std::size_t i = 0; i < clusters.size(); i += stride, ++visited) {
-    const double fit = score.Of(clusters[i]);
+  score.OfEach(clusters, stride, [&](double fit) {
+    ++visited;
     if (fit > PlaneScore::kNone) sum += fit - chance;
-  }
+  });
   return visited == 0 ? 0.0 : sum / static_cast<double>(visited);
 }
 

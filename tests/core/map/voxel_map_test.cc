@@ -43,6 +43,34 @@ void AddPatch(int x, int y, int z, std::int64_t frame, Draws* draws, VoxelMap* m
   }
 }
 
+TEST(VoxelMap, PlacesOfManyAreThoseOfEach) {
+  constexpr std::size_t kStride = 2;
+  Draws draws(8);
+  for (int depth = 0; depth <= 4; ++depth) {
+    VoxelMapOptions options;
+    options.depth = depth;
+    const VoxelMap map(options);
+    std::vector<PointCluster> clusters;
+    for (int i = 0; i < 203; ++i) {
+      PointCluster cluster;
+      // On borders of leaves, anywhere, and beyond what the map can hold.
+      const double m = i % 3 == 0 ? options.LeafSize() : i % 3 == 1 ? 7.3 : 3e5;
+      cluster.AddPoint(m * draws.Direction());
+      if (i % 3 == 0) cluster.mean = m * (10.0 * cluster.mean / m).array().round().matrix();
+      clusters.push_back(cluster);
+    }
+    for (const SE3& T : {SE3(), SE3(ExpSO3(2.0 * draws.Direction()), 50.0 * draws.Direction())}) {
+      const std::size_t count = (clusters.size() + kStride - 1) / kStride;
+      std::vector<LeafPlace> places(count);
+      map.PlacesOf(clusters.data(), kStride, count, T.R(), T.t, places.data());
+      for (std::size_t i = 0; i < count; ++i) {
+        const Eigen::Vector3d p = T.R() * clusters[kStride * i].mean + T.t;
+        EXPECT_TRUE(places[i] == (map.CanHold(p) ? map.PlaceOf(p) : LeafPlace())) << i;
+      }
+    }
+  }
+}
+
 TEST(VoxelMap, TheCoarsestPlanarNodeIsFound) {
   Draws draws(1);
   VoxelMapOptions options;
