@@ -1,6 +1,7 @@
 #include "core/map/voxel_trees.h"
 
 #include <algorithm>
+#include <limits>
 #include <utility>
 
 #include "core/base/processor.h"
@@ -9,13 +10,30 @@
 namespace lamina {
 namespace {
 
-using FourInts = std::int32_t __attribute__((vector_size(16)));
+using FourUnsigned = std::uint64_t __attribute__((vector_size(32)));
 
-// Indices of voxels along one axis.
-[[gnu::always_inline]] inline void Floor(const Four& x, FourInts* floor) {
-  const Four towards_zero = __builtin_convertvector(__builtin_convertvector(x, FourInts), Four);
+// Adds `offset` to the largest integers that are not above x: not negative then, as x must be
+// smaller than 2^51 and not below -offset.
+[[gnu::always_inline]] inline void FloorWithOffset(const Four& x, std::int64_t offset,
+                                                   FourUnsigned* floor) {
+  // A double of this size has integers alone, the last bits of which are its own.
+  constexpr double kInteger = 6755399441055744.0;                        // 3 2^51
+  constexpr std::uint64_t kBitsOfInteger = std::uint64_t{0x4338} << 48;  // of that
   const Four one = Four{} + 1.0;
-  *floor = __builtin_convertvector(towards_zero - (towards_zero > x ? one : Four{}), FourInts);
+  const Four nearest = (x + kInteger) - kInteger;
+  const Four below = nearest - (nearest > x ? one : Four{});
+  *floor = reinterpret_cast<FourUnsigned>(below + kInteger) +
+           (static_cast<std::uint64_t>(offset) - kBitsOfInteger);
+}
+
+// The bits of three numbers of four bits, twenty bits apart, one after the other: bit k of number a
+// is bit 3 k + a of the result.
+[[gnu::always_inline]] inline void Interleave(FourUnsigned* numbers) {
+  constexpr std::uint64_t kEach = 1 | 1 << 20 | std::uint64_t{1} << 40;
+  FourUnsigned n = *numbers;
+  n = (n | n << 4) & (kEach * 0303);
+  n = (n | n << 2) & (kEach * 01111);
+  *numbers = (n | n >> 19 | n >> 38) & 07777;
 }
 
 }  // namespace
@@ -33,36 +51,35 @@ void VoxelTrees::PlacesOf(const PointCluster* clusters, std::size_t stride, std:
   MotionLanes at;
   at.Set(R, t);
   for (std::size_t i = 0; i < count; i += 4) {
+    const std::size_t left = count - 1 - i;
     const double* means[4];
     for (std::size_t k = 0; k < 4; ++k)
-      means[k] = clusters[stride * std::min(i + k, count - 1)].mean.data();
+      means[k] = clusters[stride * (i + std::min(k, left))].mean.data();
     Four mu[4];  // the last one is of the scatter
     LoadColumns(means, mu);
     // In the order in which Eigen sums R mean: two rows together and the last one by itself.
     Four x[3];
     for (int a = 0; a < 2; ++a) x[a] = at.R[a][0] * mu[0] + at.R[a][1] * mu[1] + at.R[a][2] * mu[2];
     x[2] = at.R[2][0] * mu[0] + (at.R[2][1] * mu[1] + at.R[2][2] * mu[2]);
+    const FourIntegers sign_bit = FourIntegers{} + std::numeric_limits<std::int64_t>::min();
     FourIntegers in_range = ~FourIntegers{};
     for (int a = 0; a < 3; ++a) {
       x[a] = (x[a] + at.t[a]) * inverse_leaf_size_;
-      const auto most = static_cast<double>((RootKeyLayout::kOffset[a] - 1) << depth_);
-      in_range &= (x[a] < most) & (-x[a] < most);
+      const auto size = reinterpret_cast<Four>(reinterpret_cast<FourIntegers>(x[a]) & ~sign_bit);
+      in_range &= size < static_cast<double>((RootKeyLayout::kOffset[a] - 1) << depth_);
     }
-    FourIntegers keys{};
-    FourInts paths{};
+    FourUnsigned keys{}, paths{};
     for (int a = 0; a < 3; ++a) {
-      FourInts leaf;
-      Floor(in_range ? x[a] : Four{}, &leaf);
-      const FourInts root = (leaf >> depth_) + static_cast<std::int32_t>(RootKeyLayout::kOffset[a]);
-      keys |= __builtin_convertvector(root, FourIntegers) << RootKeyLayout::kShift[a];
-      // The bits of the place within the root, three apart.
-      const FourInts in_root = leaf & static_cast<std::int32_t>(most_leaf_);
-      paths |= ((in_root & 1) | (in_root & 2) << 2 | (in_root & 4) << 4 | (in_root & 8) << 6) << a;
+      FourUnsigned leaf;
+      FloorWithOffset(in_range ? x[a] : Four{}, RootKeyLayout::kOffset[a] << depth_, &leaf);
+      keys |= leaf >> depth_ << RootKeyLayout::kShift[a];
+      paths |= (leaf & static_cast<std::uint64_t>(most_leaf_)) << (20 * a);
     }
-    keys &= in_range;
-    paths &= __builtin_convertvector(in_range, FourInts);
+    Interleave(&paths);
+    keys &= reinterpret_cast<FourUnsigned>(in_range);
+    paths &= reinterpret_cast<FourUnsigned>(in_range);
     for (std::size_t k = 0; k < 4 && i + k < count; ++k)
-      places[i + k] = {static_cast<VoxelKey>(keys[k]), static_cast<std::uint32_t>(paths[k])};
+      places[i + k] = {keys[k], static_cast<std::uint32_t>(paths[k])};
   }
 }
 
