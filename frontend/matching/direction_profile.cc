@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <utility>
 
 #include "core/geometry/robust_kernel.h"
 #include "frontend/matching/block_votes.h"
@@ -24,22 +26,53 @@ constexpr double kEdgeStepM = 0.05;
 // A column or a ring alone is a line, which is met again where the sensor takes the next one.
 constexpr double kBroadM = 0.05;
 
-// The plane around p, or what stands in for it; null if there is none.
-WeightedPlane PlaneIn(const VoxelMap& map, const PlanesInstead& instead, const Eigen::Vector3d& p) {
-  if (!instead) return {map.PlaneAt(p), 1.0};
-  const VoxelMap::NodeId surface = map.FindSurface(p);
-  return surface == VoxelMap::kNoNode ? WeightedPlane() : instead(surface);
+// The plane of a leaf, or what stands in for it; null if there is none.
+WeightedPlane PlaneIn(const VoxelMap& map, const PlanesInstead& instead, const LeafPlace& leaf) {
+  const VoxelMap::NodeId surface = map.FindSurface(leaf);
+  if (surface == VoxelMap::kNoNode) return WeightedPlane();
+  if (instead) return instead(surface);
+  if (map.kind(surface) != Surface::Kind::kPlane) return WeightedPlane();
+  return {&map.plane(surface), 1.0};
+}
+
+// The plane around a cluster that is moved in steps smaller than a leaf: looked up once for each
+// leaf that it comes to. What stands in for a plane need not last until the next one is asked for.
+class PlaneAround {
+ public:
+  // True if the plane was looked up.
+  bool MoveTo(const LeafPlace& leaf, const VoxelMap& map, const PlanesInstead& instead) {
+    if (leaf == leaf_) return false;
+    leaf_ = leaf;
+    const WeightedPlane met = PlaneIn(map, instead, leaf);
+    is_plane_ = met.plane != nullptr;
+    if (is_plane_) plane_ = *met.plane;
+    weight_ = met.weight;
+    return true;
+  }
+
+  const Surface* plane() const { return is_plane_ ? &plane_ : nullptr; }
+  double weight() const { return weight_; }
+
+ private:
+  LeafPlace leaf_;  // at first nowhere
+  bool is_plane_ = false;
+  Surface plane_;
+  double weight_ = 0.0;
+};
+
+// The part of a residual's square along a unit vector that a wrong normal may feign.
+double Leak2(const Surface& surface) {
+  const double breadth2 = static_cast<double>(surface.variance / surface.flatness);
+  return NormalError2(static_cast<double>(surface.variance), breadth2, 0.0);
 }
 
 // Of a residual with this scaled row, along the direction, per weight.
-double CountingAlong(const Surface& surface, const Eigen::Vector3d& normal_lidar,
+double CountingAlong(const Surface& surface, double leak2, const Eigen::Vector3d& normal_lidar,
                      const Eigen::Vector3d& mu, const Vector6d& direction) {
   constexpr double kLeast = 0.05;
   Vector6d j;
   j << mu.cross(normal_lidar), surface.normal.cast<double>();
   const double along = DividedByArm(j).dot(direction);
-  const double breadth2 = static_cast<double>(surface.variance / surface.flatness);
-  const double leak2 = NormalError2(static_cast<double>(surface.variance), breadth2, 0.0);
   const double counting = along * along - leak2;
   return counting < kLeast ? 0.0 : counting;
 }
@@ -57,41 +90,47 @@ double KernelFit(const Surface& surface, const Eigen::Vector3d& p, double invers
   return GemanMcClureFit(distance * distance * inverse_scale2);
 }
 
-// Middle eigenvalue of a cluster's covariance.
-double Breadth2(const PointCluster& cluster) { return EigenDecompose(cluster.Covariance()).l(1); }
+// Those of the clusters whose middle eigenvalue is that of more than a line.
+std::vector<PointCluster> BroadOnes(const std::vector<PointCluster>& clusters) {
+  std::vector<Symmetric3> covariances;
+  covariances.reserve(clusters.size());
+  for (const PointCluster& cluster : clusters) covariances.push_back(cluster.Covariance());
+  std::vector<Eigen3> eigen(clusters.size());
+  EigenDecompose(covariances.data(), covariances.size(), eigen.data());
+  std::vector<PointCluster> broad;
+  for (std::size_t i = 0; i < clusters.size(); ++i) {
+    if (!(eigen[i].l(1) < kBroadM * kBroadM)) broad.push_back(clusters[i]);
+  }
+  return broad;
+}
 
-// Whether a cluster fits the plane around it while it is moved in steps smaller than a leaf. Planes
-// are looked up, and what they make of the cluster is worked out, once for each leaf.
-class MovedCluster {
+// Whether a cluster fits the plane around it while it is moved in steps smaller than a leaf. What
+// that makes of the cluster is worked out once for each leaf.
+class MovedMisfit {
  public:
-  MovedCluster(const PointCluster& cluster, const VoxelMap& map, const PlanesInstead& instead,
-               const Vector6d& direction, double floor2)
+  MovedMisfit(const PointCluster& cluster, const VoxelMap& map, const PlanesInstead& instead,
+              const Vector6d& direction, double floor2)
       : cluster_(cluster), map_(map), instead_(instead), direction_(direction), floor2_(floor2) {}
 
   // 1 - c (1 - rho) on a plane that has edges and does not face the direction, else 0.
-  double Misfit(const Eigen::Matrix3d& R, const Eigen::Vector3d& t) {
+  // `leaf`: where R and t take the cluster.
+  double At(const LeafPlace& leaf, const Eigen::Matrix3d& R, const Eigen::Vector3d& t) {
+    if (around_.MoveTo(leaf, map_, instead_)) Meet(R);
+    if (around_.plane() == nullptr || !has_edges_) return 0.0;
     const Eigen::Vector3d p = R * cluster_.mean + t;
-    if (!map_.CanHold(p)) return 0.0;
-    const LeafPlace place = map_.PlaceOf(p);
-    if (!any_ || !(place == place_)) Meet(R, p);
-    place_ = place;
-    any_ = true;
-    if (plane_ == nullptr) return 0.0;
-    return 1.0 - sight_ * KernelFit(*plane_, p, inverse_scale2_);
+    return 1.0 - sight_ * KernelFit(*around_.plane(), p, inverse_scale2_);
   }
 
  private:
-  void Meet(const Eigen::Matrix3d& R, const Eigen::Vector3d& p) {
-    plane_ = PlaneIn(map_, instead_, p).plane;
-    if (plane_ == nullptr) return;
-    const Eigen::Vector3d normal_lidar = R.transpose() * plane_->normal.cast<double>();
-    if (plane_->frames < kEdgeFrames ||
-        CountingAlong(*plane_, normal_lidar, cluster_.mean, direction_) != 0.0) {
-      plane_ = nullptr;
-      return;
-    }
-    sight_ = SightWeight(*plane_, normal_lidar, cluster_.mean);
-    inverse_scale2_ = InverseScale2(cluster_, *plane_, normal_lidar, floor2_);
+  void Meet(const Eigen::Matrix3d& R) {
+    const Surface* const plane = around_.plane();
+    if (plane == nullptr) return;
+    const Eigen::Vector3d normal_lidar = R.transpose() * plane->normal.cast<double>();
+    has_edges_ = plane->frames >= kEdgeFrames && CountingAlong(*plane, Leak2(*plane), normal_lidar,
+                                                               cluster_.mean, direction_) == 0.0;
+    if (!has_edges_) return;
+    sight_ = SightWeight(*plane, normal_lidar, cluster_.mean);
+    inverse_scale2_ = InverseScale2(cluster_, *plane, normal_lidar, floor2_);
   }
 
   const PointCluster& cluster_;
@@ -99,9 +138,8 @@ class MovedCluster {
   const PlanesInstead& instead_;
   const Vector6d& direction_;
   double floor2_;
-  bool any_ = false;
-  LeafPlace place_;
-  const Surface* plane_ = nullptr;
+  PlaneAround around_;
+  bool has_edges_ = false;
   double sight_ = 0.0, inverse_scale2_ = 0.0;
 };
 
@@ -130,32 +168,76 @@ SE3 DirectionProfile::At(double s_m) const {
   return Retract(T_world_lidar_, DividedByArm(Vector6d(s_m * direction_)));
 }
 
-DirectionProfile::Loss DirectionProfile::LossAt(const std::vector<PointCluster>& clusters,
-                                                double s_m) const {
+class DirectionProfile::MovedCluster {
+ public:
+  explicit MovedCluster(std::size_t block) : block_(block) {}
+
+  std::size_t block() const { return block_; }
+
+  // Weight of its loss where R and t take it, to this leaf, and 1/2 - (1 - rho); false if it says
+  // nothing.
+  bool Say(const DirectionProfile& profile, const PointCluster& cluster, const LeafPlace& leaf,
+           const Eigen::Matrix3d& R, const Eigen::Vector3d& t, double* weight, double* loss) {
+    const bool is_new = around_.MoveTo(leaf, profile.map_, profile.instead_);
+    const Surface* const plane = around_.plane();
+    if (plane == nullptr) return false;
+    if (is_new) leak2_ = Leak2(*plane);
+    const Eigen::Vector3d normal_lidar = R.transpose() * plane->normal.cast<double>();
+    const double counting =
+        CountingAlong(*plane, leak2_, normal_lidar, cluster.mean, profile.direction_);
+    if (counting == 0.0) return false;
+    const double inverse_scale2 = InverseScale2(cluster, *plane, normal_lidar, profile.floor2_);
+    *weight = around_.weight() * SightWeight(*plane, normal_lidar, cluster.mean) * counting *
+              std::min(cluster.count, kMostPoints) * kKernelSigma * kKernelSigma * inverse_scale2;
+    const Eigen::Vector3d p = R * cluster.mean + t;
+    *loss = 0.5 - KernelFit(*plane, p, inverse_scale2);
+    return true;
+  }
+
+ private:
+  std::size_t block_;
+  PlaneAround around_;
+  double leak2_ = 0.0;
+};
+
+template <typename Wanted>
+DirectionProfile::MovedClusters DirectionProfile::ClustersThat(const Wanted& wanted) const {
+  MovedClusters those;
+  VoxelIndex index(64);
+  for (const PointCluster& cluster : clusters_) {
+    if (!wanted(cluster)) continue;
+    const std::int32_t block =
+        index.FindOrInsert(BlockAround(cluster.mean), static_cast<std::int32_t>(index.size()));
+    those.clusters.push_back(cluster);
+    those.moved.emplace_back(static_cast<std::size_t>(block));
+  }
+  those.blocks = index.size();
+  return those;
+}
+
+DirectionProfile::Loss DirectionProfile::LossAt(double s_m, MovedClusters* of) const {
   struct Block {
     double weight = 0.0, loss = 0.0;
+    bool met = false;
   };
   const SE3 T = At(s_m);
   const Eigen::Matrix3d R = T.R();
-  VoxelIndex index(64);
-  std::vector<Block> blocks;
-  for (const PointCluster& cluster : clusters) {
-    const Eigen::Vector3d p = R * cluster.mean + T.t;
-    const auto [surface, share] = PlaneIn(map_, instead_, p);
-    if (surface == nullptr) continue;
-    const Eigen::Vector3d normal_lidar = R.transpose() * surface->normal.cast<double>();
-    const double counting = CountingAlong(*surface, normal_lidar, cluster.mean, direction_);
-    if (counting == 0.0) continue;
-    const double inverse_scale2 = InverseScale2(cluster, *surface, normal_lidar, floor2_);
-    const double weight = share * SightWeight(*surface, normal_lidar, cluster.mean) * counting *
-                          std::min(cluster.count, kMostPoints) * kKernelSigma * kKernelSigma *
-                          inverse_scale2;
-    Block& block = index.Gather(BlockAround(cluster.mean), &blocks);
+  std::vector<LeafPlace> leaves(of->clusters.size());
+  map_.PlacesOf(of->clusters.data(), 1, leaves.size(), R, T.t, leaves.data());
+  std::vector<Block> blocks(of->blocks);
+  std::vector<std::size_t> met;  // in the order in which they come up
+  for (std::size_t i = 0; i < leaves.size(); ++i) {
+    MovedCluster& moved = of->moved[i];
+    double weight = 0.0, loss = 0.0;
+    if (!moved.Say(*this, of->clusters[i], leaves[i], R, T.t, &weight, &loss)) continue;
+    Block& block = blocks[moved.block()];
+    if (!std::exchange(block.met, true)) met.push_back(moved.block());
     block.weight += weight;
-    block.loss += weight * (0.5 - KernelFit(*surface, p, inverse_scale2));
+    block.loss += weight * loss;
   }
   Loss sum;
-  for (const Block& block : blocks) {
+  for (const std::size_t b : met) {
+    const Block& block = blocks[b];
     const double counts = block.weight / (block.weight + kHalfVoteInformation);
     sum.blocks += counts;
     sum.loss += kKappa * counts * block.loss / block.weight;
@@ -163,46 +245,50 @@ DirectionProfile::Loss DirectionProfile::LossAt(const std::vector<PointCluster>&
   return sum;
 }
 
-double DirectionProfile::Blocks() const { return LossAt(clusters_, 0.0).blocks; }
+double DirectionProfile::Blocks() const {
+  MovedClusters all = ClustersThat([](const PointCluster&) { return true; });
+  return LossAt(0.0, &all).blocks;
+}
 
-std::vector<PointCluster> DirectionProfile::Facing(double from_m, double to_m) const {
+DirectionProfile::MovedClusters DirectionProfile::Facing(double from_m, double to_m) const {
   const double step_m = 0.5 * map_.options().LeafSize();
   const int steps = std::max(1, static_cast<int>(std::ceil((to_m - from_m) / step_m)));
   std::vector<SE3> places;
   for (int i = 0; i <= steps; ++i) places.push_back(At(from_m + i * (to_m - from_m) / steps));
-  std::vector<PointCluster> facing;
-  for (const PointCluster& cluster : clusters_) {
-    const bool faces = std::any_of(places.begin(), places.end(), [&](const SE3& T) {
-      const Surface* surface = PlaneIn(map_, instead_, T * cluster.mean).plane;
-      if (surface == nullptr) return false;
+  return ClustersThat([&](const PointCluster& cluster) {
+    PlaneAround around;
+    return std::any_of(places.begin(), places.end(), [&](const SE3& T) {
+      const Eigen::Vector3d p = T * cluster.mean;
+      around.MoveTo(map_.CanHold(p) ? map_.PlaceOf(p) : LeafPlace(), map_, instead_);
+      const Surface* const plane = around.plane();
+      if (plane == nullptr) return false;
       const Eigen::Vector3d normal_lidar =
-          T.q.conjugate() * Eigen::Vector3d(surface->normal.cast<double>());
-      return CountingAlong(*surface, normal_lidar, cluster.mean, direction_) > 0.0;
+          T.q.conjugate() * Eigen::Vector3d(plane->normal.cast<double>());
+      return CountingAlong(*plane, Leak2(*plane), normal_lidar, cluster.mean, direction_) > 0.0;
     });
-    if (faces) facing.push_back(cluster);
-  }
-  return facing;
+  });
 }
 
 std::vector<double> DirectionProfile::EdgeLosses(double from_m, double to_m, int steps) const {
   const std::size_t places = static_cast<std::size_t>(steps) + 1;
-  struct Place {
-    Eigen::Matrix3d R;
-    Eigen::Vector3d t;
-  };
-  std::vector<Place> at;
-  for (int k = 0; k <= steps; ++k) {
-    const SE3 T = At(from_m + k * (to_m - from_m) / steps);
-    at.push_back({T.R(), T.t});
-  }
+  const std::vector<PointCluster> broad = BroadOnes(clusters_);
   VoxelIndex index(64);
   std::vector<std::vector<double>> fits;  // F of each block at each place
-  for (const PointCluster& cluster : clusters_) {
-    if (Breadth2(cluster) < kBroadM * kBroadM) continue;
+  std::vector<std::size_t> blocks_of;
+  std::vector<MovedMisfit> misfits;
+  for (const PointCluster& cluster : broad) {
     std::vector<double>& fit = index.Gather(BlockAround(cluster.mean), &fits);
     if (fit.empty()) fit.assign(places, 0.0);
-    MovedCluster moved(cluster, map_, instead_, direction_, floor2_);
-    for (std::size_t k = 0; k < places; ++k) fit[k] -= moved.Misfit(at[k].R, at[k].t);
+    blocks_of.push_back(static_cast<std::size_t>(&fit - fits.data()));
+    misfits.emplace_back(cluster, map_, instead_, direction_, floor2_);
+  }
+  std::vector<LeafPlace> leaves(broad.size());
+  for (std::size_t k = 0; k < places; ++k) {
+    const SE3 T = At(from_m + static_cast<int>(k) * (to_m - from_m) / steps);
+    const Eigen::Matrix3d R = T.R();
+    map_.PlacesOf(broad.data(), 1, broad.size(), R, T.t, leaves.data());
+    for (std::size_t i = 0; i < broad.size(); ++i)
+      fits[blocks_of[i]][k] -= misfits[i].At(leaves[i], R, T.t);
   }
   // As many of them as the pose has parameters are fitted, whatever it is.
   constexpr double kFitted = 6.0;
@@ -227,7 +313,7 @@ DirectionProfile::Posterior DirectionProfile::With(double predicted_m,
   const double from_m = std::min(-kBesideM, predicted_m - reach_m);
   const double to_m = std::max(kBesideM, predicted_m + reach_m);
   const int steps = std::min(kMostSteps, static_cast<int>(std::ceil((to_m - from_m) / kStepM)));
-  const std::vector<PointCluster> facing = Facing(from_m, to_m);
+  MovedClusters facing = Facing(from_m, to_m);
   const int edge_steps = static_cast<int>(std::ceil((to_m - from_m) / kEdgeStepM));
   const std::vector<double> edges = EdgeLosses(from_m, to_m, edge_steps);
   std::vector<double> places, costs;
@@ -238,7 +324,7 @@ DirectionProfile::Posterior DirectionProfile::With(double predicted_m,
     const std::size_t k = static_cast<std::size_t>(std::min(static_cast<int>(at), edge_steps - 1));
     const double edge = edges[k] + (at - static_cast<double>(k)) * (edges[k + 1] - edges[k]);
     places.push_back(s);
-    costs.push_back(LossAt(facing, s).loss + edge + 0.5 * off * off);
+    costs.push_back(LossAt(s, &facing).loss + edge + 0.5 * off * off);
   }
   const double least = *std::min_element(costs.begin(), costs.end());
   double sum = 0.0, first = 0.0, second = 0.0;

@@ -30,6 +30,7 @@
 // with the errors of generated scenes.
 #pragma once
 
+#include <cstddef>
 #include <utility>
 #include <vector>
 
@@ -71,9 +72,19 @@ class DirectionProfile {
   struct Loss {
     double loss = 0.0, blocks = 0.0;
   };
-  Loss LossAt(const std::vector<PointCluster>& clusters, double s_m) const;
+  // A cluster of which the loss is asked at one place after the other.
+  class MovedCluster;
+  // Some of the clusters, and of how many blocks they are.
+  struct MovedClusters {
+    std::vector<PointCluster> clusters;
+    std::vector<MovedCluster> moved;
+    std::size_t blocks = 0;
+  };
+  Loss LossAt(double s_m, MovedClusters* of) const;
+  template <typename Wanted>
+  MovedClusters ClustersThat(const Wanted& wanted) const;
   // Those that may meet a plane which faces the direction between the two places.
-  std::vector<PointCluster> Facing(double from_m, double to_m) const;
+  MovedClusters Facing(double from_m, double to_m) const;
   // The second sum of L at steps + 1 places from the one to the other, evenly.
   std::vector<double> EdgeLosses(double from_m, double to_m, int steps) const;
 
