@@ -236,10 +236,14 @@ bool SteadyMotionSearch::RaysRepeat() const {
   // Of 16 to 64 rings standing leaves 0.2 to 0.7 of what moving does, of rosettes 0.9 to 1.2.
   constexpr double kVoxelsAside = 5.0, kMuchLess = 0.8;
   const double aside_m_s = kVoxelsAside * options_.voxel_size_m / duration_s_;
-  std::vector<Candidate> motions = {{{}, {}}, {{aside_m_s, 0.0}, {}}, {{-aside_m_s, 0.0}, {}}};
-  AddGrids(0, kCoarseGrids, &motions);
-  const double aside = std::min(motions[1].sums.sparse, motions[2].sums.sparse);
-  return motions[0].sums.sparse < kMuchLess * aside;
+  const SteadyMotion motions[] = {{}, {aside_m_s, 0.0}, {-aside_m_s, 0.0}};
+  double sparse[std::size(motions)] = {};
+  ParallelChunks(std::size(motions), 1, [&](std::size_t i, std::size_t) {
+    Scratch scratch;
+    for (std::size_t grid = 0; grid < kCoarseGrids; ++grid)
+      sparse[i] += grids_[grid].SparsePoints(WayUnder(motions[i]), &scratch);
+  });
+  return sparse[0] < kMuchLess * std::min(sparse[1], sparse[2]);
 }
 
 std::vector<SteadyMotionSearch::Candidate> SteadyMotionSearch::Candidates() const {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 
 #include "core/base/processor.h"
@@ -36,6 +37,22 @@ void FindVoxels(const MovedMembers& of, const float* __restrict way_m,
     along[i] = static_cast<std::int32_t>(voxel);
     from_middle_m[i] = x - (voxel + 0.5F) * voxel_size_m;
   }
+}
+
+using EightFloats = float __attribute__((vector_size(32)));
+using EightInts = std::int32_t __attribute__((vector_size(32)));
+
+// The sums of a member, x from the middle of its voxel, about that.
+[[gnu::always_inline]] inline void MoveAlong(const VoxelPlan& member, float x, EightFloats* sums) {
+  std::memcpy(sums, &member, sizeof(*sums));
+  // n x belongs to x, n x^2 to xx and y x to xy.
+  const EightFloats moved = __builtin_shuffle(*sums, EightInts{6, 0, 6, 0, 2, 6, 6, 6});
+  *sums += moved * EightFloats{1.0F, 1.0F, 1.0F, x, 1.0F, 1.0F, 1.0F, 1.0F} * x;
+}
+
+template <typename T>
+void Grow(std::size_t size, std::vector<T>* values) {
+  if (values->size() < size) values->resize(size);
 }
 
 }  // namespace
@@ -84,7 +101,7 @@ SteadyMotionGrid::SteadyMotionGrid(double voxel_size_m, double noise_m,
     const auto n = static_cast<float>(cluster.count);
     const auto y = static_cast<float>(place.p.y() - middle.y());
     const auto z = static_cast<float>(place.p.z() - middle.z());
-    members_.push_back({n, n * y, n * c(0, 0), n * c(0, 1), n * (c(1, 1) + y * y)});
+    members_.push_back({n, 0.0F, n * y, n * c(0, 0), n * c(0, 1), n * (c(1, 1) + y * y)});
     cluster_.push_back(place.cluster);
     heights_.push_back({n * z, n * c(0, 2), n * (c(1, 2) + y * z), n * (c(2, 2) + z * z)});
     x_m_.push_back(static_cast<float>(place.p.x()));
@@ -143,34 +160,37 @@ std::size_t SteadyMotionGrid::FindAlong(const WayAlong& way, Scratch* scratch) c
 LAMINA_FOR_EACH_PROCESSOR
 std::size_t SteadyMotionGrid::SumVoxels(const Batch& batch, std::int32_t before,
                                         Scratch* scratch) const {
-  const std::size_t members = End(batch) - Begin(batch);
-  if (scratch->plans.size() < members) scratch->plans.resize(members);
+  Grow(End(batch) - Begin(batch), &scratch->plans);
+  Grow(End(batch) - Begin(batch), &scratch->scans);
   std::int32_t* const along = scratch->along.data();
   std::int32_t* const place_at = scratch->place_at.data();
   VoxelPlan* const plans = scratch->plans.data();
+  VoxelScans* const scans = scratch->scans.data();
   const float* const x_m = scratch->x_m.data();
+  const VoxelPlan* const members = members_.data();
+  const std::int32_t* const scan = scan_.data();
   std::int32_t next = before;
   for (std::size_t c = batch.begin; c < batch.end; ++c) {
     const std::int32_t first = next;  // places before it are of other columns
-    for (std::size_t i = columns_[c].begin; i < columns_[c].end; ++i) {
-      const Member& m = members_[i];
-      const float x = x_m[i], nx = m.n * x;
+    const std::size_t end = columns_[c].end;
+    for (std::size_t i = columns_[c].begin; i < end; ++i) {
+      EightFloats sums, so_far;
+      MoveAlong(members[i], x_m[i], &sums);
       std::int32_t& place = place_at[along[i]];
       const bool is_new = place < first;
       if (is_new) place = next++;
       along[i] = place - before;
       VoxelPlan& voxel = plans[along[i]];
+      VoxelScans& seen = scans[along[i]];
       if (is_new) {
-        voxel = {m.n, nx, m.y, m.xx + nx * x, m.xy + m.y * x, m.yy, scan_[i], 0};
+        std::memcpy(static_cast<void*>(&voxel), &sums, sizeof(sums));
+        seen = {scan[i], 0};
         continue;
       }
-      voxel.n += m.n;
-      voxel.x += nx;
-      voxel.y += m.y;
-      voxel.xx += m.xx + nx * x;
-      voxel.xy += m.xy + m.y * x;
-      voxel.yy += m.yy;
-      voxel.others |= voxel.first_scan ^ scan_[i];
+      std::memcpy(&so_far, &voxel, sizeof(so_far));
+      so_far += sums;
+      std::memcpy(static_cast<void*>(&voxel), &so_far, sizeof(so_far));
+      seen.others |= seen.first ^ scan[i];
     }
   }
   return static_cast<std::size_t>(next - before);
@@ -178,36 +198,41 @@ std::size_t SteadyMotionGrid::SumVoxels(const Batch& batch, std::int32_t before,
 
 void SteadyMotionGrid::AddHeights(const Batch& batch, std::size_t voxels, Scratch* scratch) const {
   scratch->heights.assign(voxels, VoxelHeights());
-  for (std::size_t i = Begin(batch); i < End(batch); ++i) {
-    VoxelHeights& sums = scratch->heights[static_cast<std::size_t>(scratch->along[i])];
-    const VoxelHeights& m = heights_[i];
-    sums.z += m.z;
-    sums.xz += m.xz + m.z * scratch->x_m[i];
-    sums.yz += m.yz;
-    sums.zz += m.zz;
+  VoxelHeights* const heights = scratch->heights.data();
+  const VoxelHeights* const members = heights_.data();
+  const std::int32_t* const along = scratch->along.data();
+  const float* const x_m = scratch->x_m.data();
+  const std::size_t end = End(batch);
+  for (std::size_t i = Begin(batch); i < end; ++i) {
+    FourFloats sums, so_far;
+    std::memcpy(&sums, &members[i], sizeof(sums));
+    sums += FourFloats{0.0F, members[i].z * x_m[i], 0.0F, 0.0F};
+    std::memcpy(&so_far, &heights[along[i]], sizeof(so_far));
+    so_far += sums;
+    std::memcpy(static_cast<void*>(&heights[along[i]]), &so_far, sizeof(so_far));
   }
 }
 
 void SteadyMotionGrid::Sharpen(std::size_t voxels, bool in_space, float sparse, Scratch* scratch,
                                Evidence* sums) const {
-  scratch->sharpness.assign(voxels, sparse);
-  scratch->dense.resize(voxels);
+  Grow(voxels, &scratch->sharpness);
+  Grow(voxels, &scratch->dense);
+  const VoxelPlan* const plans = scratch->plans.data();
+  const VoxelScans* const scans = scratch->scans.data();
+  float* const sharpness = scratch->sharpness.data();
+  std::int32_t* const places = scratch->dense.data();
   std::size_t dense = 0;
-  float shared = 0.0F, few = 0.0F;
+  float shared = 0.0F;
   // Without branches: which voxels are sparse cannot be foreseen.
   for (std::size_t v = 0; v < voxels; ++v) {
-    const VoxelPlan& voxel = scratch->plans[v];
-    const int is_dense = static_cast<int>(voxel.n >= kLeastPoints);
-    scratch->dense[dense] = static_cast<std::int32_t>(v);
-    dense += static_cast<std::size_t>(is_dense);
-    shared += voxel.n * static_cast<float>(voxel.others != 0);
-    few += voxel.n * static_cast<float>(1 - is_dense);
+    sharpness[v] = sparse;
+    places[dense] = static_cast<std::int32_t>(v);
+    dense += static_cast<std::size_t>(plans[v].n >= kLeastPoints);
+    shared += plans[v].n * static_cast<float>(scans[v].others != 0);
   }
-  scratch->dense.resize(dense);
   sums->shared += shared;
-  sums->sparse += few;
-  FindSharpness(scratch->plans.data(), in_space ? scratch->heights.data() : nullptr, scratch->dense,
-                noise2_, scratch->sharpness.data());
+  FindSharpness(plans, in_space ? scratch->heights.data() : nullptr, places, dense, noise2_,
+                sharpness);
 }
 
 void SteadyMotionGrid::AddSharpness(const WayAlong& way, const std::vector<std::int32_t>& blocks,
@@ -215,6 +240,9 @@ void SteadyMotionGrid::AddSharpness(const WayAlong& way, const std::vector<std::
   const auto sparse = static_cast<float>(
       few == Sparse::kBlurred ? 0.0 : -0.5 * std::log(kUnknownM * kUnknownM + noise2_));
   scratch->place_at.assign(FindAlong(way, scratch), -1);
+  const VoxelPlan* const members = members_.data();
+  const std::int32_t* const block = blocks.data();
+  double* const of_blocks = sums->blocks.data();
   std::int32_t before = 0;
   for (const Batch& batch : batches_) {
     const std::size_t voxels = SumVoxels(batch, before, scratch);
@@ -222,11 +250,26 @@ void SteadyMotionGrid::AddSharpness(const WayAlong& way, const std::vector<std::
     if (InSpace(batch)) AddHeights(batch, voxels, scratch);
     Sharpen(voxels, InSpace(batch), sparse, scratch, sums);
     const float* const sharpness = scratch->sharpness.data();
-    for (std::size_t i = Begin(batch); i < End(batch); ++i) {
-      sums->blocks[static_cast<std::size_t>(blocks[i])] +=
-          members_[i].n * sharpness[scratch->along[i]];
+    const std::int32_t* const along = scratch->along.data();
+    const std::size_t end = End(batch);
+    for (std::size_t i = Begin(batch); i < end; ++i)
+      of_blocks[block[i]] += members[i].n * sharpness[along[i]];
+  }
+}
+
+double SteadyMotionGrid::SparsePoints(const WayAlong& way, Scratch* scratch) const {
+  scratch->place_at.assign(FindAlong(way, scratch), -1);
+  double points = 0.0;
+  std::int32_t before = 0;
+  for (const Batch& batch : batches_) {
+    const std::size_t voxels = SumVoxels(batch, before, scratch);
+    before += static_cast<std::int32_t>(voxels);
+    for (std::size_t v = 0; v < voxels; ++v) {
+      const float n = scratch->plans[v].n;
+      points += n < kLeastPoints ? static_cast<double>(n) : 0.0;
     }
   }
+  return points;
 }
 
 }  // namespace lamina

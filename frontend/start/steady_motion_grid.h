@@ -33,6 +33,10 @@ class SteadyMotionGrid {
   // sharper. Rays that are the same in each scan meet a wall along u in the same spots if the
   // sensor stands, and in others where it moves, whichever is true: then they tell nothing.
   enum class Sparse { kBlurred, kTellNothing };
+  // The first scan that sees a voxel, and not 0 if further ones do.
+  struct VoxelScans {
+    std::int32_t first = 0, others = 0;
+  };
   // Memory that one judgement leaves to the next.
   struct Scratch {
     std::vector<float> x_m;           // of each cluster, from the middle of its voxel along u
@@ -40,10 +44,11 @@ class SteadyMotionGrid {
     // The place among all voxels at each number along u: in the column that is summed, or in one
     // before.
     std::vector<std::int32_t> place_at;
-    // Of a batch of columns: sums about the middle of each voxel, what is found of them, and which
-    // of them are not sparse.
+    // Of a batch of columns: sums about the middle of each voxel, the scans that see it, what is
+    // found of it, and which of them are not sparse.
     std::vector<VoxelPlan> plans;
     std::vector<VoxelHeights> heights;  // of columns in space alone
+    std::vector<VoxelScans> scans;
     std::vector<float> sharpness;
     std::vector<std::int32_t> dense;
   };
@@ -52,7 +57,6 @@ class SteadyMotionGrid {
   struct Evidence {
     std::vector<double> blocks;  // L_b of each
     double shared = 0.0;         // points in voxels that several scans see
-    double sparse = 0.0;         // points in voxels that hold few
   };
   // What belongs to the clusters of all scans, in the order in which this grid has them.
   std::vector<std::int32_t> InOrder(const std::vector<std::int32_t>& of_clusters) const;
@@ -60,6 +64,8 @@ class SteadyMotionGrid {
   // `blocks`: InOrder.
   void AddSharpness(const WayAlong& way, const std::vector<std::int32_t>& blocks, Sparse few,
                     Scratch* scratch, Evidence* sums) const;
+  // Points in voxels that hold few, under this way.
+  double SparsePoints(const WayAlong& way, Scratch* scratch) const;
 
  private:
   // Clusters [begin, end) of the sorted ones.
@@ -67,11 +73,6 @@ class SteadyMotionGrid {
     std::size_t begin = 0, end = 0;
     bool in_space = false;
   };
-  // Sums over the points of a cluster, about where it is along u and the middle of its column.
-  struct Member {
-    float n, y, xx, xy, yy;
-  };
-
   // Columns [begin, end) that are judged together, of one kind.
   struct Batch {
     std::size_t begin = 0, end = 0;
@@ -88,7 +89,7 @@ class SteadyMotionGrid {
   // So many voxels were summed before; returns how many there are in this batch.
   std::size_t SumVoxels(const Batch& batch, std::int32_t before, Scratch* scratch) const;
   void AddHeights(const Batch& batch, std::size_t voxels, Scratch* scratch) const;
-  // Of so many voxels; adds what is shared and sparse.
+  // Of so many voxels; adds what is shared.
   void Sharpen(std::size_t voxels, bool in_space, float sparse, Scratch* scratch,
                Evidence* sums) const;
 
@@ -96,8 +97,10 @@ class SteadyMotionGrid {
   double noise2_;
   std::vector<Column> columns_;
   std::vector<Batch> batches_;
-  std::vector<Member> members_;
-  std::vector<std::int32_t> cluster_;  // of each member: its number among those of all scans
+  // Of each member: sums about where it is along u and the middle of its column, and its number
+  // among the clusters of all scans.
+  std::vector<VoxelPlan> members_;
+  std::vector<std::int32_t> cluster_;
   std::vector<VoxelHeights> heights_;  // of each member
   // Of each member: its position along u if the sensor stood still, its scan, and its time in that.
   std::vector<float> x_m_, time_s_;

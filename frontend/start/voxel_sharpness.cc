@@ -89,9 +89,8 @@ struct alignas(32) CovarianceLanes {
 }  // namespace
 
 LAMINA_FOR_EACH_PROCESSOR
-void FindSharpness(const VoxelPlan* plans, const VoxelHeights* heights,
-                   const std::vector<std::int32_t>& places, double noise2, float* sharpness) {
-  const std::size_t count = places.size();
+void FindSharpness(const VoxelPlan* plans, const VoxelHeights* heights, const std::int32_t* places,
+                   std::size_t count, double noise2, float* sharpness) {
   for (std::size_t i = 0; i < count; i += 4) {
     const VoxelPlan* v[4];
     const VoxelHeights* h[4];

@@ -64,7 +64,8 @@ struct Voxels {
 
   std::vector<float> Found(const std::vector<std::int32_t>& places, bool space) const {
     std::vector<float> found(plans.size(), 0.0F);
-    FindSharpness(plans.data(), space ? heights.data() : nullptr, places, kNoise2, found.data());
+    FindSharpness(plans.data(), space ? heights.data() : nullptr, places.data(), places.size(),
+                  kNoise2, found.data());
     return found;
   }
 };
