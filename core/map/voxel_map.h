@@ -310,6 +310,8 @@ class VoxelMap {
     Surface surface;
   };
   struct TreeSum {
+    explicit TreeSum(NodeId node) : id(node) {}
+
     NodeId id;
     int frames = 0;
     std::size_t end = 0;     // of those below it

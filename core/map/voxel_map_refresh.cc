@@ -59,12 +59,11 @@ Surface VoxelMap::SurfaceOf(const PointCluster& cluster, int frames) const {
 
 void VoxelMap::SumTree(NodeId id, std::vector<TreeSum>* sums) const {
   const std::size_t place = sums->size();
-  sums->emplace_back();
-  (*sums)[place].id = id;
+  sums->emplace_back(id);
   if (VoxelTrees::IsLeaf(id)) {
     const MapLeaf& leaf = trees_.leaf(id);
     TreeSum& sum = (*sums)[place];
-    sum.moments = leaf.fixed.Moments();
+    if (!leaf.fixed.Empty()) sum.moments = leaf.fixed.Moments();
     if (const ClusterMoments* window = trees_.FindWindow(leaf)) sum.moments += *window;
     sum.frames = leaf.fixed_frames + leaf.window_frames;
   } else {

@@ -100,13 +100,6 @@ NormalEquations MapResiduals::At(const SE3& T, double kernel_sigma, const Matrix
   return total;
 }
 
-Vector6d MapResiduals::Information(const MatchRow& row, const Eigen::Vector3d& mu,
-                                   const DirectionEvidence& evidence) {
-  const Vector6d scaled = DividedByArm(Vector6d(Eigen::Map<const Vector6d>(row.j)));
-  const double arm = mu.norm() / kRotationArmM;
-  return evidence.InformationOf(scaled, row.w, row.normal_error2, arm, 1.0);
-}
-
 DirectionEvidence MapResiduals::EvidenceOf(const PlanesInstead& planes, const SE3& T,
                                            double kernel_sigma, const Matrix6d& directions) {
   Associate(T, T.R());
@@ -131,9 +124,9 @@ DirectionEvidence MapResiduals::EvidenceOf(const PlanesInstead& planes, const SE
 
 MetPlanes MapResiduals::Meet(const SE3& T, double kernel_sigma, const Vector6d& direction) {
   Associate(T, T.R());
-  DirectionEvidence evidence;
-  evidence.directions.setZero();
-  evidence.directions.col(0) = direction;
+  Matrix6d directions = Matrix6d::Zero();
+  directions.col(0) = direction;
+  EvidenceSums says(directions);
   MetPlanes met{{}, BeamsOfScan(clusters_, T)};
   ForEachRows(0, clusters_.size(), SettingsAt(T, kernel_sigma),
               [&](const MatchRow* rows, const std::size_t* of, std::size_t count) {
@@ -144,8 +137,10 @@ MetPlanes MapResiduals::Meet(const SE3& T, double kernel_sigma, const Vector6d& 
                   plane.plane = planes_[of[k]];
                   plane.points += rows[k].robust * cluster.count;
                   plane.sums.Add(&rows[k], 1);
-                  const Vector6d information = Information(rows[k], cluster.mean, evidence);
-                  plane.faces = plane.faces || information(0) > 0.0;
+                  if (plane.faces) continue;
+                  says.all = EvidenceSums::Sums();
+                  says.Add(&rows[k], &of[k], 1, clusters_.data());
+                  plane.faces = says.all.upper[0] > 0.0;
                 }
               });
   return met;
@@ -188,10 +183,6 @@ void MapResiduals::Drop(const std::vector<VoxelMap::NodeId>& planes) {
     surfaces_[i] = VoxelMap::kNoNode;
     planes_[i] = nullptr;
   }
-}
-
-bool MapResiduals::IsDropped(VoxelMap::NodeId id) const {
-  return std::binary_search(dropped_.begin(), dropped_.end(), id);
 }
 
 std::vector<MapResiduals::Block> MapResiduals::Blocks(const SE3& T, double kernel_sigma) {

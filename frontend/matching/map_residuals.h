@@ -2,6 +2,7 @@
 // The cost is described in scan_matcher.h.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <map>
 #include <vector>
@@ -123,7 +124,9 @@ class MapResiduals {
   // look-up that a cluster at 30 m has moved by less than a small part of a leaf. Most clusters are
   // still in the leaf in which they were then, and have no need of another.
   void Associate(const SE3& T, const Eigen::Matrix3d& R);
-  bool IsDropped(VoxelMap::NodeId id) const;
+  bool IsDropped(VoxelMap::NodeId id) const {
+    return !dropped_.empty() && std::binary_search(dropped_.begin(), dropped_.end(), id);
+  }
   // How thick even the thin ones of the planes around the scan are. A plane that looks thinner does
   // so because few points made it, or one beam.
   void FindLeastThickness();
@@ -139,9 +142,6 @@ class MapResiduals {
   // at anything real, and say nothing. Returns the number of rows, at most 3.
   std::size_t MakeRoughRows(const PointCluster& cluster, VoxelMap::NodeId leaf,
                             const RowSettings& settings, MatchRow* rows) const;
-  // What a row, of a cluster with this mean, says along the directions.
-  static Vector6d Information(const MatchRow& row, const Eigen::Vector3d& mu,
-                              const DirectionEvidence& evidence);
 
   const ScanMatcherOptions& options_;
   const VoxelMap& map_;
