@@ -72,6 +72,9 @@ class PieceJoiner {
  private:
   void AddPieces();
   void FindCandidates();
+  // Of these pairs, registered; returns one for each.
+  std::vector<Loop> AddCandidates(const std::vector<SubmapPair>& pairs);
+  SubmapPair TurnedRound(const Loop& loop) const;
 
   std::size_t PartOf(std::size_t submap) const { return result_.part[submaps_.piece_of(submap)]; }
   Eigen::Vector3d Middle(std::size_t submap) const { return submaps_.images()[submap].middle(); }
@@ -86,6 +89,8 @@ class PieceJoiner {
   std::vector<Group> GroupsOf(std::size_t a, std::size_t b) const;
   std::size_t SizeOf(const Group& group) const;
   std::string SingleRefusal(const Group& group) const;
+  // Whether a pair of it fits clearly better at another pose, turned by so much at least.
+  bool FitsBetterElsewhere(const Group& group, double least_turn_rad) const;
   std::optional<Group> BestOf(std::size_t a, std::size_t b);
   bool JoinNext();
   using PairSet = std::set<std::pair<std::size_t, std::size_t>>;
@@ -134,9 +139,28 @@ void PieceJoiner::AddPieces() {
 
 void PieceJoiner::FindCandidates() {
   const std::vector<SubmapPair> pairs = submaps_.LookUpAll(options_, sharing_);
+  std::vector<SubmapPair> turned;
+  for (const Loop& loop : AddCandidates(pairs)) {
+    if (loop.status == Loop::Status::kWaiting) turned.push_back(TurnedRound(loop));
+  }
+  AddCandidates(turned);
+}
+
+// Half a turn about what the submap has seen: rooms and streets look much the same then, and a look
+// at images need not find both.
+SubmapPair PieceJoiner::TurnedRound(const Loop& loop) const {
+  const Eigen::Quaterniond half(0.0, 0.0, 0.0, 1.0);
+  const Eigen::Vector3d middle = Middle(loop.to);
+  const SE3 turn(half, middle - half * middle);
+  return {loop.from, loop.to, loop.match.T_other_query * turn, loop.score};
+}
+
+std::vector<Loop> PieceJoiner::AddCandidates(const std::vector<SubmapPair>& pairs) {
   const std::vector<SubmapMatch> matches = Register(pairs);
+  std::vector<Loop> candidates;
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     const Loop loop = LoopOf(pairs[i], matches[i], options_.verification);
+    candidates.push_back(loop);
     // Two starts that end in one place are one.
     const bool known =
         std::any_of(result_.loops.begin(), result_.loops.end(), [&](const Loop& other) {
@@ -145,6 +169,7 @@ void PieceJoiner::FindCandidates() {
         });
     if (!known) result_.loops.push_back(loop);
   }
+  return candidates;
 }
 
 SE3 PieceJoiner::BetweenParts(const Loop& loop, std::size_t a) const {
@@ -229,12 +254,34 @@ std::string PieceJoiner::SingleRefusal(const Group& group) const {
   return "no other loop agrees";
 }
 
+bool PieceJoiner::FitsBetterElsewhere(const Group& group, double least_turn_rad) const {
+  const auto better = [&](const Loop& loop) {
+    return std::any_of(result_.loops.begin(), result_.loops.end(), [&](const Loop& other) {
+      return other.from == loop.from && other.to == loop.to &&
+             other.status == Loop::Status::kWaiting && FitsClearlyBetter(other.match, loop.match) &&
+             RotationAngle(other.match.T_other_query, loop.match.T_other_query) >= least_turn_rad &&
+             !Agree(other, loop, group.a);
+    });
+  };
+  return std::any_of(group.members.begin(), group.members.end(),
+                     [&](std::size_t i) { return better(result_.loops[i]); });
+}
+
 // The largest group of these parts, with what speaks against it; nothing if there is none.
 std::optional<Group> PieceJoiner::BestOf(std::size_t a, std::size_t b) {
   std::vector<Group> groups = GroupsOf(a, b);
+  constexpr char kBetterElsewhere[] = "another pose fits better";
+  // What is right but for half a turn is no rival to what is right.
+  const auto turned = [&](const Group& group) {
+    if (!FitsBetterElsewhere(group, 0.5 * M_PI)) return false;
+    for (const std::size_t i : group.members) result_.loops[i].reason = kBetterElsewhere;
+    return true;
+  };
+  groups.erase(std::remove_if(groups.begin(), groups.end(), turned), groups.end());
   if (groups.empty()) return std::nullopt;
   Group& best = groups.front();
   if (best.size < 2) best.refusal = SingleRefusal(best);
+  if (FitsBetterElsewhere(best, 0.0)) best.refusal = kBetterElsewhere;
   // Of a single loop any other is a rival.
   const std::size_t least = best.size < 2 ? 1 : best.size / 2 + 1;
   if (groups.size() > 1 && groups[1].size >= least) best.refusal = "others fit as well";

@@ -24,11 +24,11 @@
 //               takes effect a fixed number of scans later
 //
 // Deterministic: the same scans and options give the same bits, however many threads there are
-// (tbb::global_control bounds them), whether scans come one by one or are decoded
-// ahead (pipeline.h). Memory does not grow with the number of scans: poses are handed on by
+// (tbb::global_control bounds them), whether scans come one by one or are decoded ahead
+// (pipeline.h). Memory does not grow with the number of scans: poses are handed on by
 // MappingCallbacks::on_final_pose when nothing will change them any more, and the map keeps within
-// map.budget_mb if it has a VoxelStore; with a ByteStore loops take some 50 kB a submap, without
-// one all that the submaps hold.
+// map.budget_mb: what was not seen for longest goes to the VoxelStore or, without one, is lost.
+// With a ByteStore loops take some 50 kB a submap, without one all that the submaps hold.
 //
 // With loops.enabled the map is made of submaps, and places that are visited again correct it
 // (backend/loops/loop_track.h). A recording that was lost for too long is looked for, as a piece of

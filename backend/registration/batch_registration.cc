@@ -238,21 +238,24 @@ double BatchRegistration::MisfitAt(const std::vector<BatchFrame>& frames,
 
 void BatchRegistration::JudgeAgainstStart(const std::vector<BatchFrame>& frames,
                                           RegistrationResult* result) const {
-  constexpr double kSame = 1.01;
+  // What has not converged is no better for a little: of poor poses the distances from planes are
+  // mostly as large as they count, before and after.
+  constexpr double kSame = 1.01, kClearlyBetter = 0.9;
   if (result->rounds.empty()) return;
   std::vector<SE3> initial;
   for (const BatchFrame& frame : frames) initial.push_back(frame.T_world_lidar);
   result->initial_misfit_m = MisfitAt(frames, initial);
   result->final_misfit_m = MisfitAt(frames, result->poses);
-  if (result->final_misfit_m <= kSame * result->initial_misfit_m) return;
+  const double most = result->status == Status::kConverged ? kSame : kClearlyBetter;
+  if (result->final_misfit_m <= most * result->initial_misfit_m) return;
   result->poses = initial;
   if (!result->reason.empty()) return;  // refused, or failed, after some rounds
   result->status = Status::kNoBetter;
   std::ostringstream reason;
-  reason << std::setprecision(3)
-         << "the map of the result is worse than that of the initial poses: "
-         << 1e3 * result->final_misfit_m << " against " << 1e3 * result->initial_misfit_m
-         << " mm from its planes";
+  reason << std::setprecision(3) << "the map of the result is "
+         << (result->final_misfit_m > result->initial_misfit_m ? "worse" : "hardly better")
+         << " than that of the initial poses: " << 1e3 * result->final_misfit_m << " against "
+         << 1e3 * result->initial_misfit_m << " mm from its planes";
   result->reason = reason.str();
 }
 
@@ -263,7 +266,7 @@ RegistrationResult BatchRegistration::Run(const std::vector<BatchFrame>& frames,
   RegistrationResult result = Solve(frames, callbacks, stop, &problem);
   JudgeAgainstStart(frames, &result);
   if (callbacks.on_poses) callbacks.on_poses(result);
-  if (result.reason.empty()) AddCovariances(problem, &result);
+  if (result.reason.empty() && result.covariance_failure.empty()) AddCovariances(problem, &result);
   return result;
 }
 
@@ -318,6 +321,8 @@ RegistrationResult BatchRegistration::Solve(const std::vector<BatchFrame>& frame
       result.status = Status::kInterrupted;
     }
   }
+  if (result.status == Status::kRoundLimit)
+    result.covariance_failure = "poses had not settled when the rounds ended (registration.rounds)";
   if (!result.faults.empty() && result.status != Status::kInterrupted) {
     PutPartsBack(frames, result.faults, &result.poses);
     result.status = Status::kPartial;

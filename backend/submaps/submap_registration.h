@@ -17,7 +17,8 @@
 //                that keyframes of the other saw past (sight_lines.h). Where neither looked it says
 //                nothing; cars that were parked there on one day do not rise so far. Where next to
 //                nothing of much is gone, less overlap is enough: leaves of trees are seldom planes
-//                that agree
+//                that agree. Where nearly all planes agree, more may be gone: vans and lorries that
+//                were parked there on one day
 //     facing     smallest eigenvalue of the sum of h h' over those that agree, h being the
 //                horizontal part of the normal: how many planes hold the place in the direction
 //                that the fewest hold, e.g. along a street. A number of planes, so that more ground
@@ -47,6 +48,7 @@ struct VerificationOptions {
   // At most.
   double max_residual_sigmas = 1.5;
   double max_gone = 0.02;
+  double max_gone_agreeing = 0.06;  // where nearly all planes agree
 
   void Visit(OptionVisitor& v);
 };
@@ -64,6 +66,10 @@ struct SubmapMatch {
 // Whether each looked at enough of what the other has above the sensor, and all of it was there.
 // What has nothing beside it in the other one lies where that one did not look.
 bool NoneIsGone(const SubmapMatch& match);
+
+// Whether the first of two poses of one pair of submaps is better by all figures, and clearly by
+// one of them.
+bool FitsClearlyBetter(const SubmapMatch& one, const SubmapMatch& other);
 
 // Why a match is not to be believed; empty if it is.
 std::string Refusal(const SubmapMatch& match, const VerificationOptions& options);

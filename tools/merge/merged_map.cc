@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <map>
 #include <utility>
 
 #include "backend/loops/map_refinement.h"
@@ -22,8 +24,41 @@ void CheckLeaves(const std::vector<Drive>& drives) {
         if (submap.leaf_size_m == first->leaf_size_m) continue;
         throw InputError(fmt::format(
             "{}: its voxels are of {} m, those of {} of {} m: drives to be merged need the same "
-            "map.root_size_m and map.depth",
+            "map.root_size_m and map.depth. Map one of them again with those of the other, which "
+            "are in its config.yaml (lamina run --config)",
             drive.folder, submap.leaf_size_m, drives.front().folder, first->leaf_size_m));
+      }
+    }
+  }
+}
+
+bool AreTheSame(const Submap& a, const Submap& b) {
+  const auto same = [](const SubmapKeyframe& x, const SubmapKeyframe& y) {
+    return x.id == y.id && x.stamp_ns == y.stamp_ns && x.T_submap_lidar.t == y.T_submap_lidar.t &&
+           x.T_submap_lidar.q.coeffs() == y.T_submap_lidar.q.coeffs();
+  };
+  return a.LeafCount() == b.LeafCount() && a.keyframes.size() > 1 &&
+         std::equal(a.keyframes.begin(), a.keyframes.end(), b.keyframes.begin(), b.keyframes.end(),
+                    same);
+}
+
+// A drive that is there twice would be drawn twice, and agree with itself to the bit.
+void RefuseRepeated(const std::vector<Drive>& drives) {
+  std::multimap<StampNs, std::pair<const Drive*, const Submap*>> by_stamp;
+  for (const Drive& drive : drives) {
+    for (const SubmapFrame& frame : drive.frames) {
+      for (const Submap& submap : frame.submaps) {
+        if (submap.keyframes.empty()) continue;
+        const StampNs stamp_ns = submap.keyframes.front().stamp_ns;
+        const auto [begin, end] = by_stamp.equal_range(stamp_ns);
+        for (auto other = begin; other != end; ++other) {
+          const auto& [of, known] = other->second;
+          if (of == &drive || !AreTheSame(submap, *known)) continue;
+          throw InputError(
+              fmt::format("{}: has a part of the map of {}: the same drive is there twice",
+                          drive.folder, of->folder));
+        }
+        by_stamp.emplace(stamp_ns, std::make_pair(&drive, &submap));
       }
     }
   }
@@ -35,6 +70,7 @@ MergedMap::MergedMap(const std::vector<Drive>& drives, const LaminaConfig& confi
                      const Work& work, const WorkSharing& sharing)
     : drives_(drives) {
   CheckLeaves(drives);
+  RefuseRepeated(drives);
   std::vector<MapPiece> pieces;
   for (std::size_t d = 0; d < drives.size(); ++d) {
     for (std::size_t f = 0; f < drives[d].frames.size(); ++f) {

@@ -135,7 +135,7 @@ class Mapping:
 
     def __init__(self, config: str = "", options: _Mapping[str, Any] = ...) -> None:
         """`config`: a file, or the name of a shipped one ("kitti_raw"); `options`: by dotted name,
-        {"map.root_size_m": 1.2}."""
+        {"map.root_size_m": 1.2}. Beyond map.budget_mb what was not seen for longest is lost."""
     def add(
         self,
         points: npt.ArrayLike,

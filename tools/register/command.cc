@@ -196,8 +196,8 @@ void PrintSummary(const std::string& out, const RegistrationResult& result,
   fmt::print(
       "trajectory  {0}/trajectory_tum.txt, {0}/trajectory_kitti.txt\n"
       "map         {0}/map_surfels.ply\n"
-      "figures     {0}/summary.json, {0}/rounds.csv, {0}/covariance.csv\n",
-      out);
+      "figures     {0}/summary.json, {0}/rounds.csv{1}\n",
+      out, result.covariances.empty() ? "" : fmt::format(", {}/covariance.csv", out));
 }
 
 // Frames of a fault are those of the batch: brought to the recording's own count.
@@ -291,7 +291,8 @@ int Register(const RegisterArguments& arguments) {
   NameScans(batch, &result);
   WarnOfFaults(result, &progress);
   rounds.Commit();
-  WriteCovariances(path("covariance.csv"), batch.scans, result.covariances);
+  if (!result.covariances.empty())
+    WriteCovariances(path("covariance.csv"), batch.scans, result.covariances);
   figures.map_surfels = WriteMap(path("map_surfels.ply"), registration, batch, result.poses,
                                  config.backend.min_surfel_frames);
   figures.wall_s = 1e-3 * watch.Milliseconds();

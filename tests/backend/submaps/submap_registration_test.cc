@@ -37,7 +37,7 @@ TEST(SubmapRegistration, EachKindOfEvidenceIsNeeded) {
   match.residual_sigmas = 1.6;
   EXPECT_EQ(RefusalOf(match), "planes do not fit");
   match = GoodMatch();
-  match.gone = 0.03;
+  match.gone = 0.1;
   EXPECT_EQ(RefusalOf(match), "what one has the other saw past");
   match = GoodMatch();
   match.facing = 3.9;
@@ -63,6 +63,40 @@ TEST(SubmapRegistration, LessOverlapIsEnoughWhereNothingOfMuchIsGone) {
   VerificationOptions options;
   options.min_overlap = 0.3;
   EXPECT_EQ(Refusal(match, options), "");
+}
+
+SubmapMatch MatchOf(int planes, double overlap, double structure, double residual_sigmas) {
+  SubmapMatch match;
+  match.converged = true;
+  match.planes = planes;
+  match.overlap = overlap;
+  match.structure = structure;
+  match.residual_sigmas = residual_sigmas;
+  match.facing = 400.0;
+  match.looks = 5000;
+  return match;
+}
+
+TEST(SubmapRegistration, ARoomTurnedByHalfATurnFitsClearlyWorse) {
+  const SubmapMatch right = MatchOf(1010, 0.973, 0.9995, 0.251);
+  const SubmapMatch turned = MatchOf(892, 0.956, 0.948, 0.415);
+  EXPECT_TRUE(FitsClearlyBetter(right, turned));
+  EXPECT_FALSE(FitsClearlyBetter(turned, right));
+  // Of two in a row of equal houses, each has something for it, or little.
+  EXPECT_FALSE(FitsClearlyBetter(MatchOf(300, 0.95, 0.97, 0.30), MatchOf(310, 0.94, 0.90, 0.40)));
+  EXPECT_FALSE(FitsClearlyBetter(MatchOf(310, 0.95, 0.91, 0.30), MatchOf(300, 0.94, 0.90, 0.33)));
+}
+
+TEST(SubmapRegistration, AFewVansMayBeGoneWhereAllElseAgrees) {
+  const VerificationOptions options;
+  SubmapMatch match = MatchOf(1000, 0.92, 0.8, 0.3);
+  match.gone = 0.04;
+  EXPECT_EQ(Refusal(match, options), "");
+  match.overlap = 0.8;
+  EXPECT_EQ(Refusal(match, options), "what one has the other saw past");
+  match.overlap = 0.92;
+  match.gone = 0.07;
+  EXPECT_EQ(Refusal(match, options), "what one has the other saw past");
 }
 
 }  // namespace

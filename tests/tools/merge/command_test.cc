@@ -83,6 +83,11 @@ TEST_F(MergeCommand, WhatWasMergedIsMergedWithMore) {
   both.insert(both.end(), back.begin(), back.end());
   EXPECT_LT(ErrorM("out/trajectory_tum_drive0.txt", there[0], both), 1.0);
   EXPECT_LT(ErrorM("out/trajectory_tum_drive1.txt", there[0], third), 1.0);
+  // One of them again.
+  EXPECT_THAT(MessageOf<InputError>([&] {
+                Merge({Path("two"), second, "--out", Path("twice")});
+              }),
+              testing::HasSubstr("the same drive is there twice"));
 }
 
 TEST_F(MergeCommand, WhatIsNoDriveIsNamed) {

@@ -52,6 +52,15 @@ class RegisterTest : public RunTest {
   }
 };
 
+// Covariances are those of a minimum.
+TEST_F(RegisterTest, ClaimsNoCovariancesOfPosesThatHaveNotSettled) {
+  Register(WritePoses("start.txt", StartPoses(0.15)), {"--set", "registration.rounds=1"});
+  const nlohmann::json summary = Summary();
+  EXPECT_EQ(summary["status"], "round_limit");
+  EXPECT_THAT(summary["covariance_failure"].get<std::string>(), HasSubstr("registration.rounds"));
+  EXPECT_FALSE(std::filesystem::exists(Path("out/covariance.csv")));
+}
+
 TEST_F(RegisterTest, BringsAStreetTogetherAndWritesEverything) {
   const Trajectory truth = StartPoses(0.0);
   const std::string truth_file = WritePoses("truth.txt", truth);
