@@ -8,6 +8,7 @@
 #include <set>
 #include <utility>
 
+#include "backend/loops/join_candidates.h"
 #include "backend/loops/loop_agreement.h"
 #include "backend/loops/piece_submaps.h"
 #include "backend/places/submap_pairs.h"
@@ -16,8 +17,6 @@
 namespace lamina {
 namespace {
 
-// What a single loop must show.
-constexpr double kSingleOverlap = 0.85, kSingleStructure = 0.7, kSingleFactor = 2.0;
 // Submaps whose middles are so close under a join have seen the same.
 constexpr double kBesideM = 20.0;
 constexpr std::size_t kBesideEach = 2;
@@ -26,15 +25,6 @@ constexpr double kReachM = 60.0;
 constexpr int kRounds = 20;
 // Where submaps lie beside one another, contradicting ones as a share of those that agree.
 constexpr double kMostContradicting = 0.34;
-
-// Candidates that say the same of two parts.
-struct Group {
-  std::size_t a = 0, b = 0;          // the parts, a before b
-  std::size_t lead = 0;              // position among the loops of the one with which all agree
-  std::vector<std::size_t> members;  // theirs
-  std::size_t size = 0;              // submaps of the part that has fewer of them in it
-  std::string refusal;
-};
 
 class PieceJoiner {
  public:
@@ -76,29 +66,20 @@ class PieceJoiner {
   std::vector<Loop> AddCandidates(const std::vector<SubmapPair>& pairs);
   SubmapPair TurnedRound(const Loop& loop) const;
 
-  std::size_t PartOf(std::size_t submap) const { return result_.part[submaps_.piece_of(submap)]; }
-  Eigen::Vector3d Middle(std::size_t submap) const { return submaps_.images()[submap].middle(); }
+  std::size_t PartOf(std::size_t submap) const { return candidates_.PartOf(submap); }
+  Eigen::Vector3d Middle(std::size_t submap) const { return candidates_.Middle(submap); }
   // In the order of the pairs.
   std::vector<SubmapMatch> Register(const std::vector<SubmapPair>& pairs) const {
     return RegisterPairs(submaps_.submaps(), submaps_.images(), pairs, registration_, map_,
                          sharing_);
   }
-  // The frame of part b in that of part a, as a loop has it.
-  SE3 BetweenParts(const Loop& loop, std::size_t a) const;
-  bool Agree(const Loop& x, const Loop& y, std::size_t a) const;
-  std::vector<Group> GroupsOf(std::size_t a, std::size_t b) const;
-  std::size_t SizeOf(const Group& group) const;
-  std::string SingleRefusal(const Group& group) const;
-  // Whether a pair of it fits clearly better at another pose, turned by so much at least.
-  bool FitsBetterElsewhere(const Group& group, double least_turn_rad) const;
-  std::optional<Group> BestOf(std::size_t a, std::size_t b);
   bool JoinNext();
   using PairSet = std::set<std::pair<std::size_t, std::size_t>>;
   struct Evidence {
     std::size_t agreeing = 0, contradicting = 0;
   };
   // What speaks against it; empty if it is joined, otherwise the result is of no use.
-  std::string TryJoin(const Group& group);
+  std::string TryJoin(const JoinGroup& group);
   std::vector<SubmapPair> Beside(const std::vector<bool>& joins, const PairSet& compared) const;
   void Compare(const std::vector<SubmapPair>& pairs, Evidence* evidence);
   // All pieces with the loops that are accepted; those that contradict the others go. Why it
@@ -114,6 +95,7 @@ class PieceJoiner {
   std::size_t own_loops_ = 0;
   std::vector<bool> kept_;  // of the graph's loops, by the last solve
   JoinedPieces result_;
+  JoinCandidates candidates_{submaps_, options_, &result_};
 };
 
 void PieceJoiner::AddPieces() {
@@ -165,128 +147,12 @@ std::vector<Loop> PieceJoiner::AddCandidates(const std::vector<SubmapPair>& pair
     const bool known =
         std::any_of(result_.loops.begin(), result_.loops.end(), [&](const Loop& other) {
           return other.from == loop.from && other.to == loop.to && other.status == loop.status &&
-                 (loop.status == Loop::Status::kRefused || Agree(other, loop, PartOf(loop.from)));
+                 (loop.status == Loop::Status::kRefused ||
+                  candidates_.Agree(other, loop, PartOf(loop.from)));
         });
     if (!known) result_.loops.push_back(loop);
   }
   return candidates;
-}
-
-SE3 PieceJoiner::BetweenParts(const Loop& loop, std::size_t a) const {
-  const std::vector<SE3>& poses = result_.graph.poses;
-  const SE3 T = poses[loop.from] * loop.match.T_other_query * poses[loop.to].Inverse();
-  return PartOf(loop.from) == a ? T : T.Inverse();
-}
-
-bool PieceJoiner::Agree(const Loop& x, const Loop& y, std::size_t a) const {
-  const auto side = [&](const Loop& loop, bool first) {
-    return (PartOf(loop.from) == a) == first ? loop.from : loop.to;
-  };
-  const double way = submaps_.WayBetween(side(x, true), side(y, true)) +
-                     submaps_.WayBetween(side(x, false), side(y, false));
-  // Joins must agree however long the way between them is: their submaps' poses are corrected ones.
-  constexpr double kMostAgreeDeg = 5.0;
-  PoseDifference most = AgreementBound(options_, way);
-  most.m = std::min(kMostAgreeM, most.m);
-  most.rad = std::min(Radians(kMostAgreeDeg), most.rad);
-  const SE3 T_x = BetweenParts(x, a), T_y = BetweenParts(y, a);
-  const std::size_t b_side = side(x, false);
-  return DifferenceAt(result_.graph.poses[b_side] * Middle(b_side), T_x, T_y).Within(most);
-}
-
-std::size_t PieceJoiner::SizeOf(const Group& group) const {
-  std::set<std::size_t> in_a, in_b;
-  for (const std::size_t i : group.members) {
-    const Loop& loop = result_.loops[i];
-    const bool forward = PartOf(loop.from) == group.a;
-    in_a.insert(forward ? loop.from : loop.to);
-    in_b.insert(forward ? loop.to : loop.from);
-  }
-  return std::min(in_a.size(), in_b.size());
-}
-
-// Around each candidate those that agree with it; the largest first, each candidate in one alone.
-std::vector<Group> PieceJoiner::GroupsOf(std::size_t a, std::size_t b) const {
-  std::vector<std::size_t> open;
-  for (std::size_t i = 0; i < result_.loops.size(); ++i) {
-    const Loop& loop = result_.loops[i];
-    const std::size_t from = PartOf(loop.from), to = PartOf(loop.to);
-    if (loop.status == Loop::Status::kWaiting && std::min(from, to) == a && std::max(from, to) == b)
-      open.push_back(i);
-  }
-  std::vector<Group> groups;
-  while (!open.empty()) {
-    Group best;
-    double best_weight = 0.0;
-    for (const std::size_t seed : open) {
-      Group group{a, b, seed, {}, 0, ""};
-      double weight = 0.0;
-      for (const std::size_t i : open) {
-        const Loop& loop = result_.loops[i];
-        if (i != seed && !Agree(result_.loops[seed], loop, a)) continue;
-        group.members.push_back(i);
-        weight += loop.match.planes * loop.match.overlap;
-      }
-      group.size = SizeOf(group);
-      if (std::make_pair(group.size, weight) <= std::make_pair(best.size, best_weight)) continue;
-      best_weight = weight;
-      best = std::move(group);
-    }
-    std::vector<std::size_t> left;
-    std::set_difference(open.begin(), open.end(), best.members.begin(), best.members.end(),
-                        std::back_inserter(left));
-    open = std::move(left);
-    groups.push_back(std::move(best));
-  }
-  return groups;
-}
-
-// Of a group in which one submap stands alone.
-std::string PieceJoiner::SingleRefusal(const Group& group) const {
-  for (const std::size_t i : group.members) {
-    const SubmapMatch& match = result_.loops[i].match;
-    const VerificationOptions& least = options_.verification;
-    if (match.overlap >= kSingleOverlap && match.structure >= kSingleStructure &&
-        match.planes >= kSingleFactor * least.min_planes &&
-        match.facing >= kSingleFactor * least.min_facing)
-      return "";
-  }
-  return "no other loop agrees";
-}
-
-bool PieceJoiner::FitsBetterElsewhere(const Group& group, double least_turn_rad) const {
-  const auto better = [&](const Loop& loop) {
-    return std::any_of(result_.loops.begin(), result_.loops.end(), [&](const Loop& other) {
-      return other.from == loop.from && other.to == loop.to &&
-             other.status == Loop::Status::kWaiting && FitsClearlyBetter(other.match, loop.match) &&
-             RotationAngle(other.match.T_other_query, loop.match.T_other_query) >= least_turn_rad &&
-             !Agree(other, loop, group.a);
-    });
-  };
-  return std::any_of(group.members.begin(), group.members.end(),
-                     [&](std::size_t i) { return better(result_.loops[i]); });
-}
-
-// The largest group of these parts, with what speaks against it; nothing if there is none.
-std::optional<Group> PieceJoiner::BestOf(std::size_t a, std::size_t b) {
-  std::vector<Group> groups = GroupsOf(a, b);
-  constexpr char kBetterElsewhere[] = "another pose fits better";
-  // What is right but for half a turn is no rival to what is right.
-  const auto turned = [&](const Group& group) {
-    if (!FitsBetterElsewhere(group, 0.5 * M_PI)) return false;
-    for (const std::size_t i : group.members) result_.loops[i].reason = kBetterElsewhere;
-    return true;
-  };
-  groups.erase(std::remove_if(groups.begin(), groups.end(), turned), groups.end());
-  if (groups.empty()) return std::nullopt;
-  Group& best = groups.front();
-  if (best.size < 2) best.refusal = SingleRefusal(best);
-  if (FitsBetterElsewhere(best, 0.0)) best.refusal = kBetterElsewhere;
-  // Of a single loop any other is a rival.
-  const std::size_t least = best.size < 2 ? 1 : best.size / 2 + 1;
-  if (groups.size() > 1 && groups[1].size >= least) best.refusal = "others fit as well";
-  for (const std::size_t i : best.members) result_.loops[i].reason = best.refusal;
-  return best;
 }
 
 bool PieceJoiner::JoinNext() {
@@ -294,16 +160,16 @@ bool PieceJoiner::JoinNext() {
   for (std::size_t p = 0; p < pieces_.size(); ++p) {
     if (result_.part[p] == p) parts.push_back(p);
   }
-  std::vector<Group> groups;
+  std::vector<JoinGroup> groups;
   for (std::size_t i = 0; i < parts.size(); ++i) {
     for (std::size_t j = i + 1; j < parts.size(); ++j) {
-      const std::optional<Group> best = BestOf(parts[i], parts[j]);
+      const std::optional<JoinGroup> best = candidates_.BestOf(parts[i], parts[j]);
       if (best && best->refusal.empty()) groups.push_back(*best);
     }
   }
   std::stable_sort(groups.begin(), groups.end(),
-                   [](const Group& x, const Group& y) { return x.size > y.size; });
-  for (const Group& group : groups) {
+                   [](const JoinGroup& x, const JoinGroup& y) { return x.size > y.size; });
+  for (const JoinGroup& group : groups) {
     JoinedPieces before = result_;
     std::vector<bool> kept = kept_;
     const std::string refusal = TryJoin(group);
@@ -411,9 +277,9 @@ std::string PieceJoiner::Solve() {
   return "";
 }
 
-std::string PieceJoiner::TryJoin(const Group& group) {
+std::string PieceJoiner::TryJoin(const JoinGroup& group) {
   // By the candidate that most agree with.
-  const SE3 T_a_b = BetweenParts(result_.loops[group.lead], group.a);
+  const SE3 T_a_b = candidates_.BetweenParts(result_.loops[group.lead], group.a);
   std::vector<bool> joins(submaps_.size());
   for (std::size_t i = 0; i < submaps_.size(); ++i) {
     joins[i] = PartOf(i) == group.b;
