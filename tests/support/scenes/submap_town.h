@@ -36,6 +36,16 @@ class Town {
     }
   }
 
+  // Four walls on the ground around there; half-edges, half the height.
+  void AddBox(const Eigen::Vector3d& at, const Eigen::Vector3d& a, const Eigen::Vector3d& b,
+              double half_height) {
+    const Eigen::Vector3d up(0, 0, half_height), middle = at + up;
+    facets_.push_back({middle + a, b, up});
+    facets_.push_back({middle - a, b, up});
+    facets_.push_back({middle + b, a, up});
+    facets_.push_back({middle - b, a, up});
+  }
+
   // The same with cars along the streets of the seeded town, others for each seed.
   Town WithParkedCars(unsigned seed) const {
     constexpr double kStreetM = 60.0, kKerbM = 5.0, kSpaceM = 7.0;
@@ -87,16 +97,6 @@ class Town {
     const Eigen::Vector3d a = draws->Uniform(2, 5) * along, b = draws->Uniform(2, 5) * across;
     AddBox(at, a, b, height);
   }
-  // Four walls on the ground around there; half-edges, half the height.
-  void AddBox(const Eigen::Vector3d& at, const Eigen::Vector3d& a, const Eigen::Vector3d& b,
-              double half_height) {
-    const Eigen::Vector3d up(0, 0, half_height), middle = at + up;
-    facets_.push_back({middle + a, b, up});
-    facets_.push_back({middle - a, b, up});
-    facets_.push_back({middle + b, a, up});
-    facets_.push_back({middle - b, a, up});
-  }
-
   std::vector<Facet> facets_;
 };
 
