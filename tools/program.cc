@@ -3,6 +3,7 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
+#include <csignal>
 #include <exception>
 #include <new>
 #include <string>
@@ -38,6 +39,8 @@ int RunCommand(const std::function<int()>& run) {
 
 int RunProgram(int argc, char** argv, const char* version,
                void (*add_commands)(CLI::App*, std::function<int()>*)) {
+  // A file that grows beyond `ulimit -f` is then an error like a full disk, and not the end.
+  std::signal(SIGXFSZ, SIG_IGN);
   // Results go to standard output, everything about the way there to standard error.
   spdlog::set_default_logger(spdlog::stderr_color_mt("lamina"));
   spdlog::set_formatter(LogLines("%H:%M:%S %^%l%$"));

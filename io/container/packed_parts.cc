@@ -21,7 +21,10 @@ namespace fs = std::filesystem;
 // A file that is gone when this is.
 class TemporaryFile {
  public:
-  TemporaryFile() : path_((fs::temp_directory_path() / "lamina_unpacked_XXXXXX").string()) {
+  TemporaryFile() {
+    std::error_code error;
+    path_ = (fs::temp_directory_path(error) / "lamina_unpacked_XXXXXX").string();
+    if (error) Fail(error.message().c_str());
     descriptor_ = mkstemp(path_.data());
     if (descriptor_ < 0) Fail(std::strerror(errno));
   }

@@ -144,6 +144,13 @@ class FileScanSource final : public ScanSource {
         sweep_s, sweep_s));
   }
 
+  // Of clocks that were written with too few digits, or that stand still.
+  static std::size_t SameAsBefore(const std::vector<StampNs>& clocks) {
+    std::size_t same = 0;
+    for (std::size_t i = 1; i < clocks.size(); ++i) same += clocks[i] == clocks[i - 1] ? 1 : 0;
+    return same;
+  }
+
   // The clock of the points, if the first file that can be read has one. Of files that cannot be
   // read, the stamp is just behind that of the one before.
   void FindStampsInPoints() {
@@ -178,6 +185,12 @@ class FileScanSource final : public ScanSource {
           "the points of some scans have times of a clock, those of {} have none: not used as "
           "stamps",
           without));
+      return;
+    }
+    if (const std::size_t same = SameAsBefore(clocks); 2 * same > clocks.size()) {
+      described_.doubts.push_back(fmt::format(
+          "the clock in the points of {} scans is that of the scan before: not used as stamps",
+          same));
       return;
     }
     stamps_ = std::move(clocks);

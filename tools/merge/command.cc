@@ -70,8 +70,9 @@ int Merge(const MergeArguments& arguments) {
   const nlohmann::json summary = WriteMerge(arguments.out, drives, merged, config);
   WriteTextFile((std::filesystem::path(arguments.out) / "summary.json").string(),
                 SummaryText(summary));
-  fmt::print("{} drives, {} submaps, {} loops accepted between them: {}\n", drives.size(),
-             merged.graph().poses.size(), summary["loops"]["accepted"].dump(),
+  fmt::print("{} {}, {} submaps, {} loops accepted between them: {}\n", drives.size(),
+             drives.size() == 1 ? "drive" : "drives", merged.graph().poses.size(),
+             summary["loops"]["accepted"].dump(),
              merged.frames() == 1 ? "one map"
                                   : fmt::format("{} maps that nothing connects", merged.frames()));
   const std::filesystem::path out(arguments.out);

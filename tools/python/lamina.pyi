@@ -11,7 +11,8 @@ nanoseconds. The same scans and options give the same bits at any number of thre
     poses = mapping.trajectory().poses
 """
 
-from typing import Any, Mapping as _Mapping, Optional, TypedDict
+import os
+from typing import Any, Mapping as _Mapping, Optional, TypedDict, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -114,7 +115,7 @@ class Recording:
     """
 
     def __init__(
-        self, path: str, config: str = "", options: _Mapping[str, Any] = ...
+        self, path: Union[str, os.PathLike[str]], config: str = "", options: _Mapping[str, Any] = ...
     ) -> None: ...
     def __len__(self) -> int: ...
     def __getitem__(self, i: int) -> Scan: ...
@@ -160,7 +161,7 @@ class Mapping:
     def counts(self) -> dict[str, int]:
         """Scans, frames, keyframes, and how many were lost or degenerate, so far."""
 
-def read_trajectory(path: str) -> Trajectory:
+def read_trajectory(path: Union[str, os.PathLike[str]]) -> Trajectory:
     """A file in KITTI or TUM form."""
 
 def evaluate(

@@ -4,7 +4,9 @@
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
 
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -182,9 +184,9 @@ py::dict Evaluate(const Poses& estimate, const Poses& truth, const std::string& 
   return result;
 }
 
-PoseList ReadPoses(const std::string& path) {
+PoseList ReadPoses(const std::filesystem::path& path) {
   PoseList poses;
-  for (const StampedPose& pose : ReadTrajectory(path)) poses.Add(pose, false, 0);
+  for (const StampedPose& pose : ReadTrajectory(path.string())) poses.Add(pose, false, 0);
   return poses;
 }
 
@@ -253,11 +255,11 @@ void BindRecordings(py::module_* m) {
       .def_property_readonly("points", &PointsOf, Doc("Scan.points"))
       .def_property_readonly("times", &TimesOf, Doc("Scan.times"));
   py::class_<Recording>(*m, "Recording", Doc("Recording"))
-      .def(
-          py::init([](const std::string& path, const std::string& config, const py::dict& options) {
-            return std::make_unique<Recording>(path, ConfigOf(config, options));
-          }),
-          py::arg("path"), py::arg("config") = "", py::arg("options") = py::dict())
+      .def(py::init([](const std::filesystem::path& path, const std::string& config,
+                       const py::dict& options) {
+             return std::make_unique<Recording>(path.string(), ConfigOf(config, options));
+           }),
+           py::arg("path"), py::arg("config") = "", py::arg("options") = py::dict())
       .def("__len__", &Recording::size)
       .def("__getitem__",
            [](const Recording& r, py::ssize_t i) {

@@ -44,6 +44,7 @@ bool HoldsResults(const std::string& folder) {
 }
 
 void CheckOutputFolder(const std::string& out, const std::string& scans) {
+  if (out.empty()) throw OptionError("--out: is empty, must be a folder");
   if (IsWithin(out, scans)) {
     throw OptionError(fmt::format(
         "--out {}: is in the folder of the recording, {}; results must be kept apart from it", out,

@@ -238,6 +238,13 @@ TEST_F(ScanSourceTest, ClocksOfPointsAreStampsWhereThereAreNoOthers) {
   // A stamp file counts more, and so do names that are stamps.
   Write("s/times.txt", "1\n2\n3\n4\n");
   EXPECT_THAT(Stamps(*Open("s")), ElementsAre(1000000000, 2000000000, 3000000000, 4000000000));
+  // Nor is one that stands still.
+  Write("still/1.ply", TimedPly("1700000000", "1700000000"));
+  Write("still/2.ply", TimedPly("1700000000", "1700000000"));
+  Write("still/3.ply", TimedPly("1700000000", "1700000000"));
+  EXPECT_THAT(Stamps(*Open("still")), ElementsAre(0, 100000000, 200000000));
+  EXPECT_THAT(Open("still")->Describe().doubts,
+              ElementsAre(HasSubstr("2 scans is that of the scan before")));
   // Clocks in some files alone are no order.
   Write("some/1.ply", TimedPly("1700000000.875", "1700000000.95"));
   Write("some/2.ply", TimedPly("0.00", "0.05"));

@@ -169,7 +169,7 @@ class ModuleTest(unittest.TestCase):
                             "--frames", "12"], check=True, capture_output=True)
             subprocess.run([PROGRAM, "run", "--scans", scans, "--out", out, "--progress", "off"],
                            check=True, capture_output=True)
-            recording = lamina.Recording(str(scans))
+            recording = lamina.Recording(scans)
             self.assertEqual(len(recording), 12)
             self.assertEqual(recording[-1].stamp_ns, recording[11].stamp_ns)
             self.assertEqual(recording[0].points.shape[1], 4)
@@ -186,7 +186,7 @@ class ModuleTest(unittest.TestCase):
             np.testing.assert_array_equal(ahead.trajectory().poses, one_by_one.trajectory().poses)
             program = lamina.read_trajectory(str(out / "trajectory_kitti.txt")).poses
             np.testing.assert_allclose(ahead.trajectory().poses, program, atol=1e-8)
-            truth = lamina.read_trajectory(str(scans / "poses.txt")).poses
+            truth = lamina.read_trajectory(scans / "poses.txt").poses
             errors = lamina.evaluate(program, truth)
             self.assertLess(errors["ape_rmse_m"], 0.02)
             self.assertEqual(errors["poses"], 12)
