@@ -128,12 +128,12 @@ void PieceJoiner::FindCandidates() {
   AddCandidates(turned);
 }
 
-// Half a turn about what the submap has seen: rooms and streets look much the same then, and a look
-// at images need not find both.
+// Half a turn about the upright through the middle of the way: rooms and streets look much the
+// same then, and a look at images need not find both.
 SubmapPair PieceJoiner::TurnedRound(const Loop& loop) const {
-  const Eigen::Quaterniond half(0.0, 0.0, 0.0, 1.0);
-  const Eigen::Vector3d middle = Middle(loop.to);
-  const SE3 turn(half, middle - half * middle);
+  const SE3& T_level_submap = submaps_.images()[loop.to].T_level_submap;
+  const SE3 half(Eigen::Quaterniond(0.0, 0.0, 0.0, 1.0), Eigen::Vector3d::Zero());
+  const SE3 turn = T_level_submap.Inverse() * half * T_level_submap;
   return {loop.from, loop.to, loop.match.T_other_query * turn, loop.score};
 }
 
