@@ -116,7 +116,7 @@ void VerdictCounter::Add(const ScanRecord& scan) {
     return last_.clear();
   }
   ++frames_;
-  pieces_.insert(scan.piece);
+  CountPiece(scan);
   if (run_rules::IsLost(scan)) {
     ++lost_;
     return last_.clear();
@@ -129,6 +129,15 @@ void VerdictCounter::Add(const ScanRecord& scan) {
     fits_.Add(run_rules::Fit(scan));
   }
   CountJump(scan);
+}
+
+void VerdictCounter::CountPiece(const ScanRecord& scan) {
+  pieces_.insert(scan.piece);
+  const auto [last, fresh] = piece_of_.try_emplace(scan.sequence, scan.piece);
+  // New pieces have greater numbers: it was found where an earlier one, or the map that it is
+  // localised in, has been, and goes on with that.
+  if (scan.piece < last->second) Join(last->second);
+  last->second = scan.piece;
 }
 
 void VerdictCounter::CountJump(const ScanRecord& scan) {

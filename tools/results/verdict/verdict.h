@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <map>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <set>
@@ -59,6 +60,7 @@ class VerdictCounter {
   RunVerdict Judge() const;
 
  private:
+  void CountPiece(const ScanRecord& scan);
   void CountJump(const ScanRecord& scan);
 
   int max_iterations_;
@@ -67,6 +69,7 @@ class VerdictCounter {
   std::int64_t motions_ = 0, jumps_ = 0;
   ShareHistogram inliers_, fits_;
   std::set<std::int64_t> pieces_;
+  std::map<std::string, std::int64_t> piece_of_;  // the newest of each recording
   std::int64_t last_piece_ = 0;
   std::deque<StampedPose> last_;  // at most two of that piece, that follow one another
 };

@@ -124,6 +124,17 @@ TEST(RunVerdictTest, WhatWeighsMostIsSaidFirst) {
   EXPECT_THAT(verdict.hint, HasSubstr("frames.csv"));
 }
 
+TEST(RunVerdictTest, APieceThatIsFoundInAnEarlierOneIsConnected) {
+  const auto pieces = [](bool found) {
+    return VerdictOn([found](int i, ScanRecord* scan) {
+      scan->sequence = i % 2 == 0 ? "a" : "b";
+      scan->piece = i % 2 == 0 ? 0 : found && i >= 40 ? 0 : 1;
+    });
+  };
+  EXPECT_EQ(pieces(true).grade, RunVerdict::Grade::kGood);
+  EXPECT_EQ(pieces(false).grade, RunVerdict::Grade::kDoubtful);
+}
+
 TEST(RunVerdictTest, PosesOfDifferentPiecesAreNoMotion) {
   const RunVerdict verdict = VerdictOn([](int i, ScanRecord* scan) {
     scan->piece = i / 100;
