@@ -35,6 +35,7 @@ std::string StrictRefusal(const Sighting& sighting, const VerificationOptions& l
   strict.min_overlap = rough ? kRoughOverlap : std::max(least.min_overlap, kOverlap);
   strict.min_overlap_none_gone = strict.min_overlap;
   strict.min_structure = std::max(least.min_structure, kStructure);
+  strict.max_gone_agreeing = least.max_gone;
   if (sighting.met < kMet) return "the map has not what stands here";
   if (sighting.gone > kMostGone) return "what the map has does not stand here";
   return Refusal(sighting.match, strict);

@@ -98,6 +98,8 @@ LoopClosure::LoopClosure(const LoopOptions& options, const VoxelMapOptions& map,
       registration_(matcher),
       targets_(std::make_unique<Targets>(map)) {
   CheckOptions(options, "loops");
+  // Between two visits of one drive nothing of much leaves.
+  options_.verification.max_gone_agreeing = options_.verification.max_gone;
 }
 LoopClosure::~LoopClosure() = default;
 

@@ -48,7 +48,7 @@ struct VerificationOptions {
   // At most.
   double max_residual_sigmas = 1.5;
   double max_gone = 0.02;
-  double max_gone_agreeing = 0.06;  // where nearly all planes agree
+  double max_gone_agreeing = 0.06;  // between drives, where nearly all planes agree
 
   void Visit(OptionVisitor& v);
 };
