@@ -34,11 +34,15 @@ MappingOptions LaminaConfig::Mapping() const {
   return {preparation, {map, frontend, backend}, pipeline, loops};
 }
 
+void LaminaConfig::CheckTogether() const {
+  preparation.CheckTogether();
+  backend.CheckTogether();
+}
+
 LaminaConfig LoadConfig(const std::string& path, const std::vector<std::string>& key_values) {
   LaminaConfig config;
   ReadOptions(path, key_values, [&](OptionVisitor& v) { config.Visit(v); });
-  config.preparation.CheckTogether();
-  config.backend.CheckTogether();
+  config.CheckTogether();
   return config;
 }
 

@@ -45,6 +45,8 @@ struct LaminaConfig {
   void Visit(OptionVisitor& v);
   void VisitResultOptions(OptionVisitor& v);
   MappingOptions Mapping() const;
+  // Throws OptionError for options that contradict one another.
+  void CheckTogether() const;
 };
 
 // ReadOptions of all of it; throws OptionError as well for options that contradict one another.

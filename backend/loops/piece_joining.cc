@@ -1,8 +1,6 @@
 #include "backend/loops/piece_joining.h"
 
 #include <algorithm>
-#include <cmath>
-#include <iterator>
 #include <limits>
 #include <optional>
 #include <set>
@@ -12,7 +10,6 @@
 #include "backend/loops/loop_agreement.h"
 #include "backend/loops/piece_submaps.h"
 #include "backend/places/submap_pairs.h"
-#include "core/base/angle.h"
 
 namespace lamina {
 namespace {

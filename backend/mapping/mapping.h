@@ -86,11 +86,11 @@ class Mapping {
 
   // The next scan. One that cannot be used (too few points, times of points that are none of a
   // sweep, a stamp that is not after the last) is skipped, which its record says: scans do not
-  // throw. Stamps must increase within a recording: after ten scans in a row that
-  // were skipped for that, and increase among themselves, the clock was set, and the next one
-  // begins a piece. Without times of its points, deskewing by azimuth takes the first scan to last
-  // 0.1 s (preparation.sweep_period_s says better). Throws std::logic_error for a scan with times
-  // for some of its points alone, and after Finish().
+  // throw. Stamps must increase within a recording: after ten scans in a row that were skipped for
+  // that, and increase among themselves, the clock was set, and the next one begins a piece.
+  // Without times of its points, deskewing by azimuth takes the first scan to last 0.1 s
+  // (preparation.sweep_period_s says better). Throws std::logic_error for a scan with times for
+  // some of its points alone, and after Finish().
   MappedScan Add(const Scan& scan, const std::string& recording = "");
   // The same of a scan that was decoded before.
   MappedScan Add(DecodedScan scan);

@@ -42,8 +42,8 @@ std::size_t PixelOf(int azimuth, int elevation) {
 
 SightLines::SightLines(const std::vector<FinalKeyframe>& keyframes, double leaf_size_m)
     : leaf_size_m_(leaf_size_m), behind_m_(std::max(kBehindM, leaf_size_m)) {
-  for (std::size_t i = 0; i < keyframes.size();
-       i += StrideToAtMost(keyframes.size(), kMostKeyframes)) {
+  const std::size_t stride = StrideToAtMost(keyframes.size(), kMostKeyframes);
+  for (std::size_t i = 0; i < keyframes.size(); i += stride) {
     std::vector<Eigen::Vector3d> means;
     for (const PointCluster& cluster : keyframes[i].clusters) means.push_back(cluster.mean);
     images_.push_back(ImageOf(keyframes[i].T_world_lidar, means));
@@ -55,8 +55,8 @@ SightLines::SightLines(const Submap& submap, const SubmapLeaves& leaves)
   std::vector<Eigen::Vector3d> means;
   means.reserve(leaves.size());
   for (const SubmapLeaf& leaf : leaves) means.push_back(submap.Cluster(leaf).mean);
-  for (std::size_t i = 0; i < submap.keyframes.size();
-       i += StrideToAtMost(submap.keyframes.size(), kMostKeyframes))
+  const std::size_t stride = StrideToAtMost(submap.keyframes.size(), kMostKeyframes);
+  for (std::size_t i = 0; i < submap.keyframes.size(); i += stride)
     images_.push_back(ImageOf(submap.keyframes[i].T_submap_lidar, means));
 }
 

@@ -73,17 +73,9 @@ struct DirectionEvidence {
 
   // i of a residual of weight `weight` and scaled row j, along each direction. Of the row, rotation
   // and translation are turned by a wrong normal in proportion to rotation_arm
-  // (|mu| / kRotationArmM) and translation_arm (1).
-  Vector6d InformationOf(const Vector6d& j, double weight, double normal_error2,
-                         double rotation_arm, double translation_arm) const;
-  void Add(const Vector6d& i) {
-    information += i;
-    squares += i.cwiseAbs2();
-  }
+  // (|mu| / kRotationArmM) and translation_arm (1). For many rows: EvidenceSums (match_rows.h).
   void Add(const Vector6d& j, double weight, double normal_error2, double rotation_arm,
-           double translation_arm) {
-    Add(InformationOf(j, weight, normal_error2, rotation_arm, translation_arm));
-  }
+           double translation_arm);
   DirectionEvidence& operator+=(const DirectionEvidence& o) {
     information += o.information;
     squares += o.squares;

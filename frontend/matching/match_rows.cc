@@ -248,7 +248,7 @@ EvidenceSums::EvidenceSums(const Matrix6d& directions) {
   turned_lower = Four{t(4), t(5), t(4), t(5)};
 }
 
-// DirectionEvidence::InformationOf, with the sums in the order in which Eigen takes them.
+// DirectionEvidence::Add, with the sums in the order in which Eigen takes them.
 LAMINA_FOR_EACH_PROCESSOR
 void EvidenceSums::Add(const MatchRow* rows, const std::size_t* of, std::size_t count,
                        const PointCluster* clusters) {

@@ -78,6 +78,14 @@ void Odometry::Attempt::Deskew(const SweepMotion& sweep) {
   DeskewClusters(clusters, sweep, &deskewed);
 }
 
+Odometry::Attempt Odometry::Attempt::Anew(int deskew_passes) const {
+  Attempt other{clusters, prediction, map, deskew_passes};
+  other.frame.stamp_ns = frame.stamp_ns;
+  other.frame.T_world_predicted = frame.T_world_predicted;
+  other.frame.searched = true;
+  return other;
+}
+
 void Odometry::Attempt::Take(Attempt&& other) {
   frame = other.frame;
   deskewed = std::move(other.deskewed);

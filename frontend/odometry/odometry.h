@@ -177,6 +177,8 @@ class Odometry {
     std::vector<PointCluster> deskewed = {};  // by frame.sweep
 
     void Deskew(const SweepMotion& sweep);
+    // Another one of the same scan, which is searched for as well and not matched yet.
+    Attempt Anew(int deskew_passes) const;
     // Of the same scan.
     void Take(Attempt&& other);
   };

@@ -83,9 +83,8 @@ void Odometry::FindTurn(const PoseHypotheses& hypotheses, Attempt* attempt) cons
   constexpr int kPasses = 4;
   // Of the turn since the last scan, in the time between: it begins at the latest with the scan.
   constexpr double kShares[] = {1.0, 1.5, 2.0};
-  const OdometryFrame& found = attempt->frame;
   const PosePrediction& prediction = attempt->prediction;
-  const double dt = motion_.Gap(found.stamp_ns);
+  const double dt = motion_.Gap(attempt->frame.stamp_ns);
   if (lost_ || !motion_.moving_known() || attempt->passes == 0 || dt > options_.vouched_gap_s)
     return;
   const std::vector<TimedCluster> some = Thinned(attempt->clusters, kClusters);
@@ -107,11 +106,8 @@ void Odometry::FindTurn(const PoseHypotheses& hypotheses, Attempt* attempt) cons
     }
   }
   if (best.status == MatchResult::Status::kTooFewMatches) return;
-  Attempt turned{attempt->clusters, prediction, attempt->map, kPasses};
+  Attempt turned = attempt->Anew(kPasses);
   OdometryFrame& frame = turned.frame;
-  frame.stamp_ns = found.stamp_ns;
-  frame.T_world_predicted = found.T_world_predicted;
-  frame.searched = true;
   turned.Deskew(best_sweep);
   frame.match = matcher_.Match(turned.deskewed, prediction, best.T_world_lidar, turned.map);
   MatchDeskewed(&turned);
@@ -132,11 +128,8 @@ void Odometry::ReturnToPrediction(Attempt* attempt) const {
   if (lost_ || !motion_.moving_known() || !WithinReach(prediction) ||
       motion_.Gap(found.stamp_ns) > options_.vouched_gap_s)
     return;
-  Attempt near{attempt->clusters, prediction, attempt->map, attempt->passes};
+  Attempt near = attempt->Anew(attempt->passes);
   OdometryFrame& frame = near.frame;
-  frame.stamp_ns = found.stamp_ns;
-  frame.T_world_predicted = found.T_world_predicted;
-  frame.searched = true;
   frame.elsewhere = elsewhere_;
   near.Deskew(motion_.Twist(found.stamp_ns));
   frame.match = narrow_matcher_.Match(near.deskewed, prediction, near.map);

@@ -326,15 +326,15 @@ bool BeyondASweep(const TimeSpan& span) {
 // a part of the sweep, stay as they are.
 void FitClockNearZero(StampNs stamp_ns, Scan* scan) {
   constexpr double kSameS = 0.5, kHourS = 3600.0, kEpochS = 1e9;
-  const TimeSpan span = SpanOfTimes(scan->time_s);
-  if (scan->time_s.empty() || !BeyondASweep(span)) return;
+  constexpr double kNearS = 2.0;  // more than offsets and kSameS together
   const double stamp_s = kSecondsPerNs * static_cast<double>(stamp_ns);
-  double origin_s = 0.0;
-  if (std::abs(stamp_s - span.low_s) <= kSameS) {
-    origin_s = stamp_s;
-  } else if (stamp_s > kEpochS && std::abs(std::fmod(stamp_s, kHourS) - span.low_s) <= kSameS) {
-    origin_s = span.low_s;
-  }
+  const bool within_hour = stamp_s > kEpochS;
+  const double reads_s = within_hour ? std::fmod(stamp_s, kHourS) : stamp_s;
+  // The times of most scans need not be looked at.
+  if (scan->time_s.empty() || reads_s > kNearS) return;
+  const TimeSpan span = SpanOfTimes(scan->time_s);
+  if (!BeyondASweep(span) || std::abs(reads_s - span.low_s) > kSameS) return;
+  const double origin_s = within_hour ? span.low_s : stamp_s;
   for (float& t : scan->time_s) t = static_cast<float>(static_cast<double>(t) - origin_s);
 }
 

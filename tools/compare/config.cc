@@ -14,7 +14,7 @@ CompareConfig LoadCompareConfig(const std::string& path,
                                 const std::vector<std::string>& key_values) {
   CompareConfig config;
   ReadOptions(path, key_values, [&](OptionVisitor& v) { config.Visit(v); });
-  config.lamina.backend.CheckTogether();
+  config.lamina.CheckTogether();
   return config;
 }
 

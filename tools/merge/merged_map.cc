@@ -15,21 +15,26 @@ namespace {
 // Of association, as a factor, where all pairs are compared.
 constexpr int kMoreRounds = 4;
 
-void CheckLeaves(const std::vector<Drive>& drives) {
-  const Submap* first = nullptr;
+template <typename Visit>
+void ForEachSubmap(const std::vector<Drive>& drives, const Visit& visit) {
   for (const Drive& drive : drives) {
     for (const SubmapFrame& frame : drive.frames) {
-      for (const Submap& submap : frame.submaps) {
-        if (first == nullptr) first = &submap;
-        if (submap.leaf_size_m == first->leaf_size_m) continue;
-        throw InputError(fmt::format(
-            "{}: its voxels are of {} m, those of {} of {} m: drives to be merged need the same "
-            "map.root_size_m and map.depth. Map one of them again with those of the other, which "
-            "are in its config.yaml (lamina run --config)",
-            drive.folder, submap.leaf_size_m, drives.front().folder, first->leaf_size_m));
-      }
+      for (const Submap& submap : frame.submaps) visit(drive, submap);
     }
   }
+}
+
+void CheckLeaves(const std::vector<Drive>& drives) {
+  const Submap* first = nullptr;
+  ForEachSubmap(drives, [&](const Drive& drive, const Submap& submap) {
+    if (first == nullptr) first = &submap;
+    if (submap.leaf_size_m == first->leaf_size_m) return;
+    throw InputError(fmt::format(
+        "{}: its voxels are of {} m, those of {} of {} m: drives to be merged need the same "
+        "map.root_size_m and map.depth. Map one of them again with those of the other, which are "
+        "in its config.yaml (lamina run --config)",
+        drive.folder, submap.leaf_size_m, drives.front().folder, first->leaf_size_m));
+  });
 }
 
 bool AreTheSame(const Submap& a, const Submap& b) {
@@ -45,23 +50,18 @@ bool AreTheSame(const Submap& a, const Submap& b) {
 // A drive that is there twice would be drawn twice, and agree with itself to the bit.
 void RefuseRepeated(const std::vector<Drive>& drives) {
   std::multimap<StampNs, std::pair<const Drive*, const Submap*>> by_stamp;
-  for (const Drive& drive : drives) {
-    for (const SubmapFrame& frame : drive.frames) {
-      for (const Submap& submap : frame.submaps) {
-        if (submap.keyframes.empty()) continue;
-        const StampNs stamp_ns = submap.keyframes.front().stamp_ns;
-        const auto [begin, end] = by_stamp.equal_range(stamp_ns);
-        for (auto other = begin; other != end; ++other) {
-          const auto& [of, known] = other->second;
-          if (of == &drive || !AreTheSame(submap, *known)) continue;
-          throw InputError(
-              fmt::format("{}: has a part of the map of {}: the same drive is there twice",
-                          drive.folder, of->folder));
-        }
-        by_stamp.emplace(stamp_ns, std::make_pair(&drive, &submap));
-      }
+  ForEachSubmap(drives, [&](const Drive& drive, const Submap& submap) {
+    if (submap.keyframes.empty()) return;
+    const StampNs stamp_ns = submap.keyframes.front().stamp_ns;
+    const auto [begin, end] = by_stamp.equal_range(stamp_ns);
+    for (auto other = begin; other != end; ++other) {
+      const auto& [of, known] = other->second;
+      if (of == &drive || !AreTheSame(submap, *known)) continue;
+      throw InputError(fmt::format("{}: has a part of the map of {}: the same drive is there twice",
+                                   drive.folder, of->folder));
     }
-  }
+    by_stamp.emplace(stamp_ns, std::make_pair(&drive, &submap));
+  });
 }
 
 }  // namespace
