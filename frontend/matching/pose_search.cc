@@ -38,6 +38,9 @@ bool MayHaveTurnedAbout(const PosePrediction& prediction) {
   return kLikelySigmas * SigmaRad(prediction) > 0.5 * M_PI;
 }
 
+// Of poses that are minima of their own: beside the right one there are others.
+constexpr double kMinimaApart = 0.3;
+
 // U = 2 log(1 + s^2) of a pose that is s standard deviations from its prediction.
 double Unlikeliness(const PosePrediction& prediction, const SE3& T_world_lidar) {
   const Vector6d delta = LocalDelta(prediction.T_world_lidar, T_world_lidar);
@@ -146,9 +149,7 @@ void PoseSearch::Descend(const SearchedScan& scan, PoseHypotheses* hypotheses) c
 std::vector<SE3> PoseSearch::Starts(const SearchedScan& scan, const PoseHypotheses& hypotheses,
                                     std::size_t most, const Wanted& wanted) const {
   std::vector<SE3> starts = Promising(scan, hypotheses.dense, 0.0, 1.0, most, wanted);
-  // At a minimum the fit tells, however much of the scan meets planes at all. Beside the right one
-  // there are others.
-  constexpr double kMinimaApart = 0.3;
+  // At a minimum the fit tells, however much of the scan meets planes at all.
   const std::vector<SE3> minima =
       Promising(scan, hypotheses.coarse, MatchResult::kChanceFit, kMinimaApart, most, wanted);
   starts.insert(starts.end(), minima.begin(), minima.end());
@@ -174,6 +175,10 @@ std::vector<SE3> PoseSearch::LeadElsewhere(const SearchedScan& scan, std::vector
   const MatchResult& known = ends.back();
   constexpr double kBetter = 0.003;
   std::vector<SE3> elsewhere;
+  // A narrow minimum may be one of all clusters alone: a part of them leads out of it.
+  if (known.status != MatchResult::Status::kTooFewMatches &&
+      Apart(known.T_world_lidar, given.T_world_lidar, kMinimaApart))
+    elsewhere.push_back(known.T_world_lidar);
   for (std::size_t i = 0; i + 1 < ends.size(); ++i) {
     const MatchResult& end = ends[i];
     if (end.status != MatchResult::Status::kTooFewMatches &&

@@ -17,6 +17,13 @@ TEST(AdverseCarPark, IsTrackedWhereTheSensorShakes) {
   }
 }
 
+// The match of all clusters may end in a narrow minimum that a part of them leads out of.
+TEST(AdverseCarPark, IsNotLostInANarrowMinimumWhereTheSensorShakes) {
+  const Verdict verdict = Tried("carpark-shake", 601, 72);
+  EXPECT_LT(verdict.worst_deg, 0.5) << verdict.broken;
+  EXPECT_EQ(verdict.lost, 0u) << verdict.broken;
+}
+
 // Nor do single matches tell what stands from what moves along where each sweep is of a motion of
 // its own: the first ones follow cars at the sensor's speed, with which all scans together differ.
 TEST(AdverseCarPark, IsTrackedWhereEachSweepIsShaken) {
