@@ -27,7 +27,7 @@ struct SearchedScan {
   // The map is young, and the sensor may never have moved in it: places are compared by votes
   // (FitDifference), which the errors of its beams do not sway.
   bool starting = false;
-  // Searches before it led to the same place: it need not be told from others so clearly.
+  // What was known before leads to the same place: it need not be told from others so clearly.
   bool agreed = false;
   // Its points have times: what it has of the motion between them may make it fit badly.
   bool timed = false;

@@ -11,7 +11,7 @@ struct PoseSearchOptions {
   double trigger_rotation_deg = 2.0;
   double trigger_translation_m = 0.5;
   // ... the share of inliers is below this part of its recent median.
-  double trigger_inlier_ratio = 0.7;
+  double trigger_inlier_ratio = 0.85;
   // Turns: -range, ..., -step, 0, step, ..., range about each axis.
   double range_deg = 15.0;
   double step_deg = 5.0;

@@ -66,7 +66,8 @@ OdometryFrame Odometry::FindAgain(StampNs stamp_ns, const VoxelMap& map, bool se
                           options_.lost_inlier_ratio * RecentInliers()))
       continue;
     constexpr int kAgreeing = 2;
-    scan.agreed = track->Guessed(frame.match.T_world_lidar) >= kAgreeing;
+    scan.agreed = WhereMotionLeads(frame.match, prediction) ||
+                  track->Guessed(frame.match.T_world_lidar) >= kAgreeing;
     Judge(scan, hypotheses, &frame);
     const bool alone = SettleNewest(*track, prediction, map, &frame);
     DoubtUnbridged(prediction, alone ? track->Newest() : clusters, map, &frame);

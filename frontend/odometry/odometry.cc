@@ -258,6 +258,12 @@ bool Odometry::AsExpected(const MatchResult& match, const PosePrediction& predic
          RotationAngle(match.T_world_lidar, prediction.T_world_lidar) <= kNearRad;
 }
 
+bool Odometry::WhereMotionLeads(const MatchResult& match, const PosePrediction& prediction) {
+  constexpr double kNearM = 0.3, kNearRad = 0.03;
+  return (match.T_world_lidar.t - prediction.T_world_lidar.t).norm() <= kNearM &&
+         RotationAngle(match.T_world_lidar, prediction.T_world_lidar) <= kNearRad;
+}
+
 bool Odometry::Vouches(const MatchResult& match, const PosePrediction& prediction) const {
   if (motion_.moving_known()) return WithinReach(prediction) || AsExpected(match, prediction);
   // At a start near is likely, whatever the clock leaves open.
@@ -335,7 +341,9 @@ bool Odometry::Believed(const OdometryFrame& frame, const SearchedScan& scan,
   if (match.fit() < std::max(kLeastFit, usual_fit)) return false;
   // Of all the places about where a lost scan may be, some fit by chance.
   constexpr double kFoundFit = 0.9;
-  if (lost_ && !WithinReach(prediction) && match.fit() < kFoundFit * recent_fit) return false;
+  if (lost_ && !WithinReach(prediction) && !WhereMotionLeads(match, prediction) &&
+      match.fit() < kFoundFit * recent_fit)
+    return false;
   if (gap && !StoodStill(match)) {
     // Beyond the reach of the search there may be a better place, unless the scan after a gap meets
     // as much of the map as scans did before: where the sensor has not been, the map has less. One

@@ -200,6 +200,9 @@ class Odometry {
   // Whether a match is so near a prediction that is not much worse, and fits so well, that another
   // place is not to be expected.
   bool AsExpected(const MatchResult& match, const PosePrediction& prediction) const;
+  // Whether a match is where the motion before leads, within what that is off by in a second: of
+  // all the places about, a wrong one lies there by chance alone, however unsure the prediction is.
+  static bool WhereMotionLeads(const MatchResult& match, const PosePrediction& prediction);
   // Whether a match near the prediction needs no other evidence.
   bool Vouches(const MatchResult& match, const PosePrediction& prediction) const;
   // Whether matching alone cannot be trusted to find the way.

@@ -303,7 +303,7 @@ TEST(AdverseStart, WhatAllScansDoubtIsNotBelieved) {
 // Lost at 15 m/s while it brakes, found by no search, and begun anew where it sets off: of few
 // points, what faces the way holds the first scans where the piece began, 0.27 m behind.
 TEST(AdverseStart, AfterALossNothingIsBelievedBeforeTheStartIsTold) {
-  const Verdict verdict = Tried("brake-5000", 8, 80);
+  const Verdict verdict = Tried("brake-5000", 603, 80);
   EXPECT_LT(verdict.worst_m, 0.1);
   EXPECT_GT(verdict.pieces, 1u);
 }
