@@ -50,6 +50,9 @@ class JoinCandidates {
   std::string SingleRefusal(const JoinGroup& group) const;
   // Whether a pair of it fits clearly better at another pose, turned by so much at least.
   bool FitsBetterElsewhere(const JoinGroup& group, double least_turn_rad) const;
+  // Whether most of its pairs that fit turned by half a turn as well do so nearly as well: what
+  // they agree in is then a shell such as that of a room, which others have, too.
+  bool FitsTurnedAsWell(const JoinGroup& group) const;
 
   const PieceSubmaps& submaps_;
   const LoopOptions& options_;

@@ -214,15 +214,6 @@ std::vector<SubmapPair> PieceJoiner::Beside(const std::vector<bool>& joins,
   return pairs;
 }
 
-// Whether a match that is no loop may be right all the same: open along a street, it could lie
-// elsewhere as well, but need not; and of two submaps that overlap in part, each has structure
-// where the other did not look.
-bool MayBeRight(const SubmapMatch& match, VerificationOptions options) {
-  options.min_facing = 0.0;
-  if (NoneIsGone(match)) options.min_structure = 0.0;
-  return Refusal(match, options).empty();
-}
-
 // Registers them, and keeps those that agree; what came of it adds to *evidence.
 void PieceJoiner::Compare(const std::vector<SubmapPair>& pairs, Evidence* evidence) {
   const std::vector<SubmapMatch> matches = Register(pairs);

@@ -10,7 +10,7 @@
 //     overlap    of those that do not lie flat, the share that agrees, of all that lie on planes of
 //                the other one: ground lies on ground anywhere
 //     structure  share of the query's leaves that do not lie flat where the other one has anything
-//                at all: also what is no plane must be there
+//                at all, on its plane where it has one: also what is no plane must be there
 //     residual   root mean square of the distances of those that agree, in sigmas: the planes' own
 //                thickness and the noise floor
 //     gone       share of what rises above the sensor in one of them, and should show in the other,
@@ -71,8 +71,18 @@ bool NoneIsGone(const SubmapMatch& match);
 // one of them.
 bool FitsClearlyBetter(const SubmapMatch& one, const SubmapMatch& other);
 
+// Whether so much less of the first one's structure is missing that the second pose, half a turn
+// from it, is none that the place would fit as well.
+bool LacksFarLess(const SubmapMatch& one, const SubmapMatch& other);
+
 // Why a match is not to be believed; empty if it is.
 std::string Refusal(const SubmapMatch& match, const VerificationOptions& options);
+
+// Whether one that is not may be right all the same, where others expect it: open along a street,
+// it could lie elsewhere as well, but need not; and of two submaps that overlap in part, each has
+// structure where the other did not look, and what was parked there on one day shows in fewer
+// looks.
+bool MayBeRight(const SubmapMatch& match, VerificationOptions options);
 
 // A submap that others are registered against. Immutable; thread-safe.
 class SubmapTarget {

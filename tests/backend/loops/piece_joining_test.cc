@@ -145,6 +145,17 @@ TEST(PieceJoining, AHallIsJoinedTheRightWayRound) {
   }
 }
 
+// Their shell fits at two poses, furniture that stands near a wall of one is not that of the other.
+TEST(PieceJoining, HallsOfOneShapeAndOtherFurnitureStayApart) {
+  const std::vector<SE3> round = Drive({{-8, -3}, {8, -3}, {8, 3}, {-8, 3}, {-8, -3}});
+  for (unsigned seed = 1; seed <= 4; ++seed) {
+    SCOPED_TRACE(seed);
+    const MappedDrive first = MapDrive(FurnishedHall(seed), round, 3);
+    const MappedDrive second = MapDrive(FurnishedHall(seed + 10), round, 4);
+    EXPECT_EQ(Join({&first, &second}).part, (std::vector<std::size_t>{0, 1}));
+  }
+}
+
 TEST(PieceJoining, DrivesOfDifferentTownsStayApart) {
   const std::vector<SE3> drive = Drive({{-60, -60}, {60, -60}, {60, 60}});
   for (unsigned seed = 1; seed <= 2; ++seed) {

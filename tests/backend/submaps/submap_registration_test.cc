@@ -84,6 +84,27 @@ TEST(SubmapRegistration, ARoomTurnedByHalfATurnFitsClearlyWorse) {
   EXPECT_FALSE(FitsClearlyBetter(MatchOf(310, 0.95, 0.91, 0.30), MatchOf(300, 0.94, 0.90, 0.33)));
 }
 
+TEST(SubmapRegistration, WhatOverlapsInPartAmongOtherCarsMayBeRight) {
+  SubmapMatch match = MatchOf(300, 0.9, 0.3, 0.5);
+  match.facing = 2.0;
+  match.gone = 0.1;
+  EXPECT_TRUE(MayBeRight(match, VerificationOptions()));
+  match.gone = 0.2;
+  EXPECT_FALSE(MayBeRight(match, VerificationOptions()));
+  match = MatchOf(300, 0.8, 0.3, 0.5);
+  match.looks = 1000;
+  match.gone = 0.05;
+  EXPECT_FALSE(MayBeRight(match, VerificationOptions()));
+  match.gone = 0.0;
+  EXPECT_TRUE(MayBeRight(match, VerificationOptions()));
+}
+
+TEST(SubmapRegistration, ARivalOfHalfATurnLacksFarMore) {
+  EXPECT_TRUE(LacksFarLess(MatchOf(300, 0.95, 0.95, 0.3), MatchOf(300, 0.9, 0.8, 0.5)));
+  // In rooms of one shape and other furniture neither pose has more than the shell.
+  EXPECT_FALSE(LacksFarLess(MatchOf(300, 0.95, 0.84, 0.3), MatchOf(300, 0.9, 0.75, 0.5)));
+}
+
 TEST(SubmapRegistration, AFewVansMayBeGoneWhereAllElseAgrees) {
   SubmapMatch match = GoodMatch();
   match.gone = 0.04;
