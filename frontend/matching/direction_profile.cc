@@ -204,8 +204,9 @@ template <typename Wanted>
 DirectionProfile::MovedClusters DirectionProfile::ClustersThat(const Wanted& wanted) const {
   MovedClusters those;
   VoxelIndex index(64);
-  for (const PointCluster& cluster : clusters_) {
-    if (!wanted(cluster)) continue;
+  for (std::size_t i = 0; i < clusters_.size(); ++i) {
+    if (!wanted(i)) continue;
+    const PointCluster& cluster = clusters_[i];
     const std::int32_t block =
         index.FindOrInsert(BlockAround(cluster.mean), static_cast<std::int32_t>(index.size()));
     those.clusters.push_back(cluster);
@@ -246,25 +247,38 @@ DirectionProfile::Loss DirectionProfile::LossAt(double s_m, MovedClusters* of) c
 }
 
 double DirectionProfile::Blocks() const {
-  MovedClusters all = ClustersThat([](const PointCluster&) { return true; });
+  MovedClusters all = ClustersThat([](std::size_t) { return true; });
   return LossAt(0.0, &all).blocks;
 }
 
 DirectionProfile::MovedClusters DirectionProfile::Facing(double from_m, double to_m) const {
+  constexpr std::size_t kTogether = 64;
   const double step_m = 0.5 * map_.options().LeafSize();
   const int steps = std::max(1, static_cast<int>(std::ceil((to_m - from_m) / step_m)));
-  std::vector<SE3> places;
-  for (int i = 0; i <= steps; ++i) places.push_back(At(from_m + i * (to_m - from_m) / steps));
-  return ClustersThat([&](const PointCluster& cluster) {
+  struct Place {
+    Eigen::Matrix3d R;
+    Eigen::Vector3d t;
+    LeafPlace leaves[kTogether];  // where it takes some of the clusters
+  };
+  std::vector<Place> places;
+  for (int i = 0; i <= steps; ++i) {
+    const SE3 T = At(from_m + i * (to_m - from_m) / steps);
+    places.push_back({T.R(), T.t, {}});
+  }
+  // Asked for one cluster after the other: leaves are found for many of them at once.
+  return ClustersThat([&](std::size_t i) {
+    const std::size_t k = i % kTogether, count = std::min(kTogether, clusters_.size() - i);
+    for (Place& place : places) {
+      if (k == 0) map_.PlacesOf(&clusters_[i], 1, count, place.R, place.t, place.leaves);
+    }
     PlaneAround around;
-    return std::any_of(places.begin(), places.end(), [&](const SE3& T) {
-      const Eigen::Vector3d p = T * cluster.mean;
-      around.MoveTo(map_.CanHold(p) ? map_.PlaceOf(p) : LeafPlace(), map_, instead_);
+    return std::any_of(places.begin(), places.end(), [&](const Place& place) {
+      around.MoveTo(place.leaves[k], map_, instead_);
       const Surface* const plane = around.plane();
       if (plane == nullptr) return false;
-      const Eigen::Vector3d normal_lidar =
-          T.q.conjugate() * Eigen::Vector3d(plane->normal.cast<double>());
-      return CountingAlong(*plane, Leak2(*plane), normal_lidar, cluster.mean, direction_) > 0.0;
+      const Eigen::Vector3d normal_lidar = place.R.transpose() * plane->normal.cast<double>();
+      return CountingAlong(*plane, Leak2(*plane), normal_lidar, clusters_[i].mean, direction_) >
+             0.0;
     });
   });
 }
