@@ -146,35 +146,6 @@ MetPlanes MapResiduals::Meet(const SE3& T, double kernel_sigma, const Vector6d& 
   return met;
 }
 
-SeenThrough MapResiduals::FindSeenThrough(const MetPlanes& met) const {
-  SeenThrough seen;
-  for (const auto& [id, plane] : met.planes) {
-    if (!plane.faces) continue;
-    const bool through = met.beams.SeeThrough(*plane.plane, map_.Aggregate(id), plane.points);
-    (through ? seen.H : seen.H_opaque) += plane.sums.H();
-    if (through) seen.planes.push_back(id);
-  }
-  // Rounding differs across the diagonal.
-  seen.H = seen.H.selfadjointView<Eigen::Upper>();
-  seen.H_opaque = seen.H_opaque.selfadjointView<Eigen::Upper>();
-  return seen;
-}
-
-bool MapResiduals::OfOneSensor(const MetPlanes& met) const {
-  constexpr int kLeastOthers = 20;
-  constexpr double kMostPassed = 0.02;
-  const auto others = std::count_if(met.planes.begin(), met.planes.end(),
-                                    [](const auto& p) { return !p.second.faces; });
-  if (others < kLeastOthers) return false;
-  int through = 0;
-  for (const auto& [id, plane] : met.planes) {
-    if (plane.faces || !met.beams.SeeThrough(*plane.plane, map_.Aggregate(id), plane.points))
-      continue;
-    if (++through > kMostPassed * static_cast<double>(others)) return false;
-  }
-  return true;
-}
-
 void MapResiduals::Drop(const std::vector<VoxelMap::NodeId>& planes) {
   dropped_.insert(dropped_.end(), planes.begin(), planes.end());
   std::sort(dropped_.begin(), dropped_.end());

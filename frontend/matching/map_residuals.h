@@ -92,8 +92,11 @@ class MapResiduals {
 
   // `direction`: scaled tangent.
   MetPlanes Meet(const SE3& T, double kernel_sigma, const Vector6d& direction);
-  // Which planes that face the direction the scan sees through (seen_through.h).
-  SeenThrough FindSeenThrough(const MetPlanes& met) const;
+  // Which planes that face the direction the scan sees through (seen_through.h). None where the
+  // others that face it have more of the information along it than these have, together with
+  // `feigned` of such planes dropped before: that shows before all are looked at.
+  SeenThrough FindSeenThrough(const MetPlanes& met, const Vector6d& direction,
+                              double feigned) const;
   // Whether the beams come from where the scan says: those of several sensors in one scan, or
   // points drawn on surfaces whatever stands before them, pass planes that do not face the
   // direction as well.

@@ -99,7 +99,7 @@ class Descent {
     if (evidence.Facing(0) >= kFewFacing) return false;
     const Vector6d v = evidence.directions.col(0);
     const MetPlanes met = residuals_->Meet(T_, options_.kernel_end_sigma, v);
-    const SeenThrough seen = residuals_->FindSeenThrough(met);
+    const SeenThrough seen = residuals_->FindSeenThrough(met, v, v.dot(feigned_ * v));
     const Matrix6d feigned = feigned_ + DividedByArm(seen.H), opaque = DividedByArm(seen.H_opaque);
     if (seen.planes.empty() || !MostlyFeigned(v, feigned, opaque) || !residuals_->OfOneSensor(met))
       return false;
