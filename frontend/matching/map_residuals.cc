@@ -239,13 +239,15 @@ Matrix6d MapResiduals::GradientScatter(const SE3& T, double kernel_sigma, BlockS
   H.diagonal().array() += 1e-9 * H.trace();
   const Eigen::LLT<Matrix6d> factor(H);  // L L'
   const auto L = factor.matrixL();
+  const Matrix6d inverse = factor.solve(Matrix6d::Identity());
   Matrix6d scatter = Matrix6d::Zero();
   for (const Block& block : blocks) {
     Vector6d g = block.sums.g();
-    // L^-1 H_s L^-T, whose eigenvalues are the block's shares.
-    Matrix6d shares = L.solve(block.sums.H());
-    shares = L.solve(shares.transpose().eval());
-    if (shares.trace() > kSmallShare) {
+    const Matrix6d H_s = block.sums.H();
+    // The eigenvalues of L^-1 H_s L^-T are the block's shares, and their sum is tr H_s H^-1.
+    if (H_s.cwiseProduct(inverse).sum() > kSmallShare) {
+      Matrix6d shares = L.solve(H_s);
+      shares = L.solve(shares.transpose().eval());
       const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(shares);
       const Vector6d left = 1.0 - eigen.eigenvalues().array().min(kMostShare).max(0.0);
       Vector6d along =
