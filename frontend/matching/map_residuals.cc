@@ -64,7 +64,8 @@ RowSettings MapResiduals::SettingsAt(const SE3& T, double kernel_sigma) const {
   return {T.R(), T.t, kernel_sigma, floor2_, beam2_};
 }
 
-NormalEquations MapResiduals::At(const SE3& T, double kernel_sigma, const Matrix6d* watched) {
+NormalEquations MapResiduals::Sum(const SE3& T, double kernel_sigma, const Matrix6d* watched,
+                                  bool with_normal) {
   Associate(T, T.R());
   const RowSettings settings = SettingsAt(T, kernel_sigma);
   NormalEquations zero;
@@ -76,13 +77,9 @@ NormalEquations MapResiduals::At(const SE3& T, double kernel_sigma, const Matrix
         EvidenceSums evidence(zero.all.directions);
         ForEachRows(begin, end, settings,
                     [&](const MatchRow* rows, const std::size_t* of, std::size_t count) {
-                      sums.Add(rows, count);
-                      if (rows[0].on_ring) rings.Add(rows, count);
+                      if (with_normal) sums.Add(rows, count);
+                      if (with_normal && rows[0].on_ring) rings.Add(rows, count);
                       if (watched != nullptr) evidence.Add(rows, of, count, clusters_.data());
-                      for (std::size_t k = 0; k < count; ++k) {
-                        sum.matched += rows[k].matched ? 1 : 0;
-                        sum.matched_old += rows[k].matched && !rows[k].young ? 1 : 0;
-                      }
                     });
         sum.H = sums.H();
         sum.H_rings = rings.H();
@@ -90,6 +87,8 @@ NormalEquations MapResiduals::At(const SE3& T, double kernel_sigma, const Matrix
         sum.weight = sums.weight();
         sum.robust = sums.robust();
         sum.residual2 = sums.residual2();
+        sum.matched = static_cast<int>(sums.matched);
+        sum.matched_old = static_cast<int>(sums.matched_old);
         EvidenceSums::Store(evidence.all, &sum.all);
         EvidenceSums::Store(evidence.old, &sum.old);
         return sum;

@@ -83,7 +83,13 @@ class MapResiduals {
   bool use_rough = false;
 
   // Evidence along the columns of *watched (scaled tangent) is gathered if it is not null.
-  NormalEquations At(const SE3& T, double kernel_sigma, const Matrix6d* watched);
+  NormalEquations At(const SE3& T, double kernel_sigma, const Matrix6d* watched) {
+    return Sum(T, kernel_sigma, watched, /*with_normal=*/true);
+  }
+  // That evidence alone, without what costs most: the rest is zero.
+  NormalEquations EvidenceAt(const SE3& T, double kernel_sigma, const Matrix6d& watched) {
+    return Sum(T, kernel_sigma, &watched, /*with_normal=*/false);
+  }
 
   // What other planes in the place of the map's surfaces say along the columns of `directions`. The
   // object serves for nothing else thereafter.
@@ -119,6 +125,8 @@ class MapResiduals {
     RowSums sums;
   };
   std::vector<Block> Blocks(const SE3& T, double kernel_sigma);
+  // At, with the normal equations or without.
+  NormalEquations Sum(const SE3& T, double kernel_sigma, const Matrix6d* watched, bool with_normal);
   static BlockStep StepOf(const std::vector<Block>& blocks);
   // Sum of g g' over the surfaces that a block's clusters meet, g being the gradient of a surface's
   // own. At the pose of the last At.

@@ -214,6 +214,8 @@ void RowSums::Add(const MatchRow* rows, std::size_t count) {
     sum.g_upper += products.g_upper;
     sum.g_lower += products.g_lower;
     sum.weights += Four{rows[i].w, rows[i].robust, rows[i].residual2, 0.0};
+    sum.matched += static_cast<std::int64_t>(rows[i].matched);
+    sum.matched_old += static_cast<std::int64_t>(rows[i].matched & !rows[i].young);
   }
   *this = sum;
 }

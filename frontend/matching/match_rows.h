@@ -9,6 +9,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 
 #include "core/base/processor.h"
 #include "core/geometry/point_cluster.h"
@@ -54,6 +55,8 @@ struct alignas(32) RowSums {
   // Rows 0 to 3 of each column of H, rows 4 and 5 of two columns at a time; g in the same way.
   Four upper[6], lower[3], g_upper, g_lower;
   Four weights;  // w, robust, residual2
+  // Rows that are matched, and those of them that are not young.
+  std::int64_t matched, matched_old;
 
   RowSums();
   void Add(const MatchRow* rows, std::size_t count);

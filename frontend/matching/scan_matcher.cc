@@ -32,6 +32,10 @@ Matrix6d EigenvectorsOf(const Matrix6d& H, double* smallest) {
   return solver.eigenvectors();
 }
 
+double SmallestEigenvalue(const Matrix6d& H) {
+  return Eigen::SelfAdjointEigenSolver<Matrix6d>(H, Eigen::EigenvaluesOnly).eigenvalues()(0);
+}
+
 // Gauss-Newton from a start to a minimum.
 class Descent {
  public:
@@ -95,7 +99,7 @@ class Descent {
     if (smallest_ * kCertainM * kCertainM > 1.0) return false;
     const bool watched = !eq_.all.information.isZero();
     const DirectionEvidence evidence =
-        watched ? eq_.all : residuals_->At(T_, options_.kernel_end_sigma, &basis_).all;
+        watched ? eq_.all : residuals_->EvidenceAt(T_, options_.kernel_end_sigma, basis_).all;
     if (evidence.Facing(0) >= kFewFacing) return false;
     const Vector6d v = evidence.directions.col(0);
     const MetPlanes met = residuals_->Meet(T_, options_.kernel_end_sigma, v);
@@ -124,7 +128,13 @@ class Descent {
     }
     // The eigenvectors are those of the step before: they turn little.
     const bool watch = decide && Doubtful();
-    if (!first || watch) eq_ = residuals_->At(T_, kernel, watch ? &basis_ : nullptr);
+    if (!first) {
+      eq_ = residuals_->At(T_, kernel, watch ? &basis_ : nullptr);
+    } else if (watch) {
+      const NormalEquations evidence = residuals_->EvidenceAt(T_, kernel, basis_);
+      eq_.all = evidence.all;
+      eq_.old = evidence.old;
+    }
     if (eq_.matched < kMinMatches) return false;
     if (decide) held_ = Decide(watch);
     if (held_.count > (known_ == nullptr ? 0 : 1) && !residuals_->use_rough) {
@@ -141,7 +151,7 @@ class Descent {
     basis_ = EigenvectorsOf(WithKnown(DividedByArm(eq_.H)), &smallest_);
     // What lines of single rings seem to hold is not known.
     if (residuals_->use_rough)
-      EigenvectorsOf(WithKnown(DividedByArm(Matrix6d(eq_.H - eq_.H_rings))), &smallest_);
+      smallest_ = SmallestEigenvalue(WithKnown(DividedByArm(Matrix6d(eq_.H - eq_.H_rings))));
   }
 
   Matrix6d WithKnown(const Matrix6d& H) const {
