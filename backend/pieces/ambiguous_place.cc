@@ -5,17 +5,17 @@
 
 #include "backend/pieces/older_planes.h"
 #include "core/base/angle.h"
+#include "core/geometry/robust_kernel.h"
 #include "frontend/matching/plane_score.h"
 
 namespace lamina {
 namespace {
 
-// U = 2 log(1 + s^2) of a turn against the predicted one over a gap, which turned the sensor at
-// some rate, however it began.
+// U (CauchyCost) of a turn against the predicted one over a gap, which turned the sensor at some
+// rate, however it began.
 double TurnUnlikeliness(const SE3& T_predicted, const SE3& T, double gap_s) {
   constexpr double kRateDegS = 60.0;
-  return 2.0 *
-         std::log1p(std::pow(RotationAngle(T_predicted, T) / (Radians(kRateDegS) * gap_s), 2));
+  return CauchyCost(std::pow(RotationAngle(T_predicted, T) / (Radians(kRateDegS) * gap_s), 2));
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 #include "core/base/median.h"
 #include "core/base/parallel.h"
 #include "core/base/thinning.h"
+#include "core/geometry/robust_kernel.h"
 
 namespace lamina {
 namespace {
@@ -41,10 +42,10 @@ bool MayHaveTurnedAbout(const PosePrediction& prediction) {
 // Of poses that are minima of their own: beside the right one there are others.
 constexpr double kMinimaApart = 0.3;
 
-// U = 2 log(1 + s^2) of a pose that is s standard deviations from its prediction.
+// U (CauchyCost) of a pose by its prediction.
 double Unlikeliness(const PosePrediction& prediction, const SE3& T_world_lidar) {
   const Vector6d delta = LocalDelta(prediction.T_world_lidar, T_world_lidar);
-  return 2.0 * std::log1p(delta.dot(prediction.covariance.ldlt().solve(delta)));
+  return CauchyCost(delta.dot(prediction.covariance.ldlt().solve(delta)));
 }
 
 // Half-way between the outermost of the values, single ones beyond them left aside.
