@@ -83,13 +83,13 @@ void Mapper::StartOver(OdometryFrame* frame) {
   constexpr std::int64_t kTakenBack = -1;  // before the first keyframe
   if (!solving_.empty()) solving_ = {kTakenBack};
   keyframes_since_solve_ = frames_since_keyframe_ = 0;
-  const StartTrack::Scan& first = start_.scans().front();
+  const StartScan& first = start_.scans().front();
   start_.Move(FirstMiddle(first.sweep) * first.T_world_lidar.Inverse());
   OdometryFrame taken;
   taken.match.degenerate_directions = start_.match().degenerate_directions;
   taken.match.degenerate_information = start_.match().degenerate_information;
   for (std::size_t k = 0; k < start_.scans().size(); ++k) {
-    const StartTrack::Scan& scan = start_.scans()[k];
+    const StartScan& scan = start_.scans()[k];
     taken.status = k == 0 ? OdometryFrame::Status::kFirst : OdometryFrame::Status::kTracked;
     taken.stamp_ns = scan.stamp_ns;
     taken.T_world_lidar = taken.T_world_predicted = scan.T_world_lidar;
@@ -100,7 +100,7 @@ void Mapper::StartOver(OdometryFrame* frame) {
     open_.Set(k, scan.T_world_lidar, scan.sweep);
   }
   if (start_.told_by_all()) {
-    const StartTrack::Scan& before = *(start_.scans().end() - 2);
+    const StartScan& before = *(start_.scans().end() - 2);
     stretch_.StartOver(before.stamp_ns, before.T_world_lidar,
                        SecondsBetween(before.stamp_ns, taken.stamp_ns), StartTrack::kToldM,
                        open_.NextKeyframe());

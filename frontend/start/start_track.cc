@@ -1,6 +1,5 @@
 #include "frontend/start/start_track.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -28,10 +27,10 @@ double FitAlong(const Surface& plane, const Eigen::Vector3d& p, const Eigen::Vec
 }  // namespace
 
 StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& map_options)
-    : map_options_(map_options),
-      // Hypotheses are minima already: a wide kernel would lead all of them into one.
-      matcher_(WithNarrowKernel(options.matcher)),
-      open_sigma_m_(options.matcher.max_direction_sigma_m) {
+    // Hypotheses are minima already: a wide kernel would lead all of them into one.
+    : matcher_(WithNarrowKernel(options.matcher)),
+      open_sigma_m_(options.matcher.max_direction_sigma_m),
+      scans_(map_options) {
   // Smaller ones hold too few points of sparse scans.
   constexpr double kLeastVoxelM = 0.4;
   steady_.voxel_size_m = std::max(kLeastVoxelM, map_options.LeafSize());
@@ -41,43 +40,44 @@ StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& ma
 }
 
 void StartTrack::Clear() {
-  open_ = overruled_ = unrivalled_ = told_by_all_ = way_open_ = refuted_ = given_up_ = false;
-  sparse_ = shaken_ = false;
-  stamps_recorded_ = true;
-  scans_.clear();
+  state_ = State::kKept;
+  seen_ = Seen();
+  own_way_ = OwnWay::kHeld;
+  refuted_ = false;
+  scans_.Clear();
   hypotheses_.clear();
 }
 
 void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
                      const std::vector<TimedCluster>& clusters) {
   if (!scans_.empty()) {
-    const double gap_s = SecondsBetween(scans_.back().stamp_ns, frame.stamp_ns);
+    const double gap_s = SecondsBetween(scans_.all().back().stamp_ns, frame.stamp_ns);
     if (gap_s <= 0.0 || gap_s > kMostStartGapS) return Clear();
   }
-  stamps_recorded_ = stamps_recorded_ && !stamp_made_up;
-  scans_.push_back({frame.stamp_ns, clusters, frame.T_world_lidar, SweepMotion()});
+  seen_.stamps_recorded = seen_.stamps_recorded && !stamp_made_up;
+  scans_.Add({frame.stamp_ns, clusters, frame.T_world_lidar, SweepMotion()});
   if (scans_.size() == 1) {
     steady_.max_speed_m_s = MaxSpeedMS();
     return;
   }
-  if (scans_.size() == 2) sparse_ = ToldByBeams(frame.match);
+  if (scans_.size() == 2) seen_.sparse = ToldByBeams(frame.match);
   if (frame.sweep.of_scan) Shake(scans_.size() - 1, frame.sweep);
-  all_tracked_ = all_tracked_ && frame.status == OdometryFrame::Status::kTracked;
-  if (unrivalled_) return Trust();
+  seen_.all_tracked = seen_.all_tracked && frame.status == OdometryFrame::Status::kTracked;
+  if (own_way_ == OwnWay::kUnrivalled) return Trust();
   if (frame.open_m > std::max(open_m_, open_sigma_m_)) {
     open_m_ = frame.open_m;
     open_along_ = frame.match.weakest_direction.tail<3>();
   }
-  if (frame.match.worst_sigma_m > open_sigma_m_) ++without_planes_;
+  if (frame.match.worst_sigma_m > open_sigma_m_) ++seen_.without_planes;
   // A turn that is open is none of a steady way.
   constexpr double kMostlyWay = 0.7;
-  way_open_ = open_along_.norm() > kMostlyWay;
-  if (shaken_ && !sparse_) {
+  own_way_ = open_along_.norm() > kMostlyWay ? OwnWay::kOpen : OwnWay::kHeld;
+  if (seen_.shaken && !seen_.sparse) {
     // Shaking parts steps from a steady way, and what looks shaken may be a match drawn aside: only
     // the steady motion of all scans together tells the way.
     hypotheses_.clear();
   } else if (scans_.size() == 2) {
-    if (stamps_recorded_) Begin(frame);
+    if (seen_.stamps_recorded) Begin(frame);
   } else {
     std::vector<Hypothesis> followed;
     for (const Hypothesis& hypothesis : hypotheses_) {
@@ -89,77 +89,34 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
 }
 
 void StartTrack::ShakeFirst(const SweepMotion& sweep) {
-  if (open_ && scans_.size() == 2 && sweep.of_scan) Shake(0, sweep);
+  if (open() && scans_.size() == 2 && sweep.of_scan) Shake(0, sweep);
 }
 
 void StartTrack::Shake(std::size_t scan, const SweepMotion& sweep) {
-  shaken_ = true;
-  if (sparse_) return;
-  scans_[scan].sweep = sweep;
-  scans_[scan].sweep.twist -= Twist(OwnPoses(), scan);
+  seen_.shaken = true;
+  if (seen_.sparse) return;
+  SweepMotion& beside = scans_.all()[scan].sweep;
+  beside = sweep;
+  beside.twist -= scans_.Twist(scans_.OwnPoses(), scan);
 }
 
 double StartTrack::MaxSpeedMS() const {
   // Where the sensor sees as far as that takes it in a second and a half.
   constexpr double kMostSigmas = 3.0, kFarthest = 0.98, kAheadS = 1.5;
   std::vector<double> ranges_m;
-  for (const TimedCluster& cluster : scans_.front().clusters)
+  for (const TimedCluster& cluster : scans_[0].clusters)
     ranges_m.push_back(cluster.points.mean.norm());
   const double sees_m = ranges_m.empty() ? 0.0 : Quantile(&ranges_m, kFarthest);
   const double sigma_m_s = steady_.speed_sigma_m_s;
   return std::clamp(sees_m / kAheadS, kUsualSigmas * sigma_m_s, kMostSigmas * sigma_m_s);
 }
 
-Eigen::Matrix3d StartTrack::Faced(const std::vector<SE3>& poses, std::size_t scans) const {
-  const VoxelMap map = MapOf(poses, scans);
-  Eigen::Matrix3d faced = Eigen::Matrix3d::Zero();
-  const std::size_t last = scans_.size() - 1;
-  for (const PointCluster& cluster : Deskewed(last, poses)) {
-    const Surface* plane = map.PlaneAt(poses[last] * cluster.mean);
-    if (plane == nullptr) continue;
-    const Eigen::Vector3d normal = plane->normal.cast<double>();
-    faced += normal * normal.transpose();
-  }
-  return faced;
-}
-
-Eigen::Vector3d StartTrack::LeastFaced(const Eigen::Matrix3d& faced) {
-  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(faced).eigenvectors().col(0);
-}
-
-VoxelMap StartTrack::MapOf(const std::vector<SE3>& poses, std::size_t scans,
-                           std::size_t without) const {
-  VoxelMap map(map_options_);
-  for (std::size_t k = 0; k < scans; ++k) {
-    if (k != without) map.AddFrame(Deskewed(k, poses), poses[k], static_cast<std::int64_t>(k));
-  }
-  map.Refresh();
-  return map;
-}
-
 void StartTrack::Move(const SE3& correction) {
-  for (Scan& scan : scans_) scan.T_world_lidar = correction * scan.T_world_lidar;
+  for (StartScan& scan : scans_.all()) scan.T_world_lidar = correction * scan.T_world_lidar;
   for (Hypothesis& hypothesis : hypotheses_) {
     for (SE3& T : hypothesis.poses) T = correction * T;
   }
   match_.T_world_lidar = correction * match_.T_world_lidar;
-}
-
-Vector6d StartTrack::Twist(const std::vector<SE3>& poses, std::size_t scan) const {
-  const std::size_t after = std::max<std::size_t>(scan, 1);
-  if (after >= poses.size()) return Vector6d::Zero();
-  return MeanTwist(poses[after - 1], poses[after], GapS(after));
-}
-
-SweepMotion StartTrack::Sweep(const std::vector<SE3>& poses, std::size_t scan) const {
-  SweepMotion sweep = scans_[scan].sweep;
-  sweep.twist += Twist(poses, scan);
-  return sweep;
-}
-
-std::vector<PointCluster> StartTrack::Deskewed(std::size_t scan,
-                                               const std::vector<SE3>& poses) const {
-  return DeskewClusters(scans_[scan].clusters, Sweep(poses, scan));
 }
 
 std::vector<SE3> StartTrack::Minima(const std::vector<PointCluster>& clusters,
@@ -203,7 +160,7 @@ std::vector<SE3> StartTrack::Minima(const std::vector<PointCluster>& clusters,
   const bool far = steady_.max_speed_m_s > kUsualSigmas * steady_.speed_sigma_m_s;
   std::vector<SE3> poses;
   for (const auto& [evidence, way_m] : minima) {
-    const bool fast = far && std::abs(way_m) > kFastMS * GapS(scans_.size() - 1);
+    const bool fast = far && std::abs(way_m) > kFastMS * scans_.GapS(scans_.size() - 1);
     if (evidence < (fast ? kFaintShare : kLeastShare) * minima.front().first) continue;
     poses.emplace_back(T_world_lidar.q, T_world_lidar.t + way_m * u_);
   }
@@ -214,16 +171,16 @@ void StartTrack::Begin(const OdometryFrame& frame) {
   if (frame.match.status == MatchResult::Status::kTooFewMatches) return;
   const SE3& T_first = scans_[0].T_world_lidar;
   const SE3& T = frame.match.T_world_lidar;
-  const VoxelMap map = MapOf({T_first, T}, 1);
-  const std::vector<PointCluster> clusters = Deskewed(1, {T_first, T});
-  u_ = LeastFaced(Faced({T_first, T}, 1));
+  const VoxelMap map = scans_.MapOf({T_first, T}, 1);
+  const std::vector<PointCluster> clusters = scans_.Deskewed(1, {T_first, T});
+  u_ = LeastFaced(scans_.Faced({T_first, T}, 1));
   std::vector<SE3> starts = {T};
   // Along u the sensor may have moved so far to either side of where it was.
-  const double reach_m = steady_.max_speed_m_s * GapS(1) + 0.5 * kScaleM;
+  const double reach_m = steady_.max_speed_m_s * scans_.GapS(1) + 0.5 * kScaleM;
   for (const SE3& minimum : Minima(clusters, T, map, u_.dot(T_first.t - T.t), reach_m)) {
     if ((minimum.t - T.t).norm() > kSameM) starts.push_back(minimum);
   }
-  if (starts.size() == 1 && !way_open_) return;
+  if (starts.size() == 1 && own_way_ != OwnWay::kOpen) return;
   for (const SE3& start : starts) {
     Hypothesis hypothesis;
     hypothesis.poses = {T_first, start};
@@ -245,9 +202,9 @@ std::vector<StartTrack::Hypothesis> StartTrack::Follow(const Hypothesis& hypothe
   constexpr double kReachM = 0.25;
   std::vector<SE3> poses = hypothesis.poses;
   const std::size_t last = poses.size() - 1;
-  poses.push_back(poses[last] * TwistExp(GapS(last + 1) * Twist(poses, last)));
-  const VoxelMap map = MapOf(poses, last + 1);
-  const std::vector<PointCluster> clusters = Deskewed(last + 1, poses);
+  poses.push_back(poses[last] * TwistExp(scans_.GapS(last + 1) * scans_.Twist(poses, last)));
+  const VoxelMap map = scans_.MapOf(poses, last + 1);
+  const std::vector<PointCluster> clusters = scans_.Deskewed(last + 1, poses);
   std::vector<SE3> starts = {poses.back()};
   for (const SE3& minimum : Minima(clusters, poses.back(), map, 0.0, kReachM)) {
     if ((minimum.t - starts.front().t).norm() > kSameWayM) starts.push_back(minimum);
@@ -281,8 +238,8 @@ bool StartTrack::MatchSecond(Hypothesis* hypothesis) const {
   // The first two scans are deskewed by the motion that their match finds.
   const int rounds = AnyTimed(scans_[1].clusters) ? 3 : 1;
   for (int round = 0; round < rounds; ++round) {
-    const VoxelMap map = MapOf(hypothesis->poses, 1);
-    const std::vector<PointCluster> clusters = Deskewed(1, hypothesis->poses);
+    const VoxelMap map = scans_.MapOf(hypothesis->poses, 1);
+    const std::vector<PointCluster> clusters = scans_.Deskewed(1, hypothesis->poses);
     hypothesis->fits.clear();
     if (!Match(map, clusters, hypothesis)) return false;
   }
@@ -291,12 +248,12 @@ bool StartTrack::MatchSecond(Hypothesis* hypothesis) const {
 
 void StartTrack::Overrule(const std::vector<SE3>& poses, const std::vector<SE3>& moving,
                           const MatchResult& match) {
-  const bool led_elsewhere = Apart(poses, OwnPoses()) > kSameWayM;
-  open_ = false;
-  overruled_ = true;
+  const bool led_elsewhere = Apart(poses, scans_.OwnPoses()) > kSameWayM;
+  state_ = State::kOverruled;
   for (std::size_t k = 0; k < scans_.size(); ++k) {
-    scans_[k].T_world_lidar = poses[k];
-    scans_[k].sweep = Sweep(moving, k);
+    StartScan& scan = scans_.all()[k];
+    scan.T_world_lidar = poses[k];
+    scan.sweep = scans_.Sweep(moving, k);
   }
   match_ = match;
   // Where planes that few scans have seen led odometry to another place, as in the sheets that
@@ -312,43 +269,45 @@ void StartTrack::Overrule(const std::vector<SE3>& poses, const std::vector<SE3>&
 }
 
 void StartTrack::Decide() {
+  const bool way_open = own_way_ == OwnWay::kOpen;
   const bool last = scans_.size() >= kMostScans;
   const bool many = last || scans_.size() == kManyScans;
-  if (sparse_) {
+  if (seen_.sparse) {
     if (many && TakeByBeams()) return;
-    if (shaken_ && last) return Clear();
-    if (shaken_ || !many) {
+    if (seen_.shaken && last) return Clear();
+    if (seen_.shaken || !many) {
       if (!hypotheses_.empty()) Rank();
       return;
     }
   }
-  if (way_open_ && many) {
+  if (way_open && many) {
     if (TakeSteady()) return;
     if (refuted_ && last) return GiveUp();
     if (refuted_) return;
   }
   // Where planes leave the way open by themselves, as in a tunnel, poses are called degenerate, and
   // another start would be no better.
-  if (way_open_ && last && 2 * without_planes_ >= scans_.size()) return Clear();
-  if (way_open_ && last && SettingOff(OwnPoses())) return CheckSettingOff(OwnPoses());
+  if (way_open && last && 2 * seen_.without_planes >= scans_.size()) return Clear();
+  if (way_open && last && SettingOff(scans_.OwnPoses())) return CheckSettingOff(scans_.OwnPoses());
   if (hypotheses_.empty()) {
     // Steps that no clock tells may be uneven, and then no steady motion explains them.
-    if (way_open_ && last) return stamps_recorded_ ? GiveUp() : Clear();
-    if (!way_open_) Trust();
+    if (way_open && last) return seen_.stamps_recorded ? GiveUp() : Clear();
+    if (!way_open) Trust();
     return;
   }
   Rank();
   const Hypothesis& best = hypotheses_.front();
   // Nor does a hypothesis that agrees with odometry explain what speaks against that.
-  if (!last && refuted_ && Apart(best.poses, OwnPoses()) <= kAgreesM) return;
+  if (!last && refuted_ && Apart(best.poses, scans_.OwnPoses()) <= kAgreesM) return;
   // What sets off together is as steady as what stands, and two of them part late.
-  if (!last && SettingOff(best.poses) && (way_open_ || !SameWay(best.poses, OwnPoses()))) return;
-  const bool told = !way_open_ || (all_tracked_ && Steady(best.poses));
-  const bool alone = hypotheses_.size() == 1 && (!way_open_ || scans_.size() >= kManyScans);
+  if (!last && SettingOff(best.poses) && (way_open || !SameWay(best.poses, scans_.OwnPoses())))
+    return;
+  const bool told = !way_open || (seen_.all_tracked && Steady(best.poses));
+  const bool alone = hypotheses_.size() == 1 && (!way_open || scans_.size() >= kManyScans);
   if (!last && !(told && alone)) return;
   if (!told) return GiveUp();
   // Of several that are left at the end one that is likely better is followed.
-  const std::vector<SE3> own = OwnPoses();
+  const std::vector<SE3> own = scans_.OwnPoses();
   for (const Hypothesis& h : hypotheses_) {
     if (SameWay(h.poses, own) && Better(best, h) < kLikelySigmas) return Trust();
   }
@@ -371,26 +330,20 @@ void StartTrack::TakeBest() {
   }
 }
 
-std::vector<SE3> StartTrack::OwnPoses() const {
-  std::vector<SE3> own;
-  for (const Scan& scan : scans_) own.push_back(scan.T_world_lidar);
-  return own;
-}
-
 void StartTrack::GiveUp() {
   Clear();
-  given_up_ = true;
+  state_ = State::kGivenUp;
 }
 
 bool StartTrack::unsettled() const {
   constexpr double kOpenM = 0.1;
-  if (!open_) return false;
+  if (!open()) return false;
   if (refuted_) return true;
-  const std::vector<SE3> own = OwnPoses();
+  const std::vector<SE3> own = scans_.OwnPoses();
   // All scans are asked which of the two it is, but not yet.
   const bool as_best = hypotheses_.empty() || SameWay(hypotheses_.front().poses, own);
   if (!as_best && scans_.size() > 2 && SettingOff(hypotheses_.front().poses)) return true;
-  return way_open_ && open_m_ > kOpenM && !(all_tracked_ && Steady(own));
+  return own_way_ == OwnWay::kOpen && open_m_ > kOpenM && !(seen_.all_tracked && Steady(own));
 }
 
 Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
@@ -404,9 +357,16 @@ Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
 }
 
 void StartTrack::Archive(StateArchive& a) {
-  a(&open_, &overruled_, &unrivalled_, &way_open_, &all_tracked_, &open_m_, &open_along_, &scans_,
-    &hypotheses_, &without_planes_, &u_, &after_others_, &after_given_up_, &refuted_, &sparse_,
-    &shaken_, &stamps_recorded_);
+  // Of a closed start nothing more: what it came to is asked for before the next scan.
+  bool open = this->open(), overruled = this->overruled();
+  bool unrivalled = own_way_ == OwnWay::kUnrivalled, way_open = own_way_ == OwnWay::kOpen;
+  a(&open, &overruled, &unrivalled, &way_open, &seen_.all_tracked, &open_m_, &open_along_, &scans_,
+    &hypotheses_, &seen_.without_planes, &u_, &unproven_, &after_given_up_, &refuted_,
+    &seen_.sparse, &seen_.shaken, &seen_.stamps_recorded);
+  if (a.reading()) {
+    state_ = open ? State::kOpen : overruled ? State::kOverruled : State::kKept;
+    own_way_ = unrivalled ? OwnWay::kUnrivalled : way_open ? OwnWay::kOpen : OwnWay::kHeld;
+  }
   if (!scans_.empty()) steady_.max_speed_m_s = MaxSpeedMS();
 }
 

@@ -82,8 +82,7 @@
 #include "core/map/voxel_map.h"
 #include "frontend/matching/scan_matcher.h"
 #include "frontend/odometry/odometry.h"
-#include "frontend/scan/scan_clusters.h"
-#include "frontend/start/beam_agreement.h"
+#include "frontend/start/start_scans.h"
 #include "frontend/start/steady_motion.h"
 
 namespace lamina {
@@ -93,20 +92,27 @@ class StartTrack {
  public:
   StartTrack(const OdometryOptions& options, const VoxelMapOptions& map_options);
 
-  // Whether the next scan is wanted: from the first one on, until one hypothesis is left or taken.
-  bool open() const { return open_; }
+  enum class State : std::uint8_t {
+    kOpen,       // the next scan is wanted
+    kKept,       // odometry's way is kept, or may not be doubted any more
+    kOverruled,  // another hypothesis than odometry's way is left
+    kToldByAll,  // overruled by the one motion that all scans together explain
+    kGivenUp,    // no way explains the scans: what they made of a map is of no use
+  };
+  // From the first scan on until one hypothesis is left or taken.
+  bool open() const { return state_ == State::kOpen; }
   // Whether there is more than one hypothesis, or the way is open.
-  bool contested() const { return open_ && (way_open_ || !hypotheses_.empty()); }
+  bool contested() const { return open() && (own_way_ == OwnWay::kOpen || !hypotheses_.empty()); }
 
   // Before the first scan: these follow others whose map they were lost to, or whose start was
   // given up.
   void FollowPiece(bool given_up) {
-    after_others_ = true;
+    unproven_ = true;
     after_given_up_ = given_up;
   }
   // Whether they follow such ones, and nothing tells yet that odometry does better with them: the
   // sensor may be in motion, and what moves along hides that.
-  bool unproven() const { return open_ && after_others_; }
+  bool unproven() const { return open() && unproven_; }
 
   // The next scan, and what odometry made of it. The first has no match. The second gives the
   // hypotheses about its match; scans that are far apart in time, or made-up stamps, give none.
@@ -116,34 +122,18 @@ class StartTrack {
   // After the second one: the motion during the first, if that looks shaken as well.
   void ShakeFirst(const SweepMotion& sweep);
 
-  // A start as one hypothesis has it.
-  struct Scan {
-    StampNs stamp_ns = 0;
-    std::vector<TimedCluster> clusters;
-    SE3 T_world_lidar;
-    // Of a scan that looks shaken: what its motion has beside that from pose to pose. Once closed:
-    // its motion.
-    SweepMotion sweep;
-
-    void Archive(StateArchive& a) {
-      a(&stamp_ns, &clusters, &T_world_lidar, &sweep.twist, &sweep.acceleration, &sweep.of_scan);
-    }
-  };
-  // Once closed: whether another hypothesis than that of odometry is left. Then scans() has all
-  // scans so far under that hypothesis, the first one where odometry has it, and match() is that of
-  // the newest. What holds it along the way (MatchResult::degenerate_information), if anything, is
-  // to hold all.
-  bool overruled() const { return overruled_; }
-  // Whether that one was told by all scans together, as the one motion that they explain, and not
-  // as what was left of several; and what that leaves open of each pose, a standard deviation.
-  bool told_by_all() const { return told_by_all_; }
+  // Whether scans() has all scans so far under another hypothesis than odometry's, the first one
+  // where odometry has it, with their motions, and match() is that of the newest. What holds it
+  // along the way (MatchResult::degenerate_information), if anything, is to hold all.
+  bool overruled() const { return state_ == State::kOverruled || told_by_all(); }
+  // That leaves kToldM open of each pose, a standard deviation.
+  bool told_by_all() const { return state_ == State::kToldByAll; }
   static constexpr double kToldM = 0.05;
-  // Once closed: whether no way explains the scans. What they made of a map is of no use.
-  bool given_up() const { return given_up_; }
+  bool given_up() const { return state_ == State::kGivenUp; }
   // Whether nothing so far tells the way along the direction that a match left open: odometry's
   // poses may be chance; or whether another way than theirs is the best so far.
   bool unsettled() const;
-  const std::vector<Scan>& scans() const { return scans_; }
+  const std::vector<StartScan>& scans() const { return scans_.all(); }
   const MatchResult& match() const { return match_; }
   // Frees what it holds.
   void Clear();
@@ -173,8 +163,6 @@ class StartTrack {
   // Ways that nowhere differ by more are one.
   static constexpr double kSameWayM = 0.05;
   static bool SameWay(const std::vector<SE3>& a, const std::vector<SE3>& b);
-  // The largest distance between two ways.
-  static double Apart(const std::vector<SE3>& a, const std::vector<SE3>& b);
   // A steady motion is a way if it differs from it by less ...
   static constexpr double kAgreesM = 0.15;
   // Two ways that are one may differ by as much, each being found to half of that.
@@ -187,8 +175,6 @@ class StartTrack {
   double Better(const Hypothesis& a, const Hypothesis& b) const;
   // SteadyMotionOptions::max_speed_m_s, by what the first scan sees.
   double MaxSpeedMS() const;
-  // Since the scan before.
-  double GapS(std::size_t scan) const;
   // Of the change of velocity between the ways to a scan and to the one before it: what the motion
   // options allow, and what comes of three poses that are wrong by `pose_m`, one sigma each.
   double ChangeVariance(std::size_t scan, double pose_m) const;
@@ -196,23 +182,8 @@ class StartTrack {
   double Unsteadiness(const std::vector<SE3>& poses) const;
   // Whether U is what the motion options lead to expect.
   bool Steady(const std::vector<SE3>& poses) const;
-  // Body twist at a scan, per second, from the motion since the one before; at the first, that of
-  // the second.
-  Vector6d Twist(const std::vector<SE3>& poses, std::size_t scan) const;
-  // The motion during it: by that twist, and by what it was shaken.
-  SweepMotion Sweep(const std::vector<SE3>& poses, std::size_t scan) const;
   // Notes that a scan looks shaken, with that motion by odometry's poses.
   void Shake(std::size_t scan, const SweepMotion& sweep);
-  // A scan by that motion.
-  std::vector<PointCluster> Deskewed(std::size_t scan, const std::vector<SE3>& poses) const;
-  // Of the first so many scans, or all of them but one.
-  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
-  VoxelMap MapOf(const std::vector<SE3>& poses, std::size_t scans,
-                 std::size_t without = kNone) const;
-  // Sum of n n^T over the planes that the newest scan meets in a map of the first so many.
-  Eigen::Matrix3d Faced(const std::vector<SE3>& poses, std::size_t scans) const;
-  // The direction that the fewest planes face.
-  static Eigen::Vector3d LeastFaced(const Eigen::Matrix3d& faced);
   // Poses that differ by moves along u, and fit better than those beside them.
   std::vector<SE3> Minima(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
                           const VoxelMap& map, double middle_m, double reach_m) const;
@@ -224,8 +195,6 @@ class StartTrack {
              Hypothesis* hypothesis) const;
   // The same for the second scan, deskewed by the motion that the match finds.
   bool MatchSecond(Hypothesis* hypothesis) const;
-  // Poses as odometry has them.
-  std::vector<SE3> OwnPoses() const;
   // Sorts the hypotheses, the best first, and drops what is refuted and what is another's double.
   void Rank();
   void Decide();
@@ -271,22 +240,6 @@ class StartTrack {
   // Whether the second scan meets few planes of the first, and repeats few of its rays: rings that
   // go with the sensor agree on the ground, and best where it stands.
   bool ToldByBeams(const MatchResult& second) const;
-  // Of a scan, deskewed.
-  BeamAgreement BeamsOf(const std::vector<PointCluster>& clusters) const;
-  // Two scans that follow one another, deskewed by the motion that poses have.
-  struct BeamPair {
-    BeamAgreement before;
-    std::vector<PointCluster> clusters;
-    SE3 T_before_this;
-  };
-  std::vector<BeamPair> BeamPairs(const std::vector<SE3>& poses) const;
-  // Mean over the pairs (beam_agreement.h), the later scan so far aside in the frame of the sensor.
-  static double Agreement(const std::vector<BeamPair>& pairs,
-                          const Eigen::Vector3d& aside = Eigen::Vector3d::Zero());
-  // Whether beams agree less to every side. On ground and walls along the way they do not.
-  static bool BeamsTell(const std::vector<BeamPair>& pairs, double agreement);
-  // Each scan where its beams agree best with those of the one before.
-  std::vector<SE3> PosesByBeams() const;
   // Brings each pose to the map that all others make, in rounds; the match of the last.
   bool SettleAll(std::vector<SE3>* poses, MatchResult* match) const;
   // Closes with the poses that beams agree on, where odometry's are refuted by them.
@@ -304,6 +257,10 @@ class StartTrack {
     bool told = false;            // known well enough to be one, as far as that is asked
     bool refutes = false;         // the poses' way, clearly
   };
+  // Closes with that motion.
+  bool TakeSettled(const SteadyAlong& steady) {
+    return TakeSettled(steady.poses, steady.poses, steady.along);
+  }
   // Whether what is left open of the speed is asked for, too, which takes a while.
   enum class OpenSpeed { kAlways, kIfRefutes };
   SteadyAlong FindAlong(const std::vector<SE3>& from, const Eigen::Vector3d& u, double noise_m,
@@ -342,28 +299,33 @@ class StartTrack {
   void Overrule(const std::vector<SE3>& poses, const std::vector<SE3>& moving,
                 const MatchResult& match);
 
-  VoxelMapOptions map_options_;
   ScanMatcher matcher_;
   double open_sigma_m_;
   SteadyMotionOptions steady_;
-  bool open_ = true, overruled_ = false;
-  bool unrivalled_ = false;      // of several ways odometry's is left
-  bool told_by_all_ = false;     // not archived: who asks does so at once
-  bool given_up_ = false;        // not archived: who asks does so at once
-  bool after_others_ = false;    // after others, and no way is told
+  State state_ = State::kOpen;
+  bool unproven_ = false;        // after others, and no way is told
   bool after_given_up_ = false;  // after a start that was given up
-  std::vector<Scan> scans_;      // poses and motions: once closed
-  std::vector<Hypothesis> hypotheses_;
-  // Whether a match left the way open, whether all scans so far were tracked, and whether many of
-  // them together speak against odometry's way: then only all may tell another.
-  bool way_open_ = false, all_tracked_ = true, refuted_ = false;
-  bool stamps_recorded_ = true;  // stamps are recorded
-  bool sparse_ = false;          // ToldByBeams
-  bool shaken_ = false;          // some scan looked so
-  // By how much at most, and along which direction.
+  // What the scans so far are like.
+  struct Seen {
+    bool all_tracked = true, stamps_recorded = true;
+    bool sparse = false;             // ToldByBeams
+    bool shaken = false;             // some scan looked so
+    std::size_t without_planes = 0;  // of so many planes do not tell the way
+  };
+  Seen seen_;
+  // What speaks for odometry's way.
+  enum class OwnWay : std::uint8_t {
+    kHeld,        // matches leave nothing open
+    kOpen,        // one left it open, by open_m_ at most, along open_along_
+    kUnrivalled,  // of several ways it is left
+  };
+  OwnWay own_way_ = OwnWay::kHeld;
+  // What speaks against it: many scans together. Then only all may tell another.
+  bool refuted_ = false;
   double open_m_ = 0.0;
   Eigen::Vector3d open_along_ = Eigen::Vector3d::Zero();
-  std::size_t without_planes_ = 0;  // scans of whose way planes say nothing
+  StartScans scans_;  // under the hypothesis that is left, once overruled
+  std::vector<Hypothesis> hypotheses_;
   MatchResult match_;
   Eigen::Vector3d u_ = Eigen::Vector3d::UnitX();
 };

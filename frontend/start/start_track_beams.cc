@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "frontend/start/beam_agreement.h"
 #include "frontend/start/start_track.h"
 
 namespace lamina {
@@ -13,35 +14,33 @@ namespace {
 // Of ranges along beams that meet the same thing, in noise of one.
 constexpr double kRangeSigmas = 3.0;
 
-}  // namespace
-
-BeamAgreement StartTrack::BeamsOf(const std::vector<PointCluster>& clusters) const {
-  return {clusters, kRangeSigmas * steady_.noise_m};
+// The beams of a scan, deskewed.
+BeamAgreement BeamsOf(const std::vector<PointCluster>& clusters, double noise_m) {
+  return {clusters, kRangeSigmas * noise_m};
 }
 
-bool StartTrack::ToldByBeams(const MatchResult& second) const {
-  // Of a Mid-360 among trees and in streets 0.03 of the rays lie beside those before, of 16 rings
-  // and of an Avia 0.4 and more, of 2000 rays of a sensor that begins anywhere in its first step
-  // 0.16.
-  constexpr double kSparse = 0.3, kRepeated = 0.1;
-  if (second.overlap() >= kSparse) return false;
-  const Vector6d rest = Vector6d::Zero();
-  const auto at_rest = [&](std::size_t k) { return DeskewClusters(scans_[k].clusters, rest); };
-  return BeamsOf(at_rest(0)).Beside(at_rest(1), SE3()) < kRepeated;
-}
+// Two scans that follow one another, deskewed by the motion that poses have.
+struct BeamPair {
+  BeamAgreement before;
+  std::vector<PointCluster> clusters;
+  SE3 T_before_this;
+};
 
-std::vector<StartTrack::BeamPair> StartTrack::BeamPairs(const std::vector<SE3>& poses) const {
+std::vector<BeamPair> BeamPairs(const StartScans& scans, const std::vector<SE3>& poses,
+                                double noise_m) {
   std::vector<BeamPair> pairs;
-  std::vector<PointCluster> before = Deskewed(0, poses);
+  std::vector<PointCluster> before = scans.Deskewed(0, poses);
   for (std::size_t k = 1; k < poses.size(); ++k) {
-    std::vector<PointCluster> clusters = Deskewed(k, poses);
-    pairs.push_back({BeamsOf(before), clusters, poses[k - 1].Inverse() * poses[k]});
+    std::vector<PointCluster> clusters = scans.Deskewed(k, poses);
+    pairs.push_back({BeamsOf(before, noise_m), clusters, poses[k - 1].Inverse() * poses[k]});
     before = std::move(clusters);
   }
   return pairs;
 }
 
-double StartTrack::Agreement(const std::vector<BeamPair>& pairs, const Eigen::Vector3d& aside) {
+// Mean over the pairs (beam_agreement.h), the later scan so far aside in the frame of the sensor.
+double Agreement(const std::vector<BeamPair>& pairs,
+                 const Eigen::Vector3d& aside = Eigen::Vector3d::Zero()) {
   double sum = 0.0;
   for (const BeamPair& pair : pairs) {
     SE3 T = pair.T_before_this;
@@ -51,7 +50,8 @@ double StartTrack::Agreement(const std::vector<BeamPair>& pairs, const Eigen::Ve
   return sum / static_cast<double>(pairs.size());
 }
 
-bool StartTrack::BeamsTell(const std::vector<BeamPair>& pairs, double agreement) {
+// Whether beams agree less to every side. On ground and walls along the way they do not.
+bool BeamsTell(const std::vector<BeamPair>& pairs, double agreement) {
   // Among trees it is 0.1 of the agreement so far aside, in streets 0.5 to 0.7 along the way.
   // Trunks and walls let beams slide upwards, 0.4, but few sensors leave the ground.
   constexpr double kAsideM = 0.3, kMostAcross = 0.3, kMostUp = 0.6;
@@ -66,19 +66,20 @@ bool StartTrack::BeamsTell(const std::vector<BeamPair>& pairs, double agreement)
          Agreement(pairs, -up) <= kMostUp * agreement;
 }
 
-std::vector<SE3> StartTrack::PosesByBeams() const {
-  const std::vector<SE3> own = OwnPoses();
+// Each scan where its beams agree best with those of the one before.
+std::vector<SE3> PosesByBeams(const StartScans& scans, double noise_m) {
+  const std::vector<SE3> own = scans.OwnPoses();
   std::vector<SE3> poses = {own.front()};
   Vector6d twist = Vector6d::Zero();
-  for (std::size_t k = 1; k < scans_.size(); ++k) {
-    const double gap_s = GapS(k);
+  for (std::size_t k = 1; k < scans.size(); ++k) {
+    const double gap_s = scans.GapS(k);
     double most = -1.0;
     Vector6d best = twist;
-    BeamAgreement before = BeamsOf(DeskewClusters(scans_[k - 1].clusters, twist));
+    BeamAgreement before = BeamsOf(DeskewClusters(scans[k - 1].clusters, twist), noise_m);
     const auto climb = [&](const Vector6d& from) {
       // The first scan is deskewed by the motion to the second.
-      if (k == 1) before = BeamsOf(DeskewClusters(scans_[0].clusters, from));
-      const std::vector<PointCluster> clusters = DeskewClusters(scans_[k].clusters, from);
+      if (k == 1) before = BeamsOf(DeskewClusters(scans[0].clusters, from), noise_m);
+      const std::vector<PointCluster> clusters = DeskewClusters(scans[k].clusters, from);
       const SE3 T = before.Climb(clusters, TwistExp(gap_s * from));
       const double agreement = before.Of(clusters, T);
       if (agreement <= most) return;
@@ -87,12 +88,25 @@ std::vector<SE3> StartTrack::PosesByBeams() const {
     };
     climb(twist);
     if (k > 1) climb(Vector6d::Zero());
-    climb(Twist(own, k));
-    if (AnyTimed(scans_[k].clusters)) climb(Vector6d(best));
+    climb(scans.Twist(own, k));
+    if (AnyTimed(scans[k].clusters)) climb(Vector6d(best));
     twist = best;
     poses.push_back(poses.back() * TwistExp(gap_s * twist));
   }
   return poses;
+}
+
+}  // namespace
+
+bool StartTrack::ToldByBeams(const MatchResult& second) const {
+  // Of a Mid-360 among trees and in streets 0.03 of the rays lie beside those before, of 16 rings
+  // and of an Avia 0.4 and more, of 2000 rays of a sensor that begins anywhere in its first step
+  // 0.16.
+  constexpr double kSparse = 0.3, kRepeated = 0.1;
+  if (second.overlap() >= kSparse) return false;
+  const Vector6d rest = Vector6d::Zero();
+  const auto at_rest = [&](std::size_t k) { return DeskewClusters(scans_[k].clusters, rest); };
+  return BeamsOf(at_rest(0), steady_.noise_m).Beside(at_rest(1), SE3()) < kRepeated;
 }
 
 bool StartTrack::SettleAll(std::vector<SE3>* poses, MatchResult* match) const {
@@ -105,9 +119,9 @@ bool StartTrack::SettleAll(std::vector<SE3>* poses, MatchResult* match) const {
   for (int round = 0; round < kMostRounds; ++round) {
     const std::vector<SE3> before = *poses;
     for (std::size_t k = 0; k < poses->size(); ++k) {
-      const VoxelMap map = MapOf(*poses, poses->size(), k);
+      const VoxelMap map = scans_.MapOf(*poses, poses->size(), k);
       prediction.T_world_lidar = (*poses)[k];
-      *match = matcher_.Match(Deskewed(k, *poses), prediction, map);
+      *match = matcher_.Match(scans_.Deskewed(k, *poses), prediction, map);
       if (match->status == MatchResult::Status::kTooFewMatches) return false;
       (*poses)[k] = match->T_world_lidar;
     }
@@ -120,16 +134,18 @@ bool StartTrack::TakeByBeams() {
   // Chance has 0.1 to 0.2. Ways that are right agree alike, within a tenth; one that is drawn aside
   // in some of its scans has less, and what settles on that has, too.
   constexpr double kLeastAgreement = 0.3, kRefuted = 0.85, kKept = 0.8;
-  std::vector<SE3> poses = PosesByBeams();
-  const std::vector<BeamPair> pairs = BeamPairs(poses);
-  const double found = Agreement(pairs), own = Agreement(BeamPairs(OwnPoses()));
+  const double noise_m = steady_.noise_m;
+  std::vector<SE3> poses = PosesByBeams(scans_, noise_m);
+  const std::vector<BeamPair> pairs = BeamPairs(scans_, poses, noise_m);
+  const double found = Agreement(pairs);
+  const double own = Agreement(BeamPairs(scans_, scans_.OwnPoses(), noise_m));
   if (found < kLeastAgreement || own >= kRefuted * found || !BeamsTell(pairs, found)) return false;
   MatchResult match;
   if (!SettleAll(&poses, &match)) return false;
-  const double settled = Agreement(BeamPairs(poses));
+  const double settled = Agreement(BeamPairs(scans_, poses, noise_m));
   if (settled < kKept * found || own >= kRefuted * settled || Leaps(poses)) return false;
   Overrule(poses, poses, match);
-  told_by_all_ = true;
+  state_ = State::kToldByAll;
   // Its planes are those of all scans, and no lines of two lie on one another in them.
   match_.degenerate_directions.setZero();
   match_.degenerate_information.setZero();

@@ -3,6 +3,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/geometry/robust_kernel.h"
 #include "frontend/matching/block_votes.h"
 #include "frontend/start/start_track.h"
 
@@ -23,12 +24,8 @@ double StartTrack::Better(const Hypothesis& a, const Hypothesis& b) const {
   return std::copysign(std::sqrt(std::abs(squared)), squared);
 }
 
-double StartTrack::GapS(std::size_t scan) const {
-  return SecondsBetween(scans_[scan - 1].stamp_ns, scans_[scan].stamp_ns);
-}
-
 double StartTrack::ChangeVariance(std::size_t scan, double pose_m) const {
-  const double before_s = GapS(scan - 1), after_s = GapS(scan);
+  const double before_s = scans_.GapS(scan - 1), after_s = scans_.GapS(scan);
   const double sigma = steady_.acceleration_sigma_m_s2 * 0.5 * (before_s + after_s);
   return sigma * sigma + pose_m * pose_m *
                              (std::pow(1.0 / before_s + 1.0 / after_s, 2) +
@@ -38,12 +35,14 @@ double StartTrack::ChangeVariance(std::size_t scan, double pose_m) const {
 double StartTrack::Unsteadiness(const std::vector<SE3>& poses) const {
   // Of a match, along u, and of a sensor that is shaken from where it would be.
   constexpr double kMatchM = 0.01, kShakenM = 0.03;
-  const double pose_m = shaken_ ? kShakenM : kMatchM;
-  const auto speed = [&](std::size_t k) { return u_.dot(poses[k].t - poses[k - 1].t) / GapS(k); };
+  const double pose_m = seen_.shaken ? kShakenM : kMatchM;
+  const auto speed = [&](std::size_t k) {
+    return u_.dot(poses[k].t - poses[k - 1].t) / scans_.GapS(k);
+  };
   double sum = 0.0;
   for (std::size_t k = 2; k < poses.size(); ++k) {
     const double change = speed(k) - speed(k - 1);
-    sum += 2.0 * std::log1p(change * change / ChangeVariance(k, pose_m));
+    sum += CauchyCost(change * change / ChangeVariance(k, pose_m));
   }
   return sum;
 }
@@ -60,12 +59,6 @@ bool StartTrack::SameWay(const std::vector<SE3>& a, const std::vector<SE3>& b) {
     if ((a[k].t - b[k].t).norm() > kSameWayM) return false;
   }
   return true;
-}
-
-double StartTrack::Apart(const std::vector<SE3>& a, const std::vector<SE3>& b) {
-  double apart_m = 0.0;
-  for (std::size_t k = 0; k < a.size(); ++k) apart_m = std::max(apart_m, (a[k].t - b[k].t).norm());
-  return apart_m;
 }
 
 void StartTrack::Rank() {

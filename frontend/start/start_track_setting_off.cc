@@ -17,37 +17,37 @@ double StepM(const std::vector<SE3>& poses, std::size_t k) {
 }  // namespace
 
 void StartTrack::Trust() {
-  unrivalled_ = true;
-  way_open_ = false;
+  own_way_ = OwnWay::kUnrivalled;
   hypotheses_.clear();
-  const std::vector<SE3> own = OwnPoses();
+  const std::vector<SE3> own = scans_.OwnPoses();
   const bool setting_off = SettingOff(own);
   // Steps that no clock tells may be uneven: of these only one that stands is steady.
-  const bool steady = setting_off || (stamps_recorded_ && (refuted_ || Slow(own)));
-  if (!all_tracked_ || !steady) return Clear();
-  if (!setting_off) after_others_ = false;
+  const bool steady = setting_off || (seen_.stamps_recorded && (refuted_ || Slow(own)));
+  if (!seen_.all_tracked || !steady) return Clear();
+  if (!setting_off) unproven_ = false;
   const bool last = scans_.size() >= kMostScans;
   if (last && setting_off) return CheckSettingOff(own);
   const bool asked = last || scans_.size() == kFewScans || scans_.size() == kManyScans;
-  if (stamps_recorded_ && asked) CheckGoingAlong(own, last);
+  if (seen_.stamps_recorded && asked) CheckGoingAlong(own, last);
 }
 
 bool StartTrack::Slow(const std::vector<SE3>& poses) const {
   constexpr double kMostMS = 5.0;
   const std::size_t last = scans_.size() - 1;
-  return StepM(poses, 1) < kMostMS * GapS(1) && StepM(poses, last) < kMostMS * GapS(last);
+  return StepM(poses, 1) < kMostMS * scans_.GapS(1) &&
+         StepM(poses, last) < kMostMS * scans_.GapS(last);
 }
 
 bool StartTrack::SettingOff(const std::vector<SE3>& poses) const {
   // Two scans of a sensor that is faster mostly show what stands and what moves with it as two
   // minima.
   constexpr double kAtRestMS = 1.0;
-  return Slow(poses) && StepM(poses, 1) < kAtRestMS * GapS(1);
+  return Slow(poses) && StepM(poses, 1) < kAtRestMS * scans_.GapS(1);
 }
 
 StartTrack::SteadyAlong StartTrack::FindAhead(const std::vector<SE3>& from, double noise_m,
                                               OpenSpeed asked) const {
-  const Eigen::Vector3d u = LeastFaced(Faced(from, from.size() - 1));
+  const Eigen::Vector3d u = LeastFaced(scans_.Faced(from, from.size() - 1));
   return FindAlong(from, u, noise_m, asked);
 }
 
@@ -57,7 +57,7 @@ void StartTrack::CheckGoingAlong(const std::vector<SE3>& own, bool last) {
   refuted_ = fine.told && fine.refutes && Refute(fine, FindAhead(own, kRoughM));
   if (!last) return;
   if (!refuted_) return Clear();
-  if (!TakeSettled(fine.poses, fine.poses, fine.along)) GiveUp();
+  if (!TakeSettled(fine)) GiveUp();
 }
 
 void StartTrack::CheckBest() {
@@ -72,7 +72,7 @@ void StartTrack::CheckBest() {
   if (!speaks_against(rough)) return TakeBest();
   refuted_ = true;
   if (scans_.size() < kMostScans) return;
-  if (!Refute(fine, rough) || !TakeSettled(fine.poses, fine.poses, fine.along)) GiveUp();
+  if (!Refute(fine, rough) || !TakeSettled(fine)) GiveUp();
 }
 
 bool StartTrack::Refute(const SteadyAlong& fine, const SteadyAlong& rough) {
@@ -86,7 +86,7 @@ bool StartTrack::Parted(const std::vector<SE3>& poses) const {
 }
 
 void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
-  const std::vector<SE3> own = OwnPoses();
+  const std::vector<SE3> own = scans_.OwnPoses();
   const SteadyAlong fine = FindAhead(poses, steady_.noise_m, OpenSpeed::kAlways);
   const SteadyAlong rough = FindAhead(poses, kRoughM);
   // Of a way that is none to speak of all scans are of one place, whatever else moves.
@@ -104,8 +104,7 @@ void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
     return SameWay(poses, own) ? Clear() : TakeBest();
   if (Apart(own, fine.poses) <= kAgreesM && Apart(own, rough.poses) <= kAgreesM) {
     // What went along for a while may have drawn it aside by less than ways may differ.
-    if (fine.refutes && fine.told && fine.apart_m > kSameWayM &&
-        TakeSettled(fine.poses, fine.poses, fine.along)) {
+    if (fine.refutes && fine.told && fine.apart_m > kSameWayM && TakeSettled(fine)) {
       return;
     }
     // It may as well have set off with all that holds it, which is then seen from a moving sensor.
@@ -115,7 +114,7 @@ void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
     if (SameWay(poses, own)) return Clear();
     return TakeBest();
   }
-  if (Refute(fine, rough) && TakeSettled(fine.poses, fine.poses, fine.along)) return;
+  if (Refute(fine, rough) && TakeSettled(fine)) return;
   if (after_given_up_ && stands) return Clear();
   GiveUp();
 }

@@ -35,9 +35,9 @@ std::vector<SteadyScan> StartTrack::WithoutWay(const std::vector<SE3>& poses,
   std::vector<SteadyScan> scans;
   for (std::size_t k = 0; k < scans_.size(); ++k) {
     const SE3& T = poses[k];
-    SweepMotion sweep = Sweep(poses, k);
+    SweepMotion sweep = scans_.Sweep(poses, k);
     const Eigen::Vector3d u_lidar = T.q.conjugate() * u;
-    own->speeds_m_s.push_back(u_lidar.dot(Twist(poses, k).tail<3>()));
+    own->speeds_m_s.push_back(u_lidar.dot(scans_.Twist(poses, k).tail<3>()));
     own->positions_m.push_back(u.dot(T.t - poses[0].t));
     sweep.twist.tail<3>() -= own->speeds_m_s.back() * u_lidar;
     SteadyScan scan;
@@ -116,7 +116,7 @@ StartTrack::SteadyWay StartTrack::FindSteady(const std::vector<SE3>& from,
 }
 
 double StartTrack::OpenM(const SteadyWay& way) const {
-  return 0.5 * way.open_speed_m_s * SecondsBetween(scans_.front().stamp_ns, scans_.back().stamp_ns);
+  return 0.5 * way.open_speed_m_s * scans_.LengthS();
 }
 
 bool StartTrack::FindStraight(const std::vector<SE3>& other, std::vector<SE3>* poses) const {
@@ -125,7 +125,7 @@ bool StartTrack::FindStraight(const std::vector<SE3>& other, std::vector<SE3>* p
   constexpr double kMostOpenShare = 0.5;
   const std::vector<SE3> resting(other.size(), other.front());
   const Eigen::Vector3d up = other.front().q * Eigen::Vector3d::UnitZ();
-  const Eigen::Vector3d ahead = LeastAcross(Faced(resting, 1), up);
+  const Eigen::Vector3d ahead = LeastAcross(scans_.Faced(resting, 1), up);
   const SteadyAlong steady = FindAlong(resting, ahead, steady_.noise_m, OpenSpeed::kIfRefutes);
   if (!steady.told || !steady.refutes || steady.open_speed_m_s > kMostOpenShare * steady.speed_m_s)
     return false;
@@ -148,8 +148,8 @@ bool StartTrack::Leaps(const std::vector<SE3>& poses) const {
   // Of a pose that has settled.
   constexpr double kSigmas = 3.0, kPoseM = 0.03;
   for (std::size_t k = 2; k < poses.size(); ++k) {
-    const Eigen::Vector3d change =
-        (poses[k].t - poses[k - 1].t) / GapS(k) - (poses[k - 1].t - poses[k - 2].t) / GapS(k - 1);
+    const Eigen::Vector3d change = (poses[k].t - poses[k - 1].t) / scans_.GapS(k) -
+                                   (poses[k - 1].t - poses[k - 2].t) / scans_.GapS(k - 1);
     if (change.norm() > kSigmas * std::sqrt(ChangeVariance(k, kPoseM))) return true;
   }
   return false;
@@ -165,7 +165,8 @@ bool StartTrack::TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& ste
   MatchResult match, first;
   if (!SettleOthers(u, &poses, &match)) return false;
   const auto led = [&] {
-    return poses.size() > 2 ? poses[1] * TwistExp(-GapS(1) * Twist(poses, 2)) : poses[0];
+    return poses.size() > 2 ? poses[1] * TwistExp(-scans_.GapS(1) * scans_.Twist(poses, 2))
+                            : poses[0];
   };
   const auto first_is_left = [&] { return (led().t - poses[0].t).norm() > kAsideM; };
   // Then each round brings them nearer to where they belong, and the first one goes with them.
@@ -184,15 +185,15 @@ bool StartTrack::TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& ste
   u_ = u;
   // Twists of a steady motion are steadier than those from pose to pose.
   Overrule(poses, steady, match);
-  told_by_all_ = true;
+  state_ = State::kToldByAll;
   return true;
 }
 
 bool StartTrack::TakeSteady() {
   const Eigen::Vector3d open = open_along_.normalized();
-  const std::vector<SE3> own = OwnPoses();
+  const std::vector<SE3> own = scans_.OwnPoses();
   const Eigen::Vector3d up = own.back().q * Eigen::Vector3d::UnitZ();
-  const SteadyWay way = FindSteady(own, {LeastAcross(Faced(own, own.size()), up), open});
+  const SteadyWay way = FindSteady(own, {LeastAcross(scans_.Faced(own, own.size()), up), open});
   refuted_ = way.refuted || way.doubted;
   const bool settled = !way.moved && !way.doubted && way.ahead_known && way.known == open;
   std::vector<SE3> straight;
@@ -211,8 +212,8 @@ bool StartTrack::TakeSteady() {
 
 bool StartTrack::SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,
                               MatchResult* match) const {
-  const VoxelMap map = MapOf(*poses, poses->size(), scan);
-  const std::vector<PointCluster> clusters = Deskewed(scan, *poses);
+  const VoxelMap map = scans_.MapOf(*poses, poses->size(), scan);
+  const std::vector<PointCluster> clusters = scans_.Deskewed(scan, *poses);
   SE3& T = (*poses)[scan];
   Vector6d along = Vector6d::Zero();
   along.tail<3>() = u;

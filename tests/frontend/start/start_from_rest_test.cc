@@ -200,7 +200,7 @@ TEST_F(SparseStartTest, ManyScansTellTheWayThatTwoDoNot) {
   ASSERT_EQ(start.scans().size(), static_cast<std::size_t>(scan));
   const Eigen::Vector3d off = start.scans().front().T_world_lidar.t;
   for (int k = 0; k < scan; ++k) {
-    const StartTrack::Scan& taken = start.scans()[static_cast<std::size_t>(k)];
+    const StartScan& taken = start.scans()[static_cast<std::size_t>(k)];
     EXPECT_LT((taken.T_world_lidar.t - off - FromStartFast(k).t).norm(), 0.15) << k;
     EXPECT_NEAR(taken.sweep.twist(3), kFastM, 0.5) << k;
   }

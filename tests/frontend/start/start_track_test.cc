@@ -19,7 +19,7 @@ TEST_F(StartTrackTest, TheStaticWorldOverrulesWhatMovesAlong) {
   ASSERT_TRUE(start.overruled());
   ASSERT_EQ(start.scans().size(), static_cast<std::size_t>(scan));
   for (int k = 0; k < scan; ++k) {
-    const StartTrack::Scan& taken = start.scans()[static_cast<std::size_t>(k)];
+    const StartScan& taken = start.scans()[static_cast<std::size_t>(k)];
     EXPECT_LT((taken.T_world_lidar.t - FromStart(k).t).norm(), 0.03) << k;
     EXPECT_EQ(taken.stamp_ns, Stamp(k));
     EXPECT_NEAR(taken.sweep.twist(3), kSpeedM, 0.3) << k;
