@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "backend/tiles/tiled_clusters.h"
 #include "core/base/parallel.h"
 
 namespace lamina {
@@ -29,6 +30,19 @@ void ForTiles(const std::vector<std::size_t>& tiles, const Read& read, const Wor
     });
     for (std::size_t i = 0; i < count; ++i) take(tiles[begin + i], &results[i]);
   }
+}
+
+// work(input) of every tile, in their order, in all processes: each reads and works on its own.
+template <typename Input, typename Read, typename Work>
+std::vector<double> NumberOfEach(const TiledClusters& tiles, const WorkSharing& sharing,
+                                 const Read& read, const Work& work) {
+  return ShareOut<double>(tiles.owners(), sharing, [&](const std::vector<std::size_t>& mine) {
+    std::vector<double> found;
+    ForTiles<Input, double>(
+        mine, read, [&](std::size_t, const Input& input) { return work(input); },
+        [&](std::size_t, const double* number) { found.push_back(*number); });
+    return found;
+  });
 }
 
 }  // namespace lamina

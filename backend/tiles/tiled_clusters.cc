@@ -52,7 +52,7 @@ TiledClusters::TiledClusters(const KeyframeSource& source, const std::vector<SE3
       sharing_(sharing),
       store_(make_store()) {
   const std::vector<Reach> reaches = Count(source, poses);
-  std::map<TileIndex, std::uint64_t> counts;
+  std::map<TileXY, std::uint64_t> counts;
   for (const Reach& reach : reaches) {
     for (std::size_t i = 0; i < reach.x.size(); ++i)
       counts[{reach.x[i], reach.y[i]}] += reach.clusters[i];
@@ -66,7 +66,7 @@ TiledClusters::TiledClusters(const KeyframeSource& source, const std::vector<SE3
 }
 
 bool TiledClusters::TileOf(const PackedCluster& cluster, const Eigen::Matrix3d& R,
-                           const Eigen::Vector3d& t, TileIndex* tile) const {
+                           const Eigen::Vector3d& t, TileXY* tile) const {
   const Eigen::Vector3d p = R * Eigen::Map<const Eigen::Vector3f>(cluster.mean).cast<double>() + t;
   // False for NaN, too.
   if (cluster.Empty() || !((p / root_size_m_).array().abs() < kMostRoots).all()) return false;
@@ -85,8 +85,8 @@ std::vector<TiledClusters::Reach> TiledClusters::Count(const KeyframeSource& sou
         source, mine,
         [&](std::size_t k, const std::vector<PackedCluster>& clusters, std::size_t slot) {
           const Eigen::Matrix3d R = poses[k].R();
-          std::map<TileIndex, std::uint32_t> counts;
-          TileIndex tile;
+          std::map<TileXY, std::uint32_t> counts;
+          TileXY tile;
           for (const PackedCluster& cluster : clusters) {
             if (TileOf(cluster, R, poses[k].t, &tile)) ++counts[tile];
           }
@@ -148,7 +148,7 @@ void TiledClusters::Store(const KeyframeSource& source, const std::vector<SE3>& 
       [&](std::size_t k, const std::vector<PackedCluster>& clusters, std::size_t slot) {
         const Eigen::Matrix3d R = poses[k].R();
         slots[slot].clear();
-        TileIndex index;
+        TileXY index;
         for (const PackedCluster& cluster : clusters) {
           if (!TileOf(cluster, R, poses[k].t, &index)) continue;
           const std::size_t tile = number_.at(index);

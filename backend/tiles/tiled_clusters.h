@@ -43,6 +43,7 @@ class TiledClusters {
 
   std::size_t size() const { return counts_.size(); }
   std::size_t owner(std::size_t tile) const { return owner_[tile]; }
+  const std::vector<std::size_t>& owners() const { return owner_; }
   std::uint64_t clusters(std::size_t tile) const { return counts_[tile]; }
   // The tiles of this process, ascending.
   std::vector<std::size_t> Own(std::size_t part) const;
@@ -52,12 +53,12 @@ class TiledClusters {
   std::vector<Share> Read(std::size_t tile) const;
 
  private:
-  using TileIndex = std::pair<std::int32_t, std::int32_t>;  // x, y
-  struct Reach;                                             // tiles of a keyframe, and how much
+  using TileXY = std::pair<std::int32_t, std::int32_t>;  // x, y
+  struct Reach;                                          // tiles of a keyframe, and how much
 
   // That of a cluster; false if no map can hold it.
   bool TileOf(const PackedCluster& cluster, const Eigen::Matrix3d& R, const Eigen::Vector3d& t,
-              TileIndex* tile) const;
+              TileXY* tile) const;
   std::vector<Reach> Count(const KeyframeSource& source, const std::vector<SE3>& poses) const;
   void DealOut();
   void Store(const KeyframeSource& source, const std::vector<SE3>& poses,
@@ -66,7 +67,7 @@ class TiledClusters {
 
   double root_size_m_, tile_m_;
   WorkSharing sharing_;
-  std::map<TileIndex, std::size_t> number_;
+  std::map<TileXY, std::size_t> number_;
   std::vector<std::uint64_t> counts_;
   std::vector<std::size_t> owner_;
   std::unique_ptr<ByteStore> store_;

@@ -197,19 +197,10 @@ bool TiledModel::Linearise(const std::vector<SE3>& poses) {
 }
 
 double TiledModel::Value(const std::vector<SE3>& poses) const {
-  const TiledClusters& tiles = problem_.tiles();
-  std::vector<std::size_t> owner;
-  for (std::size_t tile = 0; tile < tiles.size(); ++tile) owner.push_back(tiles.owner(tile));
-  const std::vector<double> costs =
-      ShareOut<double>(owner, sharing_, [&](const std::vector<std::size_t>& mine) {
-        std::vector<double> found;
-        ForTiles<TileProblem, double>(
-            mine, [&](std::size_t tile) { return problem_.Read(tile); },
-            [&](std::size_t, const TileProblem& tile) {
-              return EigenvalueCost(tile.bundle, PosesOf(tile.frames, poses));
-            },
-            [&](std::size_t, const double* cost) { found.push_back(*cost); });
-        return found;
+  const std::vector<double> costs = NumberOfEach<TileProblem>(
+      problem_.tiles(), sharing_, [&](std::size_t tile) { return problem_.Read(tile); },
+      [&](const TileProblem& tile) {
+        return EigenvalueCost(tile.bundle, PosesOf(tile.frames, poses));
       });
   double sum = 0.0;
   for (const double cost : costs) sum += cost;

@@ -168,19 +168,12 @@ TileProblem TiledProblem::Read(std::size_t tile) const {
 double TiledMisfit(const TiledClusters& clusters, const std::vector<SE3>& poses,
                    const VoxelMapOptions& map, const SlidingWindowOptions& weights,
                    const WorkSharing& sharing) {
-  std::vector<std::size_t> owner;
-  for (std::size_t tile = 0; tile < clusters.size(); ++tile) owner.push_back(clusters.owner(tile));
-  const std::vector<double> misfits =
-      ShareOut<double>(owner, sharing, [&](const std::vector<std::size_t>& mine) {
-        std::vector<double> found;
-        ForTiles<std::vector<TiledClusters::Share>, double>(
-            mine, [&](std::size_t tile) { return clusters.Read(tile); },
-            [&](std::size_t, const std::vector<TiledClusters::Share>& shares) {
-              const TileBatch batch(shares, poses);
-              return BatchCast(batch.frames, batch.poses, map, weights).Misfit();
-            },
-            [&](std::size_t, const double* misfit) { found.push_back(*misfit); });
-        return found;
+  using Shares = std::vector<TiledClusters::Share>;
+  const std::vector<double> misfits = NumberOfEach<Shares>(
+      clusters, sharing, [&](std::size_t tile) { return clusters.Read(tile); },
+      [&](const Shares& shares) {
+        const TileBatch batch(shares, poses);
+        return BatchCast(batch.frames, batch.poses, map, weights).Misfit();
       });
   double sum = 0.0, count = 0.0;
   for (std::size_t tile = 0; tile < misfits.size(); ++tile) {
