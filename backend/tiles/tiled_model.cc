@@ -12,8 +12,6 @@
 namespace lamina {
 namespace {
 
-constexpr double kLeastDiagonal = 1e-9;  // of the largest
-
 std::vector<SE3> PosesOf(const std::vector<std::int32_t>& frames, const std::vector<SE3>& all) {
   std::vector<SE3> poses;
   poses.reserve(frames.size());
@@ -187,9 +185,7 @@ bool TiledModel::Linearise(const std::vector<SE3>& poses) {
     value_ += AddPriors(ties_, poses, &gradient_, &H_);
     held_.TakeOut(*pattern_, &H_);
     held_.Project(&gradient_);
-    diagonal_ = H_.diagonal();
-    const double least = kLeastDiagonal * diagonal_.cwiseAbs().maxCoeff() + 1e-300;
-    diagonal_ = diagonal_.cwiseAbs().cwiseMax(least);
+    diagonal_ = DampingScale(H_.diagonal());
     finite = std::isfinite(value_) && gradient_.allFinite() && diagonal_.allFinite();
   }
   Tell(&finite, &value_);
@@ -216,7 +212,7 @@ bool TiledModel::Solve(double radius, Eigen::VectorXd* step, double* promised) {
       const Eigen::VectorXd x = -cholesky_.Solve(gradient_);
       solved = x.allFinite();
       numbers.assign(x.data(), x.data() + x.size());
-      *promised = -0.5 * gradient_.dot(x) + 0.5 * x.cwiseAbs2().dot(damping);
+      *promised = PromisedDecrease(gradient_, x, damping);
     }
   }
   Tell(&solved, &numbers, promised);

@@ -12,8 +12,6 @@
 namespace lamina {
 namespace {
 
-constexpr double kLeastDiagonal = 1e-9;  // of the largest
-
 // The quadratic model at one linearisation, and its damped solutions.
 class StepSolver final : public StepModel {
  public:
@@ -55,8 +53,7 @@ class StepSolver final : public StepModel {
       diagonal_ = H_.diagonal();
     }
     held_.Project(&system_.gradient);
-    const double least = kLeastDiagonal * diagonal_.cwiseAbs().maxCoeff() + 1e-300;
-    diagonal_ = diagonal_.cwiseAbs().cwiseMax(least);
+    diagonal_ = DampingScale(diagonal_);
     return std::isfinite(value_) && system_.gradient.allFinite() && diagonal_.allFinite();
   }
 
@@ -99,7 +96,7 @@ class StepSolver final : public StepModel {
       if (!decoupled_) *step = -SolveFactor(system_.gradient);
     }
     if (!step->allFinite()) return false;
-    *promised = -0.5 * system_.gradient.dot(*step) + 0.5 * step->cwiseAbs2().dot(damping);
+    *promised = PromisedDecrease(system_.gradient, *step, damping);
     return true;
   }
 

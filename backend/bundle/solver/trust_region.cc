@@ -50,6 +50,17 @@ class TrustRegion {
 
 }  // namespace
 
+Eigen::VectorXd DampingScale(const Eigen::VectorXd& diagonal) {
+  constexpr double kLeast = 1e-9;  // of the largest
+  const Eigen::VectorXd size = diagonal.cwiseAbs();
+  return size.cwiseMax(kLeast * size.maxCoeff() + 1e-300);
+}
+
+double PromisedDecrease(const Eigen::VectorXd& gradient, const Eigen::VectorXd& step,
+                        const Eigen::VectorXd& damping) {
+  return -0.5 * gradient.dot(step) + 0.5 * step.cwiseAbs2().dot(damping);
+}
+
 BundleResult MinimiseInTrustRegion(const std::vector<SE3>& poses,
                                    const BundleAdjusterOptions& options,
                                    const BundleObserver& observer, bool may_keep,

@@ -1,7 +1,7 @@
 // The trust region that minimises a cost over poses, whatever makes its quadratic model.
 //
-// A step solves (H + diag(H) / radius) delta = -g. With the gain rho = (cost before - after) /
-// (decrease that the quadratic model promised), it is taken if rho > 1e-3, and
+// A step solves (H + D) delta = -g with the damping D = diag(H) / radius. With the gain rho = (cost
+// before - after) / (decrease that the quadratic model promised), it is taken if rho > 1e-3, and
 //
 //     taken      radius <- radius / max(1/3, 1 - (2 rho - 1)^3)
 //     rejected   radius <- radius / 2, then / 4, / 8, ... while it keeps being rejected
@@ -42,6 +42,14 @@ class StepModel {
   // Whether H is one of before.
   virtual bool kept() const { return false; }
 };
+
+// |diag(H)|, none less than 1e-9 of the largest: D times the radius.
+Eigen::VectorXd DampingScale(const Eigen::VectorXd& diagonal);
+
+// What the model promises of a step: -g' delta - 1/2 delta' H delta = 1/2 delta' D delta - 1/2 g'
+// delta.
+double PromisedDecrease(const Eigen::VectorXd& gradient, const Eigen::VectorXd& step,
+                        const Eigen::VectorXd& damping);
 
 // `may_keep`: whether H may be kept after a step.
 BundleResult MinimiseInTrustRegion(const std::vector<SE3>& poses,
