@@ -31,6 +31,12 @@ struct Plane {
   double weight = 1.0;                // 1 / variance of the plane's points or less, 1/m^2
 };
 
+// Plane::weight where a plane's points have this variance along its normal, and a sensor's noise is
+// at least so much.
+inline double PlaneWeight(double variance, double noise_floor_m) {
+  return 1.0 / (noise_floor_m * noise_floor_m + variance);
+}
+
 // A measured motion between two frames of the window: T_a_b, with the information (inverse
 // covariance) of the error LocalDelta(T_a_b, T_world_a^-1 T_world_b). Keeps what no plane sees.
 struct RelativePrior {

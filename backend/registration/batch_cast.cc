@@ -66,7 +66,6 @@ std::vector<PointCluster> BatchCast::Deskewed(std::size_t k) const {
 
 BatchCast::PlaneNumbers BatchCast::NumberPlanes(std::vector<Plane>* planes,
                                                 std::vector<VoxelMap::NodeId>* nodes) const {
-  const double floor2 = weights_.noise_floor_m * weights_.noise_floor_m;
   PlaneNumbers numbers(frames_.size());
   VoxelIndex index(16384);
   std::vector<std::size_t> last_frame;
@@ -103,7 +102,8 @@ BatchCast::PlaneNumbers BatchCast::NumberPlanes(std::vector<Plane>* planes,
       if (numbers[k][i] == fresh) {
         Plane plane;
         plane.first = fresh;
-        plane.weight = 1.0 / (floor2 + static_cast<double>(map_.plane(node).variance));
+        plane.weight =
+            PlaneWeight(static_cast<double>(map_.plane(node).variance), weights_.noise_floor_m);
         planes->push_back(plane);
         nodes->push_back(node);
         last_frame.push_back(frames_.size());

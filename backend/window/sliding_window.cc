@@ -247,12 +247,12 @@ BundleProblem SlidingWindow::BuildProblem() {
   for (std::size_t f = 0; f < frames_.size(); ++f) {
     FillObservations(f, of_clusters[f], places, &problem);
   }
-  const double floor2 = options_.noise_floor_m * options_.noise_floor_m;
   for (std::size_t i = 0; i < problem.planes.size(); ++i) {
     Plane& plane = problem.planes[i];
     const VoxelMap::NodeId node = on_planes.nodes()[static_cast<std::size_t>(numbers.MapPlane(i))];
     plane.fixed = map_->FixedAggregate(node);
-    plane.weight = 1.0 / (floor2 + static_cast<double>(map_->plane(node).variance));
+    plane.weight =
+        PlaneWeight(static_cast<double>(map_->plane(node).variance), options_.noise_floor_m);
     if (!plane.fixed.Empty()) problem.hold_first_pose = false;
   }
   if (!frames_.empty()) HoldFirst(&problem);
