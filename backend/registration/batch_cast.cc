@@ -213,4 +213,12 @@ void BatchCast::AddPoints(std::size_t k, std::size_t cluster, double weight,
   }
 }
 
+OtherVoxels::OtherVoxels(const VoxelMapOptions& fitted, const std::vector<SE3>& fitted_poses)
+    : map(fitted), poses(fitted_poses) {
+  constexpr double kSize = 1.25, kShift = 0.37;  // in root voxels
+  map.root_size_m *= kSize;
+  map = WithinRange(map);
+  for (SE3& T : poses) T.t.array() += kShift * fitted.root_size_m;
+}
+
 }  // namespace lamina

@@ -66,4 +66,13 @@ class BatchCast {
   std::vector<std::vector<VoxelMap::NodeId>> leaves_;  // of each cluster of each frame
 };
 
+// The other judge of a batch's poses (BatchCast::Misfit): a cast at these poses into this map has
+// voxels of another size at other places than those whose planes have been fitted to them.
+struct OtherVoxels {
+  OtherVoxels(const VoxelMapOptions& fitted, const std::vector<SE3>& fitted_poses);
+
+  VoxelMapOptions map;
+  std::vector<SE3> poses;
+};
+
 }  // namespace lamina

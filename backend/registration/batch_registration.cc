@@ -228,12 +228,8 @@ BundleResult BatchRegistration::SolveRound(const RegistrationCallbacks& callback
 
 double BatchRegistration::MisfitAt(const std::vector<BatchFrame>& frames,
                                    const std::vector<SE3>& poses) const {
-  constexpr double kSize = 1.25, kShift = 0.37;  // in root voxels
-  VoxelMapOptions map = map_;
-  map.root_size_m *= kSize;
-  std::vector<SE3> shifted = poses;
-  for (SE3& T : shifted) T.t.array() += kShift * map_.root_size_m;
-  return BatchCast(frames, shifted, WithinRange(map), weights_).Misfit();
+  const OtherVoxels other(map_, poses);
+  return BatchCast(frames, other.poses, other.map, weights_).Misfit();
 }
 
 void BatchRegistration::JudgeAgainstStart(const std::vector<BatchFrame>& frames,

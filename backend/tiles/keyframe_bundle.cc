@@ -3,6 +3,7 @@
 #include <iomanip>
 #include <sstream>
 
+#include "backend/registration/batch_cast.h"
 #include "backend/submaps/association_rounds.h"
 #include "backend/tiles/tiled_model.h"
 #include "core/base/stopwatch.h"
@@ -95,15 +96,10 @@ class KeyframeBundle {
   }
 
   double MisfitAt(const std::vector<SE3>& poses) const {
-    constexpr double kSize = 1.25, kShift = 0.37;  // in root voxels
-    VoxelMapOptions map = map_;
-    map.root_size_m *= kSize;
-    map = WithinRange(map);
-    std::vector<SE3> shifted = poses;
-    for (SE3& T : shifted) T.t.array() += kShift * map_.root_size_m;
-    const TiledClusters clusters(keyframes_, shifted, map, options_.tile_size_m, sharing_,
+    const OtherVoxels other(map_, poses);
+    const TiledClusters clusters(keyframes_, other.poses, other.map, options_.tile_size_m, sharing_,
                                  make_store_);
-    return TiledMisfit(clusters, shifted, map, weights_, sharing_);
+    return TiledMisfit(clusters, other.poses, other.map, weights_, sharing_);
   }
 
   const KeyframeSource& keyframes_;
