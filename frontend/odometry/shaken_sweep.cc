@@ -66,12 +66,10 @@ JointEquations EquationsAt(const std::vector<TimedCluster>& timed, const SE3& T,
                            double kernel_sigma, MapResiduals* residuals) {
   std::vector<StepShares> pose_a(timed.size()), pose_b(timed.size()), a_b(timed.size());
   for (std::size_t i = 0; i < timed.size(); ++i) {
-    const double tau = timed[i].mean_time_s;
-    const double p = 1.0 + tau / gap_s, g_b = tau * gap_s;
-    const double g_a = 0.5 * (tau * (tau + gap_s) + timed[i].time_scatter / timed[i].points.count);
-    pose_a[i] = {p, g_a};
-    pose_b[i] = {p, g_b};
-    a_b[i] = {g_a, g_b};
+    const double g_b = timed[i].mean_time_s * gap_s;
+    pose_a[i] = SharesOf(timed[i], gap_s);
+    pose_b[i] = {pose_a[i].pose, g_b};
+    a_b[i] = {pose_a[i].other, g_b};
   }
   const TwoStepRows a = residuals->TwoStepsAt(T, kernel_sigma, pose_a);
   const TwoStepRows b = residuals->TwoStepsAt(T, kernel_sigma, pose_b);
@@ -131,8 +129,6 @@ SweepMotion ShakenSweep::MotionOf(const ShakenScan& scan, const State& state) co
 bool ShakenSweep::Step(const ShakenScan& scan, const std::vector<TimedCluster>& clusters,
                        double kernel_sigma, std::vector<PointCluster>* deskewed,
                        State* state) const {
-  // As in sweep_acceleration.h.
-  constexpr double kCounts = 0.2;
   DeskewClusters(clusters, MotionOf(scan, *state), deskewed);
   MapResiduals residuals(options_, scan.map, *deskewed);
   const JointEquations eq =
@@ -141,11 +137,11 @@ bool ShakenSweep::Step(const ShakenScan& scan, const std::vector<TimedCluster>& 
   const Matrix6d damped = eq.H_pose + 1e-9 * eq.H_pose.trace() * Matrix6d::Identity();
   const Matrix6d inverse = damped.ldlt().solve(Matrix6d::Identity());
   const Eigen::Matrix<double, 6, 12> moved = inverse * eq.H_across;
-  Matrix12d information = kCounts * (eq.H_other - eq.H_across.transpose() * moved);
+  Matrix12d information = kCountingShare * (eq.H_other - eq.H_across.transpose() * moved);
   information.diagonal() += information_;
   state->covariance = information.ldlt().solve(Matrix12d::Identity());
   const UnsteadyMotion change =
-      -state->covariance * (kCounts * (eq.g_other - moved.transpose() * eq.g_pose) +
+      -state->covariance * (kCountingShare * (eq.g_other - moved.transpose() * eq.g_pose) +
                             information_.cwiseProduct(state->unsteady));
   const Vector6d step = -inverse * eq.g_pose - moved * change;
   if (!change.allFinite() || !step.allFinite()) return false;

@@ -5,7 +5,6 @@
 
 #include "core/base/angle.h"
 #include "frontend/matching/degeneracy.h"
-#include "frontend/matching/map_residuals.h"
 
 namespace lamina {
 namespace {
@@ -19,6 +18,12 @@ Matrix6d InverseOf(const Matrix6d& m) {
 
 }  // namespace
 
+StepShares SharesOf(const TimedCluster& cluster, double gap_s) {
+  const double tau = cluster.mean_time_s;
+  return {1.0 + tau / gap_s,
+          0.5 * (tau * (tau + gap_s) + cluster.time_scatter / cluster.points.count)};
+}
+
 Matrix6d BodyToTangent(const SE3& T_world_lidar) {
   Matrix6d to_tangent = kRotationArmM * Matrix6d::Identity();
   to_tangent.bottomRightCorner<3, 3>() = T_world_lidar.R();
@@ -30,16 +35,10 @@ SweepAcceleration EstimateAcceleration(const ScanMatcherOptions& options,
                                        const std::vector<TimedCluster>& timed,
                                        const MatchResult& match, const VoxelMap& map, double gap_s,
                                        const Matrix6d& moment) {
-  // In generated scenes with sensors carried by hand, by car and turning, NEES is near 1 with this.
-  constexpr double kCounts = 0.2;
   SweepAcceleration result;
   if (match.status == MatchResult::Status::kTooFewMatches) return result;
   std::vector<StepShares> shares(timed.size());
-  for (std::size_t i = 0; i < timed.size(); ++i) {
-    const double tau = timed[i].mean_time_s;
-    shares[i].pose = 1.0 + tau / gap_s;
-    shares[i].other = 0.5 * (tau * (tau + gap_s) + timed[i].time_scatter / timed[i].points.count);
-  }
+  for (std::size_t i = 0; i < timed.size(); ++i) shares[i] = SharesOf(timed[i], gap_s);
   MapResiduals residuals(options, map, deskewed);
   residuals.use_rough = match.degenerate > 0;
   const TwoStepRows sums =
@@ -56,9 +55,9 @@ SweepAcceleration EstimateAcceleration(const ScanMatcherOptions& options,
   const Vector6d g_other = to_tangent.transpose() * DividedByArm(sums.other.g());
   const Matrix6d moved = inverse * H_across;
   result.covariance =
-      InverseOf(kCounts * (H_other - H_across.transpose() * moved) + InverseOf(moment));
+      InverseOf(kCountingShare * (H_other - H_across.transpose() * moved) + InverseOf(moment));
   const Vector6d acceleration =
-      -kCounts * (result.covariance * (g_other - moved.transpose() * g_pose));
+      -kCountingShare * (result.covariance * (g_other - moved.transpose() * g_pose));
   if (!acceleration.allFinite()) return SweepAcceleration();
   result.acceleration = acceleration;
   result.pose_step = DividedByArm(Vector6d(-inverse * g_pose - moved * acceleration));

@@ -26,10 +26,18 @@
 #include "core/geometry/se3.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"
+#include "frontend/matching/map_residuals.h"
 #include "frontend/matching/scan_matcher.h"
 #include "frontend/odometry/motion_model.h"
 
 namespace lamina {
+
+// p and g of a cluster, g the mean over its points.
+StepShares SharesOf(const TimedCluster& cluster, double gap_s);
+
+// c: in generated scenes with sensors carried by hand, by car and turning, NEES is near 1 with
+// this.
+constexpr double kCountingShare = 0.2;
 
 // From the body's directions, rad and m, to the scaled tangent's (degeneracy.h).
 Matrix6d BodyToTangent(const SE3& T_world_lidar);
