@@ -26,15 +26,6 @@ constexpr double kEdgeStepM = 0.05;
 // A column or a ring alone is a line, which is met again where the sensor takes the next one.
 constexpr double kBroadM = 0.05;
 
-// The plane of a leaf, or what stands in for it; null if there is none.
-WeightedPlane PlaneIn(const VoxelMap& map, const PlanesInstead& instead, const LeafPlace& leaf) {
-  const VoxelMap::NodeId surface = map.FindSurface(leaf);
-  if (surface == VoxelMap::kNoNode) return WeightedPlane();
-  if (instead) return instead(surface);
-  if (map.kind(surface) != Surface::Kind::kPlane) return WeightedPlane();
-  return {&map.plane(surface), 1.0};
-}
-
 // The plane around a cluster that is moved in steps smaller than a leaf: looked up once for each
 // leaf that it comes to. What stands in for a plane need not last until the next one is asked for.
 class PlaneAround {
@@ -43,7 +34,7 @@ class PlaneAround {
   bool MoveTo(const LeafPlace& leaf, const VoxelMap& map, const PlanesInstead& instead) {
     if (leaf == leaf_) return false;
     leaf_ = leaf;
-    const WeightedPlane met = PlaneIn(map, instead, leaf);
+    const WeightedPlane met = PlaneOf(map, map.FindSurface(leaf), instead);
     is_plane_ = met.plane != nullptr;
     if (is_plane_) plane_ = *met.plane;
     weight_ = met.weight;

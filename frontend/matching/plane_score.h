@@ -91,8 +91,8 @@ class PlaceVotes {
       return std::max(kNoPlane, score.On(*other, cluster));
     };
     for (const PointCluster& cluster : clusters) {
-      const Surface* our_plane = PlaneOf(our_score.InMap(cluster));
-      const Surface* their_plane = PlaneOf(their_score.InMap(cluster));
+      const Surface* our_plane = PlaneAt(our_score.InMap(cluster));
+      const Surface* their_plane = PlaneAt(their_score.InMap(cluster));
       if (our_plane == nullptr && their_plane == nullptr) continue;
       differences_.Add(T * cluster.mean, fit(our_score, our_plane, their_plane, cluster) -
                                              fit(their_score, their_plane, our_plane, cluster));
@@ -102,10 +102,8 @@ class PlaceVotes {
   double Sigmas() const { return differences_.Sigmas(); }
 
  private:
-  const Surface* PlaneOf(const Eigen::Vector3d& p) const {
-    if (!instead_) return map_.PlaneAt(p);
-    const VoxelMap::NodeId id = map_.FindSurface(p);
-    return id == VoxelMap::kNoNode ? nullptr : instead_(id).plane;
+  const Surface* PlaneAt(const Eigen::Vector3d& p) const {
+    return PlaneOf(map_, map_.FindSurface(p), instead_).plane;
   }
 
   const VoxelMap& map_;

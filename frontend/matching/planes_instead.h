@@ -16,4 +16,14 @@ struct WeightedPlane {
 
 using PlanesInstead = std::function<WeightedPlane(VoxelMap::NodeId surface)>;
 
+// Of a surface of the map, which may be VoxelMap::kNoNode: what stands in for it, or, if there is
+// no `instead`, itself if it is a plane.
+inline WeightedPlane PlaneOf(const VoxelMap& map, VoxelMap::NodeId surface,
+                             const PlanesInstead& instead) {
+  if (surface == VoxelMap::kNoNode) return WeightedPlane();
+  if (instead) return instead(surface);
+  if (map.kind(surface) != Surface::Kind::kPlane) return WeightedPlane();
+  return {&map.plane(surface), 1.0};
+}
+
 }  // namespace lamina
