@@ -12,17 +12,10 @@ namespace lamina {
 namespace {
 
 Vector6d Difference(const AnchorEdge& edge, const std::vector<SE3>& poses) {
-  const SE3 d = edge.T_from_to.Inverse() * (poses.at(edge.from).Inverse() * poses.at(edge.to));
+  const SE3 d = RelativeError(edge.T_from_to, poses.at(edge.from), poses.at(edge.to));
   Vector6d difference;
   difference << 2.0 * (d.q.w() < 0.0 ? -1.0 : 1.0) * d.q.vec(), d.t;
   return difference;
-}
-
-// W with W'W = information, which may be singular.
-Matrix6d SquareRoot(const Matrix6d& information) {
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(information);
-  return eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal() *
-         eigen.eigenvectors().transpose();
 }
 
 // A loss under which an edge says nothing.
@@ -78,8 +71,8 @@ class CeresGraph {
   void Add(const AnchorEdge& edge, ceres::LossFunction* loss) {
     SE3 &from = poses_.at(edge.from), &to = poses_.at(edge.to);
     edges_.push_back(problem_.AddResidualBlock(
-        RelativePoseResidual::Cost(edge.T_from_to, SquareRoot(edge.information)), loss,
-        from.q.coeffs().data(), from.t.data(), to.q.coeffs().data(), to.t.data()));
+        RelativePoseResidual::Cost(edge.T_from_to, edge.SquareRootTimes(Matrix6d::Identity())),
+        loss, from.q.coeffs().data(), from.t.data(), to.q.coeffs().data(), to.t.data()));
   }
 
   // All edges, odometry first, whatever their losses.
@@ -214,6 +207,12 @@ bool TryWithout(const AnchorGraph& graph, double gate2, CeresGraph* ceres_graph,
 void AnchorGraphOptions::Visit(OptionVisitor& v) {
   v.Integer("max_iterations", &max_iterations, 1, 100000);
   v.Number("gate_sigmas", &gate_sigmas, 0.1, 1000.0);
+}
+
+Matrix6d AnchorEdge::SquareRootTimes(const Matrix6d& J) const {
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(information);
+  return eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal() *
+         eigen.eigenvectors().transpose() * J;
 }
 
 double SquaredResidual(const AnchorEdge& edge, const std::vector<SE3>& poses) {

@@ -24,6 +24,8 @@ struct AnchorEdge {
   SE3 T_from_to;
   // Of [rotation; translation] of T_from_to, both in the frame of `to` (rad, m).
   Matrix6d information = Matrix6d::Identity();
+  // W J, with W'W = information, which may be singular.
+  Matrix6d SquareRootTimes(const Matrix6d& J) const;
 };
 
 struct AnchorGraph {

@@ -1,7 +1,5 @@
 #include "backend/anchors/anchor_prior.h"
 
-#include <Eigen/Eigenvalues>
-
 namespace lamina {
 
 RelativePrior PriorOf(const AnchorEdge& edge) {
@@ -10,9 +8,7 @@ RelativePrior PriorOf(const AnchorEdge& edge) {
   // The translation of an edge is perturbed in the frame of `to`, that of a prior in `from`.
   Matrix6d J = Matrix6d::Identity();
   J.bottomRightCorner<3, 3>() = edge.T_from_to.R().transpose();
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(edge.information);
-  prior.sqrt_information = eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal() *
-                           eigen.eigenvectors().transpose() * J;
+  prior.sqrt_information = edge.SquareRootTimes(J);
   return prior;
 }
 

@@ -14,6 +14,11 @@
 
 namespace lamina {
 
+// dT at these poses.
+inline SE3 RelativeError(const SE3& T_from_to, const SE3& T_world_from, const SE3& T_world_to) {
+  return T_from_to.Inverse() * (T_world_from.Inverse() * T_world_to);
+}
+
 struct RelativePoseResidual {
   SE3 T_to_from;  // measured, inverse
   Matrix6d sqrt_information;

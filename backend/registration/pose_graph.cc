@@ -14,7 +14,7 @@ namespace {
 
 double Distance(const PoseGraphEdge& edge, const std::vector<SE3>& poses, double rotation_weight,
                 double translation_weight) {
-  const SE3 d = edge.T_from_to.Inverse() * (poses[edge.from].Inverse() * poses[edge.to]);
+  const SE3 d = RelativeError(edge.T_from_to, poses[edge.from], poses[edge.to]);
   return std::hypot(rotation_weight * LogSO3(d.q).norm(), translation_weight * d.t.norm());
 }
 
