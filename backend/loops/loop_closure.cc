@@ -10,6 +10,7 @@
 
 #include "backend/loops/loop_agreement.h"
 #include "backend/places/submap_place.h"
+#include "backend/submaps/map_assembly.h"
 #include "core/base/angle.h"
 #include "core/base/parallel.h"
 
@@ -341,12 +342,7 @@ void LoopClosure::Correct() {
 }
 
 void AddToMap(const Submap& submap, const SE3& T_world_submap, VoxelMap* map) {
-  const Eigen::Matrix3d R = T_world_submap.R();
-  for (const SubmapLeaf& leaf : submap.Leaves()) {
-    const PointCluster cluster = submap.Cluster(leaf).Moved(R, T_world_submap.t);
-    if (map->CanHold(cluster.mean))
-      map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes, submap.keyframes.back().id);
-  }
+  AddLeaves(submap, submap.Leaves(), T_world_submap, map);
   map->Refresh();
   map->EvictToBudget();
 }

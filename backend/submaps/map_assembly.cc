@@ -69,6 +69,16 @@ class LeafSums {
 
 }  // namespace
 
+void AddLeaves(const Submap& submap, const SubmapLeaves& leaves, const SE3& T_map_submap,
+               VoxelMap* map) {
+  const Eigen::Matrix3d R = T_map_submap.R();
+  for (const SubmapLeaf& leaf : leaves) {
+    const PointCluster cluster = submap.Cluster(leaf).Moved(R, T_map_submap.t);
+    if (map->CanHold(cluster.mean))
+      map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes, submap.keyframes.back().id);
+  }
+}
+
 std::vector<VoxelMap::FixedPart> AssembleFixed(const std::vector<PlacedSubmap>& submaps,
                                                const VoxelMapOptions& map,
                                                const Eigen::Vector3d& sensor) {

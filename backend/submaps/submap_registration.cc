@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "backend/submaps/map_assembly.h"
 #include "core/base/angle.h"
 #include "core/base/thinning.h"
 
@@ -37,11 +38,7 @@ ScanMatcherOptions Coarse(ScanMatcherOptions options) {
 std::unique_ptr<VoxelMap> MapOf(const Submap& submap, const SubmapLeaves& leaves,
                                 VoxelMapOptions options) {
   auto map = std::make_unique<VoxelMap>(options);
-  for (const SubmapLeaf& leaf : leaves) {
-    const PointCluster cluster = submap.Cluster(leaf);
-    if (!map->CanHold(cluster.mean)) continue;
-    map->AddFixed(map->LeafAt(cluster.mean), cluster, leaf.keyframes, submap.keyframes.back().id);
-  }
+  AddLeaves(submap, leaves, SE3(), map.get());
   map->Refresh();
   return map;
 }
