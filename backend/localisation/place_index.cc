@@ -184,7 +184,7 @@ void PlaceIndex::Judge(const SubmapQuery& query, const SightLines& sight, const 
     }
   });
   std::stable_sort(sightings->begin(), sightings->end(), [](const Sighting& a, const Sighting& b) {
-    if (a.match.converged != b.match.converged) return a.match.converged;
+    if (a.match.met_planes != b.match.met_planes) return a.match.met_planes;
     return Contradiction(a) < Contradiction(b);
   });
 }
@@ -234,7 +234,7 @@ std::vector<PlaceIndex::Hypothesis> PlaceIndex::OfNearest(const std::vector<Sigh
                                                           const Eigen::Vector3d& middle) const {
   std::vector<Hypothesis> nearest;
   for (const Sighting& sighting : sightings) {
-    if (!sighting.match.converged) continue;
+    if (!sighting.match.met_planes) continue;
     if (sighting.match.overlap < kLeastOverlap && sighting.met < kLeastMet) continue;
     Hypothesis next{Nearest(sighting.piece, sighting.T_piece_submap * middle), SE3(),
                     sighting.score};

@@ -42,7 +42,7 @@ std::string StrictRefusal(const Sighting& sighting, const VerificationOptions& l
 }
 
 bool IsRival(const Sighting& other, const Sighting& best) {
-  if (!other.match.converged) return false;
+  if (!other.match.met_planes) return false;
   const bool one_piece = other.piece == best.piece;
   const SE3 &a = other.T_piece_submap, &b = best.T_piece_submap;
   if (one_piece && SamePose(a, b)) return false;
@@ -87,7 +87,7 @@ bool NoRival(const std::vector<Sighting>& sightings) {
 
 std::optional<bool> Repeats(const std::vector<Sighting>& sightings) {
   const Sighting& best = sightings.front();
-  if (!best.match.converged || best.met < kMet || best.gone > kMostGone) return std::nullopt;
+  if (!best.match.met_planes || best.met < kMet || best.gone > kMostGone) return std::nullopt;
   return TwoOfOnePiece(Likely(sightings));
 }
 

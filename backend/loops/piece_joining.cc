@@ -225,7 +225,7 @@ void PieceJoiner::Compare(const std::vector<SubmapPair>& pairs, Evidence* eviden
       ++evidence->agreeing;
     } else if (expected && MayBeRight(loop.match, options_.verification)) {
       loop.status = Loop::Status::kRefused;
-    } else if (loop.match.converged && loop.match.planes >= options_.verification.min_planes) {
+    } else if (loop.match.met_planes && loop.match.planes >= options_.verification.min_planes) {
       // What has few planes in common says nothing.
       ++evidence->contradicting;
       if (loop.reason.empty()) loop.reason = "not where the other loops have it";

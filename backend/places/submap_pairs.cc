@@ -44,7 +44,7 @@ void Archive(StateArchive& a, SubmapPair* pair) {
 }
 
 void Archive(StateArchive& a, SubmapMatch* match) {
-  a(&match->T_other_query, &match->covariance, &match->converged, &match->planes, &match->overlap,
+  a(&match->T_other_query, &match->covariance, &match->met_planes, &match->planes, &match->overlap,
     &match->structure, &match->residual_sigmas, &match->facing, &match->gone, &match->looks);
 }
 

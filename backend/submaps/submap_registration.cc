@@ -133,7 +133,7 @@ bool FitsClearlyBetter(const SubmapMatch& one, const SubmapMatch& other) {
 }
 
 std::string Refusal(const SubmapMatch& match, const VerificationOptions& options) {
-  if (!match.converged) return "registration did not converge";
+  if (!match.met_planes) return "registration did not converge";
   if (match.planes < options.min_planes) return "few planes agree";
   if (match.overlap < LeastOverlap(match, options)) return "planes do not agree";
   if (match.structure < options.min_structure) return "structure does not agree";
@@ -199,7 +199,7 @@ SubmapMatch SubmapRegistration::Register(const SubmapQuery& query, const SubmapT
   const MatchResult descent = Descend(query.clusters, target, T_target_query, coarse);
   match.T_other_query = descent.T_world_lidar;
   if (descent.status == MatchResult::Status::kTooFewMatches) return match;
-  match.converged = true;
+  match.met_planes = true;
   match.covariance = descent.covariance;
   JudgePlanes(query, target.fine(), &match);
   match.structure = StructureInCommon(query, target.fine(), match.T_other_query);

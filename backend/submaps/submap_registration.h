@@ -57,7 +57,7 @@ struct SubmapMatch {
   SE3 T_other_query;
   // Of T_other_query in the tangent of core/geometry/se3.h, submaps taken as rigid.
   Matrix6d covariance = Matrix6d::Identity();
-  bool converged = false;
+  bool met_planes = false;  // enough for the descent; if not, the rest says nothing
   int planes = 0;
   double overlap = 0.0, structure = 0.0, residual_sigmas = 0.0, facing = 0.0, gone = 0.0;
   int looks = 0;  // that `gone` is a share of

@@ -97,7 +97,7 @@ std::string LooksCsv(const std::vector<LocalisationTrial>& trials) {
             "{},{},{},{},{:.1f},{:.3f},{:.2f},{},{},{:.4f},{:.4f},{:.1f},{:.3f},{:.4f},{:.4f},{},{}"
             ",{}\n",
             trial.name, trial.seed, i, ToString(trial.windows[i].kind), pose.after_s, pose.error_m,
-            pose.error_deg, match.converged ? 1 : 0, match.planes, match.overlap, match.structure,
+            pose.error_deg, match.met_planes ? 1 : 0, match.planes, match.overlap, match.structure,
             match.facing, match.residual_sigmas, pose.candidate.met, pose.candidate.gone,
             pose.candidate.place.piece, pose.candidate.same_as_best ? 1 : 0, pose.candidate.reason);
       }

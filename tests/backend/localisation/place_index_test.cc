@@ -243,7 +243,7 @@ TEST_F(PieceIndexTest, InAPieceWhoseOwnPlaceIsNotSureNothingIsBelieved) {
 
 TEST(Sightings, TwoPosesOfOnePieceAreNeverTheSame) {
   Sighting best;
-  best.match.converged = true;
+  best.match.met_planes = true;
   best.met = 1.0;
   Sighting first = best;
   first.piece = 1;

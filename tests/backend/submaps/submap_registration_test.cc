@@ -9,7 +9,7 @@ namespace {
 
 SubmapMatch GoodMatch() {
   SubmapMatch match;
-  match.converged = true;
+  match.met_planes = true;
   match.planes = 500;
   match.overlap = 0.9;
   match.structure = 0.8;
@@ -25,7 +25,7 @@ std::string RefusalOf(const SubmapMatch& match) { return Refusal(match, Verifica
 TEST(SubmapRegistration, EachKindOfEvidenceIsNeeded) {
   EXPECT_EQ(RefusalOf(GoodMatch()), "");
   SubmapMatch match = GoodMatch();
-  match.converged = false;
+  match.met_planes = false;
   EXPECT_EQ(RefusalOf(match), "registration did not converge");
   match = GoodMatch();
   match.planes = 59;
