@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "backend/mapping/pipeline.h"
-#include "core/base/error.h"
+#include "core/base/first_readable.h"
 
 namespace lamina {
 namespace {
@@ -93,20 +93,15 @@ double PeriodByStamps(const ScanSource& source, std::size_t begin, std::size_t e
 }
 
 PointTimes PointTimesOf(const ScanSource& source, std::size_t begin, std::size_t end) {
-  constexpr std::size_t kTries = 5;
   constexpr double kMostPeriods = 1.5;
   const double period_s = PeriodByStamps(source, begin, end);
-  for (std::size_t i = begin; i < std::min(end, begin + kTries); ++i) {
-    try {
-      const std::vector<float> times = source.Read(i).time_s;
-      if (times.empty()) return PointTimes::kNone;
-      return SpanOfTimes(times).length_s() < kMostPeriods * period_s ? PointTimes::kOfTheScan
-                                                                     : PointTimes::kLonger;
-    } catch (const InputError&) {
-      // The next one may be readable.
-    }
-  }
-  return PointTimes::kUnknown;
+  const auto times_of = [&](std::size_t i) {
+    const std::vector<float> times = source.Read(i).time_s;
+    if (times.empty()) return PointTimes::kNone;
+    return SpanOfTimes(times).length_s() < kMostPeriods * period_s ? PointTimes::kOfTheScan
+                                                                   : PointTimes::kLonger;
+  };
+  return FirstReadable(begin, end, times_of).value_or(PointTimes::kUnknown);
 }
 
 }  // namespace lamina

@@ -11,6 +11,7 @@
 #include "backend/mapping/scan_decoder.h"
 #include "backend/opening/opening_look.h"
 #include "core/base/error.h"
+#include "core/base/first_readable.h"
 #include "frontend/scan/horizontal_view.h"
 
 namespace lamina {
@@ -179,12 +180,11 @@ Finding LookForSweep(const ScanSource& source, std::size_t from, std::size_t end
 // Whether one sensor took the scans, and its first points lie all around it.
 bool IsOneSensorAllAround(const ScanSource& source, std::size_t begin, std::size_t end,
                           const MappingOptions& options) {
-  constexpr std::size_t kTries = 5;
   constexpr double kAllAround = 0.75;
   for (std::size_t i = begin; i < end; ++i) {
     if (source.Sensor(i) != source.Sensor(begin)) return false;
   }
-  for (std::size_t i = begin; i < std::min(end, begin + kTries); ++i) {
+  for (std::size_t i = begin; i < std::min(end, begin + kReadTries); ++i) {
     const std::vector<TimedPoint> points =
         DecodeScan(source, options.preparation, options.pipeline.min_points,
                    options.mapper.map.LeafSize(), begin, i)

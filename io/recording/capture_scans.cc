@@ -6,6 +6,7 @@
 #include <filesystem>
 
 #include "core/base/error.h"
+#include "core/base/first_readable.h"
 
 namespace lamina {
 namespace {
@@ -86,8 +87,8 @@ std::map<std::string, CaptureScans::Source> CaptureScans::FindSources() {
 
 // Throws InputError if none of the first ones can be read: that of its sensor is missing.
 void CaptureScans::CheckFirstPackets() const {
-  constexpr std::size_t kTries = 5;
-  for (std::size_t i = 0; i < std::min(kTries, sweeps_.size()); ++i) {
+  const std::size_t tries = std::min(kReadTries, sweeps_.size());
+  for (std::size_t i = 0; i < tries; ++i) {
     PacketReader reader(file_, format_, sweeps_[i].place);
     UdpPacket packet;
     Scan ignored;
@@ -97,7 +98,7 @@ void CaptureScans::CheckFirstPackets() const {
       }
       return;
     } catch (const InputError&) {
-      if (i + 1 == std::min(kTries, sweeps_.size())) throw;
+      if (i + 1 == tries) throw;
     }
   }
 }

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "core/base/error.h"
+#include "core/base/first_readable.h"
 #include "io/message/lidar_message.h"
 
 namespace lamina {
@@ -33,15 +34,10 @@ MessageScans::MessageScans(const std::string& path,
 }
 
 bool MessageScans::HasHeaderStamps() const {
-  constexpr std::size_t kTries = 5;
-  for (std::size_t i = 0; i < std::min(kTries, places_.size()); ++i) {
-    try {
-      return LidarMessageStamp(topic_, container_->Read(places_[i], kHeadBytes), Name(i)) != 0;
-    } catch (const InputError&) {
-      // The next one may be readable.
-    }
-  }
-  return false;
+  const auto has_stamp = [this](std::size_t i) {
+    return LidarMessageStamp(topic_, container_->Read(places_[i], kHeadBytes), Name(i)) != 0;
+  };
+  return FirstReadable(0, places_.size(), has_stamp).value_or(false);
 }
 
 std::string MessageScans::Name(std::size_t i) const {

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "core/base/error.h"
+#include "core/base/first_readable.h"
 #include "io/packet/sensor_files.h"
 
 namespace lamina {
@@ -33,9 +34,9 @@ std::optional<std::size_t> PacketBytes(const MessageContainer& container, const 
 
 bool HoldsPointPackets(const MessageContainer& container, std::size_t topic) {
   if (!IsPacketTopic(container.topics()[topic])) return false;
-  constexpr std::size_t kTries = 5, kFewestBytes = 256;  // those of the IMU have 48
+  constexpr std::size_t kFewestBytes = 256;  // those of the IMU have 48
   const std::vector<MessagePlace>& places = container.Messages(topic);
-  for (std::size_t i = 0; i < std::min(kTries, places.size()); ++i) {
+  for (std::size_t i = 0; i < std::min(kReadTries, places.size()); ++i) {
     const auto bytes = PacketBytes(container, container.topics()[topic], places[i]);
     if (bytes) return *bytes >= kFewestBytes;
   }

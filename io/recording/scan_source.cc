@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "core/base/error.h"
+#include "core/base/first_readable.h"
 #include "core/base/parallel.h"
 #include "io/container/message_container.h"
 #include "io/file/text_input.h"
@@ -154,23 +155,23 @@ class FileScanSource final : public ScanSource {
   // The clock of the points, if the first file that can be read has one. Of files that cannot be
   // read, the stamp is just behind that of the one before.
   void FindStampsInPoints() {
-    constexpr std::size_t kTries = 5;
-    double sweep_s = 0.0;
-    const auto clock_of = [this](std::size_t i, double* span_s = nullptr) -> StampNs {
+    const auto read = [this](std::size_t i) {
+      return ReadScanFile(files_[i].string(), options_.point_time_unit);
+    };
+    const auto readable = FirstReadable(0, files_.size(), [&](std::size_t i) {
+      const Scan scan = read(i);
+      return std::make_pair(scan.stamp_ns, SpanOfTimes(scan.time_s).length_s());
+    });
+    if (!readable) return;
+    const auto [first, sweep_s] = *readable;
+    if (first == 0) return DoubtPeriod(sweep_s);
+    const auto clock_of = [&](std::size_t i) {
       try {
-        const Scan scan = ReadScanFile(files_[i].string(), options_.point_time_unit);
-        if (span_s != nullptr) *span_s = SpanOfTimes(scan.time_s).length_s();
-        return scan.stamp_ns;
+        return read(i).stamp_ns;
       } catch (const InputError&) {
         return kUnreadable;
       }
     };
-    StampNs first = kUnreadable;
-    for (std::size_t i = 0; i < std::min(kTries, files_.size()) && first == kUnreadable; ++i) {
-      first = clock_of(i, &sweep_s);
-    }
-    if (first == 0) DoubtPeriod(sweep_s);
-    if (first == kUnreadable || first == 0) return;
     std::vector<StampNs> clocks(files_.size());
     ParallelChunks(files_.size(), 1, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) clocks[i] = clock_of(i);

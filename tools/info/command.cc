@@ -8,7 +8,7 @@
 #include <string>
 
 #include "config/config.h"
-#include "core/base/error.h"
+#include "core/base/first_readable.h"
 #include "core/base/printable_text.h"
 #include "io/container/message_container.h"
 #include "io/message/lidar_message.h"
@@ -26,20 +26,15 @@ struct InfoArguments {
 
 // Frame and fields of the first message that can be read.
 std::string DescribeMessages(const MessageContainer& container, std::size_t topic) {
-  constexpr std::size_t kTries = 5;
   const std::vector<MessagePlace>& places = container.Messages(topic);
-  for (std::size_t i = 0; i < std::min(kTries, places.size()); ++i) {
-    try {
-      LidarMessageInfo info;
-      ScanFromMessage(container.topics()[topic], container.Read(places[i]), PointTimeUnit::kAuto,
-                      "message", &info);
-      return fmt::format("frame   {}\nfields  {}\n", Printable(info.frame_id),
-                         Printable(info.fields));
-    } catch (const InputError&) {
-      // The next one may be readable.
-    }
-  }
-  return "";
+  const auto describe = [&](std::size_t i) {
+    LidarMessageInfo info;
+    ScanFromMessage(container.topics()[topic], container.Read(places[i]), PointTimeUnit::kAuto,
+                    "message", &info);
+    return fmt::format("frame   {}\nfields  {}\n", Printable(info.frame_id),
+                       Printable(info.fields));
+  };
+  return FirstReadable(0, places.size(), describe).value_or("");
 }
 
 int DescribeContainer(const InfoArguments& arguments, LaminaConfig config) {

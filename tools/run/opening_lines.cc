@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "core/base/error.h"
+#include "core/base/first_readable.h"
 #include "core/base/printable_text.h"
 #include "tools/results/posed_scans.h"
 
@@ -25,9 +26,8 @@ struct FirstScan {
 };
 
 FirstScan ReadFirst(const ScanSource& source, const FrameRange& range) {
-  constexpr std::size_t kTries = 5;
   FirstScan first;
-  const std::size_t end = std::min(range.end, range.begin + kTries);
+  const std::size_t end = std::min(range.end, range.begin + kReadTries);
   std::string error_of_first;
   for (std::size_t i = range.begin; i < end; ++i) {
     try {
