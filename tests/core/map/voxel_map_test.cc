@@ -5,7 +5,6 @@
 #include <set>
 
 #include "tests/core/map/voxel_map_fixture.h"
-#include "tests/support/memory_voxel_store.h"
 #include "tests/support/sanitizers.h"
 #include "tests/support/scenes/random_scenes.h"
 
@@ -30,17 +29,6 @@ void ExpectSame(const PointCluster& a, const PointCluster& b) {
   // Fixed parts are kept in single precision, relative to their voxel.
   EXPECT_LT(MeanGap(a, b), 2e-7);
   EXPECT_LT(ScatterGap(a, b), 2e-6);
-}
-
-// A flat patch in the root voxel with these indices, seen by two frames.
-void AddPatch(int x, int y, int z, std::int64_t frame, Draws* draws, VoxelMap* map) {
-  const double size = map->options().root_size_m;
-  const Patch patch(size * Eigen::Vector3d(x + 0.5, y + 0.5, z + 0.5), draws->Direction());
-  for (int f = 0; f < 2; ++f) {
-    Points points;
-    for (int i = 0; i < 10; ++i) points.push_back(patch.Point(0.3 * size, 0.001, draws));
-    map->AddWindow(map->LeafAt(patch.centre), ClusterOf(points), frame + f);
-  }
 }
 
 TEST(VoxelMap, PlacesOfManyAreThoseOfEach) {
@@ -286,92 +274,6 @@ TEST(VoxelMap, FixedClustersAreCapped) {
   }
   EXPECT_NEAR(map.FixedAggregate(leaf).count, 12.0, 1e-9);
   EXPECT_NEAR(map.FixedAggregate(leaf).mean.x(), 0.5, 0.03);
-}
-
-TEST(VoxelMap, EvictionKeepsTheBudgetAndReusesNodes) {
-  Draws draws(5);
-  VoxelMapOptions options;
-  options.budget_mb = 8.0;
-  MemoryVoxelStore store;
-  VoxelMap map(options, &store);
-  std::size_t surfels = 0, dropped = 0, added = 0, most_bytes = 0;
-  for (int frame = 0; frame < 300; ++frame) {
-    for (int i = 0; i < 200; ++i, ++added) AddPatch(i, frame, -frame, 2 * frame, &draws, &map);
-    map.Refresh();
-    dropped += map.EvictToBudget();
-    most_bytes = std::max(most_bytes, map.bytes());
-    ASSERT_LE(map.bytes(), 8U * 1048576U) << "after frame " << frame;
-    // The newest patches are there.
-    EXPECT_EQ(map.kind(map.FindSurface(options.root_size_m *
-                                       Eigen::Vector3d(0.5, frame + 0.5, 0.5 - frame))),
-              Kind::kPlane);
-  }
-  EXPECT_EQ(map.roots() + dropped, added);
-  EXPECT_GT(dropped, added / 2);
-  EXPECT_EQ(store.records(), dropped);
-  // Everything is in memory or in the store.
-  map.ForEachSurface(2, [&](const Surfel& s) {
-    ++surfels;
-    EXPECT_EQ(s.count, 20U);
-    EXPECT_LT(s.eigenvalues(2), 1e-5F);
-  });
-  EXPECT_EQ(surfels, added);
-  EXPECT_EQ(map.FindSurface({0.1, 0.1, 0.1}), VoxelMap::kNoNode);
-  // Nodes of what has gone serve again, and are empty.
-  const NodeId fresh = map.LeafAt({-100.0, 0.0, 0.0});
-  EXPECT_TRUE(map.Aggregate(fresh).Empty());
-  EXPECT_EQ(map.kind(fresh), Kind::kEmpty);
-}
-
-TEST(VoxelMap, EvictionSparesWhatIsHeld) {
-  Draws draws(6);
-  VoxelMapOptions options;
-  options.budget_mb = 1.0;
-  VoxelMap map(options);
-  AddPatch(-50, 0, 0, 0, &draws, &map);
-  const Eigen::Vector3d held = options.root_size_m * Eigen::Vector3d(-49.5, 0.5, 0.5);
-  map.Hold(map.LeafAt(held));
-  map.Hold(map.LeafAt(held));
-  std::size_t dropped = 0;
-  for (int frame = 0; frame < 50; ++frame) {
-    if (frame == 25) map.Release(map.LeafAt(held));
-    for (int i = 0; i < 200; ++i) AddPatch(i, frame, 0, 2 * frame, &draws, &map);
-    map.Refresh();
-    dropped += map.EvictToBudget();
-    EXPECT_NE(map.FindSurface(held), VoxelMap::kNoNode);
-  }
-  EXPECT_GT(dropped, 5000U);
-  map.Release(map.LeafAt(held));
-  for (int frame = 50; frame < 80; ++frame) {
-    for (int i = 0; i < 200; ++i) AddPatch(i, frame, 0, 2 * frame, &draws, &map);
-    map.Refresh();
-    map.EvictToBudget();
-  }
-  EXPECT_EQ(map.FindSurface(held), VoxelMap::kNoNode);
-}
-
-TEST(VoxelMap, SaysThatItCannotKeepItsBudget) {
-  Draws draws(9);
-  VoxelMapOptions options;
-  options.budget_mb = 1.0;
-  VoxelMap map(options);
-  const auto fill = [&](int frame, bool hold) {
-    for (int i = 0; i < 200; ++i) {
-      AddPatch(i, frame, 0, 2 * frame, &draws, &map);
-      const Eigen::Vector3d centre =
-          options.root_size_m * Eigen::Vector3d(i + 0.5, frame + 0.5, 0.5);
-      if (hold) map.Hold(map.LeafAt(centre));
-    }
-    map.Refresh();
-    map.EvictToBudget();
-  };
-  for (int frame = 0; frame < 20; ++frame) fill(frame, false);
-  EXPECT_FALSE(map.over_budget());
-  for (int frame = 20; frame < 50; ++frame) fill(frame, true);
-  EXPECT_TRUE(map.over_budget());
-  // What is held is all that is there.
-  EXPECT_EQ(map.roots(), 6000U);
-  EXPECT_LT(map.bytes(), 3U * 1048576U);
 }
 
 TEST(VoxelMap, HoldsMillionsOfVoxels) {

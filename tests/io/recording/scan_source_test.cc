@@ -6,6 +6,7 @@
 
 #include <vector>
 
+#include "tests/io/points/scan_file_fixture.h"
 #include "tests/support/files/io_test_files.h"
 
 namespace lamina {
