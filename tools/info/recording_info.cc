@@ -9,6 +9,7 @@
 #include "core/base/printable_text.h"
 #include "io/recording/message_topics.h"
 #include "tools/results/posed_scans.h"
+#include "tools/results/verdict/rules.h"
 #include "tools/run/opening_lines.h"
 
 namespace lamina {
@@ -29,7 +30,6 @@ std::string ShellWord(const std::string& text) {
 }  // namespace
 
 ScanRate MeasureRate(const std::vector<StampNs>& stamps) {
-  constexpr double kGapPeriods = 1.5;
   ScanRate rate;
   std::vector<double> steps;
   for (std::size_t i = 1; i < stamps.size(); ++i) {
@@ -45,7 +45,7 @@ ScanRate MeasureRate(const std::vector<StampNs>& stamps) {
   rate.period_s = UpperMedian(&steps);
   for (std::size_t i = 1; i < stamps.size(); ++i) {
     const double step_s = SecondsBetween(stamps[i - 1], stamps[i]);
-    if (step_s <= kGapPeriods * rate.period_s) continue;
+    if (step_s <= run_rules::kGapPeriods * rate.period_s) continue;
     ++rate.gaps;
     rate.missing += static_cast<std::size_t>(std::min(1e9, std::round(step_s / rate.period_s) - 1));
     if (step_s <= rate.longest_gap_s) continue;
