@@ -162,12 +162,5 @@ TEST_F(PcdFileTest, HeaderLinesThatBreakTheRulesAreNamed) {
   EXPECT_THAT(error("1 2 3\n", "1 2 drei\n"), HasSubstr("'drei'"));
 }
 
-std::string PlyHeader(const std::string& format, const std::string& count,
-                      const std::string& more_properties = "") {
-  return "ply\nformat " + format + " 1.0\ncomment a test\nelement vertex " + count +
-         "\nproperty float x\nproperty float y\nproperty float z\n" + more_properties +
-         "end_header\n";
-}
-
 }  // namespace
 }  // namespace lamina

@@ -37,6 +37,13 @@ inline std::string XyzHeader(const std::string& width, const std::string& data) 
   return PcdHeader("x y z", "4 4 4", "F F F", width, data);
 }
 
+inline std::string PlyHeader(const std::string& format, const std::string& count,
+                             const std::string& more_properties = "") {
+  return "ply\nformat " + format + " 1.0\ncomment a test\nelement vertex " + count +
+         "\nproperty float x\nproperty float y\nproperty float z\n" + more_properties +
+         "end_header\n";
+}
+
 inline std::string Replaced(std::string text, const std::string& from, const std::string& to) {
   const std::size_t at = text.find(from);
   EXPECT_NE(at, std::string::npos) << from;
