@@ -208,6 +208,10 @@ class CorrectingRun {
     run_.opening = CalibrateOpening(source_, begin_, Next(), end_, drive_.Longest(),
                                     shaken_.IsShaken(), options_, calibration, stop_);
     run_.opening.before = before;
+    // What is known only in part are the poses, too, that beams were found by.
+    const MappingCounts& counts = run_.mapping->counts();
+    if (run_.opening.outcome == Outcome::kCorrected && counts.degenerate * 2 > counts.frames)
+      Refuse("most scans leave a direction open");
     if (run_.opening.outcome == Outcome::kCorrected) Try();
   }
   MappedRecording MapRest() {

@@ -25,6 +25,7 @@ inline constexpr double kClearlyThinner = 0.9;
 
 struct OpeningLook {
   bool tracked = false;     // throughout
+  bool determined = false;  // most scans, in all directions: the way is more than a prediction
   double lost_share = 0.0;  // of the scans
   double way_m = 0.0, turn_rad = 0.0;
   Vector6d start_velocity = Vector6d::Zero();  // of the first scan, in the body, per second

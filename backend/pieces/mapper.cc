@@ -1,8 +1,10 @@
 #include "backend/pieces/mapper.h"
 
 #include <cmath>
+#include <optional>
 #include <utility>
 
+#include "backend/pieces/first_pose.h"
 #include "backend/pieces/sweep_stamp.h"
 #include "core/base/angle.h"
 
@@ -26,6 +28,7 @@ Mapper::Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
 RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   RegisteredScan result;
   map_->SelectPiece(piece_);
+  SettleFirst();
   result.odometry = Register(scan);
   OdometryFrame& frame = result.odometry;
   const bool started_over = start_.open() && FollowStart(scan, &frame);
@@ -279,10 +282,16 @@ bool Mapper::ApplySolve(const BundleResult& result) {
   // the map shows and the trajectory says must not part.
   const std::int64_t first = window_.frames().front().id;
   if (ids.back() < first || window_.HoldAstray(ids, result.poses)) return false;
+  MoveKeyframes(ids, result.poses);
+  return true;
+}
+
+void Mapper::MoveKeyframes(const std::vector<std::int64_t>& ids, const std::vector<SE3>& poses) {
+  const std::int64_t first = window_.frames().front().id;
   // Frames that have joined since move with the last one that was solved.
-  const SE3 correction = result.poses.back() * open_.Keyframe(ids.back()).Inverse();
+  const SE3 correction = poses.back() * open_.Keyframe(ids.back()).Inverse();
   for (std::size_t k = 0; k < ids.size(); ++k) {
-    if (ids[k] >= first) open_.Keyframe(ids[k]) = result.poses[k];
+    if (ids[k] >= first) open_.Keyframe(ids[k]) = poses[k];
   }
   for (std::int64_t id = ids.back() + 1; id < open_.NextKeyframe(); ++id) {
     open_.Keyframe(id) = correction * open_.Keyframe(id);
@@ -296,7 +305,28 @@ bool Mapper::ApplySolve(const BundleResult& result) {
   }
   open_.UpdateMotions();
   map_->Refresh();
-  return true;
+}
+
+void Mapper::SettleFirst() {
+  constexpr std::size_t kEnough = 8;
+  if (first_settled_ || start_.open() || !solving_.empty() || tracker_.lost() ||
+      window_.frames().size() < kEnough)
+    return;
+  first_settled_ = true;
+  const WindowFrame& first = window_.frames().front();
+  // A first pose that is final already stays.
+  if (!first.alone || open_.size() == 0 || open_.FirstMiddle().stamp_ns != first.stamp_ns) return;
+  const std::optional<SE3> T_world_first = FirstPoseByOthers(
+      window_.frames(), tracker_.odometry().RecentInliers(), options_.odometry, options_.map);
+  if (!T_world_first) return;
+  const SE3 correction = first.T_world_lidar * T_world_first->Inverse();
+  std::vector<std::int64_t> ids;
+  std::vector<SE3> poses;
+  for (const WindowFrame& frame : window_.frames()) {
+    ids.push_back(frame.id);
+    poses.push_back(ids.size() == 1 ? frame.T_world_lidar : correction * frame.T_world_lidar);
+  }
+  MoveKeyframes(ids, poses);
 }
 
 void Mapper::PopOldest() {
@@ -322,7 +352,7 @@ std::vector<Eigen::Vector3d> Mapper::NewestKeyframe() const {
 
 void Mapper::Archive(StateArchive& a) {
   a(&T_world_start_, &tracker_, &window_, &open_, &keyframes_since_solve_, &frames_since_keyframe_,
-    &solving_, &start_, &stretch_, &ambiguous_, &matched_);
+    &solving_, &start_, &stretch_, &ambiguous_, &matched_, &first_settled_);
 }
 
 }  // namespace lamina

@@ -133,6 +133,12 @@ class Mapper {
   // no difference.
   bool RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar);
 
+  // Puts the first scan where the map of the keyframes after it has it, once these are enough: it
+  // stays, and they move.
+  void SettleFirst();
+  // Keyframes of these ids to these poses; those after them with the last, and odometry.
+  void MoveKeyframes(const std::vector<std::int64_t>& ids, const std::vector<SE3>& poses);
+
   MapperOptions options_;
   VoxelMap* map_;
   std::int64_t piece_;
@@ -147,7 +153,8 @@ class Mapper {
   DegenerateStretch stretch_;
   AmbiguousPlace ambiguous_;
   OnFinalKeyframe on_final_keyframe_;
-  bool matched_ = false;  // any scan, ever
+  bool matched_ = false;        // any scan, ever
+  bool first_settled_ = false;  // SettleFirst
 };
 
 }  // namespace lamina

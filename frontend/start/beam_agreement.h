@@ -13,6 +13,8 @@
 // is a share: how many beams come to lie on one another, which is what the pattern decides, does
 // not count. In a forest it is 0.4 to 0.6 at the right pose and below 0.2 where lines lie on lines.
 // Its maximum is blunt, 0.5 deg and 5 cm wide. n_0 keeps a few from deciding.
+//
+// Private to frontend/start.
 #pragma once
 
 #include <Eigen/Core>

@@ -8,6 +8,7 @@ namespace {
 OpeningLook Look(double lost_share, double thick_m, std::size_t planes = 1000) {
   OpeningLook look;
   look.tracked = lost_share == 0.0;
+  look.determined = true;
   look.lost_share = lost_share;
   look.way_m = 50.0;
   look.map.planes = planes;
@@ -36,6 +37,17 @@ TEST(OpeningLook, NothingIsSaidWhereScansAreLostEitherWayOrNeither) {
   OpeningLook standing = Look(0.0, 0.012);
   standing.way_m = standing.turn_rad = 0.0;
   EXPECT_FALSE(Misled(Look(0.3, 0.02), standing));
+}
+
+// Of scans of which each leaves a direction open, map and way are what was predicted.
+TEST(OpeningLook, NothingIsSaidByMotionsThatArePredicted) {
+  OpeningLook open = Look(0.0, 0.012);
+  EXPECT_TRUE(Comparable(Look(0.0, 0.02), open));
+  EXPECT_TRUE(Misled(Look(0.3, 0.02), open));
+  open.determined = false;
+  EXPECT_FALSE(Comparable(Look(0.0, 0.02), open));
+  EXPECT_FALSE(Comparable(open, Look(0.0, 0.02)));
+  EXPECT_FALSE(Misled(Look(0.3, 0.02), open));
 }
 
 }  // namespace

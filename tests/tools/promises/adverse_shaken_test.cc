@@ -24,6 +24,19 @@ TEST(AdverseCarPark, IsNotLostInANarrowMinimumWhereTheSensorShakes) {
   EXPECT_EQ(verdict.lost, 0u) << verdict.broken;
 }
 
+// Turned by six degrees the second scan fits the first as well; the third and all after it follow
+// the second, and the first is brought to them.
+TEST(AdverseShake, TheFirstScanIsWhereTheOthersHaveIt) {
+  Promise promise;
+  promise.synth = {"--scene pavement --sensor avia --noise 0.03 --frames 40 --seed 732838",
+                   "--profile shake"};
+  promise.config = "livox_avia";
+  const Verdict verdict = Tried(promise, 1);
+  EXPECT_LT(verdict.worst_deg, 0.5) << verdict.broken;
+  EXPECT_LT(verdict.worst_m, 0.05) << verdict.broken;
+  EXPECT_GE(verdict.judged, 15u) << verdict.broken;
+}
+
 // Nor do single matches tell what stands from what moves along where each sweep is of a motion of
 // its own: the first ones follow cars at the sensor's speed, with which all scans together differ.
 TEST(AdverseCarPark, IsTrackedWhereEachSweepIsShaken) {
