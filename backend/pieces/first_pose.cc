@@ -2,7 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <utility>
+#include <vector>
 
 #include "core/base/angle.h"
 #include "frontend/matching/pose_hypotheses.h"

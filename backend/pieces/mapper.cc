@@ -326,6 +326,7 @@ void Mapper::SettleFirst() {
     ids.push_back(frame.id);
     poses.push_back(ids.size() == 1 ? frame.T_world_lidar : correction * frame.T_world_lidar);
   }
+  window_.SetMotionTo(1, poses[0].Inverse() * poses[1]);
   MoveKeyframes(ids, poses);
 }
 

@@ -20,8 +20,8 @@ struct PlacedSubmap {
   SE3 T_world_submap;
 };
 
-// Adds leaves of a submap to the fixed clusters of the leaves of a map, its selected piece, in which
-// their means lie there. Those that the map cannot hold are left out. No Refresh.
+// Adds leaves of a submap to the fixed clusters of the leaves of a map, its selected piece, in
+// which their means lie there. Those that the map cannot hold are left out. No Refresh.
 void AddLeaves(const Submap& submap, const SubmapLeaves& leaves, const SE3& T_map_submap,
                VoxelMap* map);
 

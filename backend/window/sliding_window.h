@@ -99,6 +99,10 @@ class SlidingWindow {
   void SetPose(std::size_t i, const SE3& T_world_lidar) {
     frames_[i].T_world_lidar = T_world_lidar;
   }
+  // The motion to frame i from the one before it, where the frontend's is known to be wrong.
+  void SetMotionTo(std::size_t i, const SE3& T_previous_this) {
+    frames_[i].T_previous_this = T_previous_this;
+  }
   // Moves frame i to a new pose and motion. The map must be refreshed afterwards.
   void Move(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep);
 

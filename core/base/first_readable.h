@@ -10,7 +10,7 @@
 namespace lamina {
 
 // So many are tried: where none of them can be read, the next ones hardly can.
-constexpr std::size_t kReadTries = 5;
+inline constexpr std::size_t kReadTries = 5;
 
 // What read(i) returns for the first i in [begin, end) for which it throws no InputError; nothing
 // if it does for the first kReadTries of them.
