@@ -144,8 +144,9 @@ std::string Refusal(const SubmapMatch& match, const VerificationOptions& options
 }
 
 bool MayBeRight(const SubmapMatch& match, VerificationOptions options) {
-  constexpr double kGoneFactor = 2.0;
+  constexpr double kGoneFactor = 2.0, kOverlapFactor = 0.5;
   options.min_facing = 0.0;
+  options.min_overlap_none_gone *= kOverlapFactor;
   if (NoneIsGone(match) || NearlyAllAgrees(match)) options.min_structure = 0.0;
   options.max_gone_agreeing *= kGoneFactor;
   return Refusal(match, options).empty();

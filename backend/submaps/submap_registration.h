@@ -43,7 +43,7 @@ struct VerificationOptions {
   int min_planes = 60;
   double min_overlap = 0.7;
   double min_overlap_none_gone = 0.4;  // where all that should show does
-  double min_structure = 0.5;
+  double min_structure = 0.45;
   double min_facing = 4.0;
   // At most.
   double max_residual_sigmas = 1.5;
@@ -80,8 +80,8 @@ std::string Refusal(const SubmapMatch& match, const VerificationOptions& options
 
 // Whether one that is not may be right all the same, where others expect it: open along a street,
 // it could lie elsewhere as well, but need not; and of two submaps that overlap in part, each has
-// structure where the other did not look, and what was parked there on one day shows in fewer
-// looks.
+// planes and structure where the other did not look, and what was parked there on one day shows in
+// fewer looks.
 bool MayBeRight(const SubmapMatch& match, VerificationOptions options);
 
 // A submap that others are registered against. Immutable; thread-safe.

@@ -31,7 +31,7 @@ TEST(SubmapRegistration, EachKindOfEvidenceIsNeeded) {
   match.planes = 59;
   EXPECT_EQ(RefusalOf(match), "few planes agree");
   match = GoodMatch();
-  match.structure = 0.49;
+  match.structure = 0.44;
   EXPECT_EQ(RefusalOf(match), "structure does not agree");
   match = GoodMatch();
   match.residual_sigmas = 1.6;
@@ -97,6 +97,11 @@ TEST(SubmapRegistration, WhatOverlapsInPartAmongOtherCarsMayBeRight) {
   EXPECT_FALSE(MayBeRight(match, VerificationOptions()));
   match.gone = 0.0;
   EXPECT_TRUE(MayBeRight(match, VerificationOptions()));
+  // Sparse scans have little in common; less is that of any two places.
+  match.overlap = 0.3;
+  EXPECT_TRUE(MayBeRight(match, VerificationOptions()));
+  match.overlap = 0.15;
+  EXPECT_FALSE(MayBeRight(match, VerificationOptions()));
 }
 
 TEST(SubmapRegistration, ARivalOfHalfATurnLacksFarMore) {
