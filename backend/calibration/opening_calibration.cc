@@ -209,10 +209,12 @@ class CorrectingRun {
                                     shaken_.IsShaken(), options_, calibration, stop_);
     run_.opening.before = before;
     // What is known only in part are the poses, too, that beams were found by.
-    const MappingCounts& counts = run_.mapping->counts();
-    if (run_.opening.outcome == Outcome::kCorrected && counts.degenerate * 2 > counts.frames)
+    if (run_.opening.outcome != Outcome::kCorrected) return;
+    if (run_.mapping->counts().MostlyDetermined()) {
+      Try();
+    } else {
       Refuse("most scans leave a direction open");
-    if (run_.opening.outcome == Outcome::kCorrected) Try();
+    }
   }
   MappedRecording MapRest() {
     drive_.Clear();

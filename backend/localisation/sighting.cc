@@ -20,7 +20,7 @@ constexpr double kBesideM = 2.5, kBesideDeg = 10.0, kBesideFactor = 1.3, kBeside
 }  // namespace
 
 bool SamePose(const SE3& a, const SE3& b, double most_m, double most_deg) {
-  return (a.t - b.t).norm() <= most_m && RotationAngle(a, b) <= Radians(most_deg);
+  return AreClose(a, b, most_m, Radians(most_deg));
 }
 
 bool SamePose(const SE3& a, const SE3& b) { return SamePose(a, b, kSameM, kSameDeg); }

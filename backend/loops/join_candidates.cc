@@ -17,6 +17,8 @@ constexpr double kSingleOverlap = 0.85, kSingleStructure = 0.7, kSingleFactor = 
 // Of its planes, how many must hold the direction that the fewest hold: of a tunnel with niches
 // 0.2 % did 217 m from the right place, of rooms and streets 5 % and more.
 constexpr double kSingleFacingShare = 0.01;
+// What is turned by more differs by half a turn.
+constexpr double kHalfTurnRad = 0.5 * M_PI;
 
 }  // namespace
 
@@ -103,13 +105,18 @@ std::string JoinCandidates::SingleRefusal(const JoinGroup& group) const {
   return "no other loop agrees";
 }
 
+bool JoinCandidates::IsRival(const Loop& other, const Loop& loop, std::size_t a,
+                             double least_turn_rad) const {
+  return other.from == loop.from && other.to == loop.to && other.status == Loop::Status::kWaiting &&
+         RotationAngle(other.match.T_other_query, loop.match.T_other_query) >= least_turn_rad &&
+         !Agree(other, loop, a);
+}
+
 bool JoinCandidates::FitsBetterElsewhere(const JoinGroup& group, double least_turn_rad) const {
   const auto better = [&](const Loop& loop) {
     return std::any_of(pieces_.loops.begin(), pieces_.loops.end(), [&](const Loop& other) {
-      return other.from == loop.from && other.to == loop.to &&
-             other.status == Loop::Status::kWaiting && FitsClearlyBetter(other.match, loop.match) &&
-             RotationAngle(other.match.T_other_query, loop.match.T_other_query) >= least_turn_rad &&
-             !Agree(other, loop, group.a);
+      return FitsClearlyBetter(other.match, loop.match) &&
+             IsRival(other, loop, group.a, least_turn_rad);
     });
   };
   return std::any_of(group.members.begin(), group.members.end(),
@@ -122,11 +129,7 @@ bool JoinCandidates::FitsTurnedAsWell(const JoinGroup& group) const {
     const Loop& loop = pieces_.loops[i];
     bool turned = false, decided = true;
     for (const Loop& other : pieces_.loops) {
-      if (other.from != loop.from || other.to != loop.to ||
-          other.status != Loop::Status::kWaiting ||
-          RotationAngle(other.match.T_other_query, loop.match.T_other_query) < 0.5 * M_PI ||
-          Agree(other, loop, group.a))
-        continue;
+      if (!IsRival(other, loop, group.a, kHalfTurnRad)) continue;
       turned = true;
       decided = decided && LacksFarLess(loop.match, other.match);
     }
@@ -140,7 +143,7 @@ std::optional<JoinGroup> JoinCandidates::BestOf(std::size_t a, std::size_t b) {
   constexpr char kBetterElsewhere[] = "another pose fits better";
   // What is right but for half a turn is no rival to what is right.
   const auto turned = [&](const JoinGroup& group) {
-    if (!FitsBetterElsewhere(group, 0.5 * M_PI)) return false;
+    if (!FitsBetterElsewhere(group, kHalfTurnRad)) return false;
     for (const std::size_t i : group.members) pieces_.loops[i].reason = kBetterElsewhere;
     return true;
   };

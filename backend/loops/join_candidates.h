@@ -48,6 +48,8 @@ class JoinCandidates {
   std::vector<JoinGroup> GroupsOf(std::size_t a, std::size_t b) const;
   std::size_t SizeOf(const JoinGroup& group) const;
   std::string SingleRefusal(const JoinGroup& group) const;
+  // Whether `other` is another pose of the same pair, turned by so much at least.
+  bool IsRival(const Loop& other, const Loop& loop, std::size_t a, double least_turn_rad) const;
   // Whether a pair of it fits clearly better at another pose, turned by so much at least.
   bool FitsBetterElsewhere(const JoinGroup& group, double least_turn_rad) const;
   // Whether most of its pairs that fit turned by half a turn as well do so nearly as well: what

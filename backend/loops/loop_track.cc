@@ -96,8 +96,7 @@ bool LoopTrack::Stands(const std::vector<PlacedSubmap>& wanted) const {
       if (found == attached_.end()) return false;
       stands = found->T_world_submap;
     }
-    return (placed.T_world_submap.t - stands.t).norm() <= kMovedM &&
-           RotationAngle(placed.T_world_submap, stands) <= kMovedRad;
+    return AreClose(placed.T_world_submap, stands, kMovedM, kMovedRad);
   });
 }
 

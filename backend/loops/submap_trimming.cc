@@ -97,9 +97,7 @@ bool StandsWhere(std::size_t other, std::size_t submap, const TrimmingView& map)
   return std::all_of(keyframes.begin(), keyframes.end(), [&](const SubmapKeyframe& keyframe) {
     const SE3 T = pose(submap, keyframe);
     return std::any_of(others.begin(), others.end(), [&](const SubmapKeyframe& theirs) {
-      const SE3 T_other = pose(other, theirs);
-      return (T.t - T_other.t).norm() <= kSameLevelM &&
-             RotationAngle(T, T_other) <= Radians(kSameViewDeg);
+      return AreClose(T, pose(other, theirs), kSameLevelM, Radians(kSameViewDeg));
     });
   });
 }

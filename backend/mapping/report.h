@@ -33,6 +33,9 @@ struct MappingCounts {
   std::map<SkipReason, std::size_t> skipped;
   std::size_t solves = 0, failed_solves = 0, discarded_solves = 0;
 
+  // Whether at most half of the frames leave a direction open: the way is more than a prediction.
+  bool MostlyDetermined() const { return degenerate * 2 <= frames; }
+
   void Archive(StateArchive& a);
 };
 

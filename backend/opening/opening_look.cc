@@ -24,8 +24,10 @@ Vector6d StartVelocity(const Trajectory& poses) {
 bool OpeningLook::HasPlanes() const { return map.planes >= kLeastPlanes; }
 
 bool OpeningLook::Tells() const {
-  return tracked && determined && (way_m > kLeastWayM || turn_rad > kLeastTurnRad) && HasPlanes();
+  return IsSure() && (way_m > kLeastWayM || turn_rad > kLeastTurnRad);
 }
+
+bool OpeningLook::IsSure() const { return tracked && determined && HasPlanes(); }
 
 OpeningLook LookAt(const ScanSource& source, std::size_t begin, std::size_t end,
                    const ScanPreparationOptions& preparation, MappingOptions options,
@@ -42,7 +44,7 @@ OpeningLook LookAt(const ScanSource& source, std::size_t begin, std::size_t end,
   MapScans(source, {begin, begin, end}, &run, stop);
   run.Finish();
   look.tracked = run.counts().lost == 0 && poses.size() * 2 > end - begin;
-  look.determined = run.counts().degenerate * 2 <= run.counts().frames;
+  look.determined = run.counts().MostlyDetermined();
   look.lost_share = static_cast<double>(run.counts().lost) / static_cast<double>(end - begin);
   for (std::size_t i = 1; i < poses.size(); ++i) {
     const SE3 step = poses[i - 1].T_world_lidar.Inverse() * poses[i].T_world_lidar;
@@ -67,8 +69,7 @@ bool Comparable(const OpeningLook& a, const OpeningLook& b) {
   const auto alike = [&](double x, double y) { return std::min(x, y) >= kAlike * std::max(x, y); };
   const bool moved = (std::min(a.way_m, b.way_m) > kLeastWayM && alike(a.way_m, b.way_m)) ||
                      std::min(a.turn_rad, b.turn_rad) > kLeastTurnRad;
-  return a.tracked && b.tracked && a.determined && b.determined && moved && a.HasPlanes() &&
-         b.HasPlanes();
+  return a.IsSure() && b.IsSure() && moved;
 }
 
 std::optional<std::pair<OpeningLook, OpeningLook>> LookUnderBoth(

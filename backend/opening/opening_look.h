@@ -25,7 +25,7 @@ inline constexpr double kClearlyThinner = 0.9;
 
 struct OpeningLook {
   bool tracked = false;     // throughout
-  bool determined = false;  // most scans, in all directions: the way is more than a prediction
+  bool determined = false;  // MappingCounts::MostlyDetermined
   double lost_share = 0.0;  // of the scans
   double way_m = 0.0, turn_rad = 0.0;
   Vector6d start_velocity = Vector6d::Zero();  // of the first scan, in the body, per second
@@ -35,6 +35,8 @@ struct OpeningLook {
   // Whether its map tells anything: the sensor moved, and there are planes.
   bool Tells() const;
   bool HasPlanes() const;
+  // Whether poses and map are known, moved or not.
+  bool IsSure() const;
 };
 
 // Maps scans [begin, end) without loops, with what options.mapper knows of the start.

@@ -50,9 +50,7 @@ std::optional<SE3> FirstPoseByOthers(const std::deque<WindowFrame>& frames, doub
   }
   if (match.status != MatchResult::Status::kConverged || match.degenerate > 0) return std::nullopt;
   const SE3& found = match.T_world_lidar;
-  if ((found.t - T_world_first.t).norm() < kSettledM &&
-      RotationAngle(found, T_world_first) < kSettledRad)
-    return std::nullopt;
+  if (AreClose(found, T_world_first, kSettledM, kSettledRad)) return std::nullopt;
   const FitDifference better = matcher.Compare(clusters, found, T_world_first, map, kScaleM);
   if (better.evidence_sigmas < kClearSigmas || better.evidence < kClearEvidence)
     return std::nullopt;

@@ -100,4 +100,9 @@ inline double RotationAngle(const SE3& a, const SE3& b) {
   return LogSO3(a.q.conjugate() * b.q).norm();
 }
 
+// Whether a and b lie no farther apart than this, and are turned no more.
+inline bool AreClose(const SE3& a, const SE3& b, double most_m, double most_rad) {
+  return (a.t - b.t).norm() <= most_m && RotationAngle(a, b) <= most_rad;
+}
+
 }  // namespace lamina

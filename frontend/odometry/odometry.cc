@@ -254,14 +254,12 @@ bool Odometry::AsExpected(const MatchResult& match, const PosePrediction& predic
   constexpr double kMostSigmaM = 1.0, kNearM = 0.5, kNearRad = 0.1, kLikeBefore = 0.9;
   return SigmaM(prediction) <= kMostSigmaM && match.status == MatchResult::Status::kConverged &&
          match.inlier_share >= kLikeBefore * RecentInliers() &&
-         (match.T_world_lidar.t - prediction.T_world_lidar.t).norm() <= kNearM &&
-         RotationAngle(match.T_world_lidar, prediction.T_world_lidar) <= kNearRad;
+         AreClose(match.T_world_lidar, prediction.T_world_lidar, kNearM, kNearRad);
 }
 
 bool Odometry::WhereMotionLeads(const MatchResult& match, const PosePrediction& prediction) {
   constexpr double kNearM = 0.3, kNearRad = 0.03;
-  return (match.T_world_lidar.t - prediction.T_world_lidar.t).norm() <= kNearM &&
-         RotationAngle(match.T_world_lidar, prediction.T_world_lidar) <= kNearRad;
+  return AreClose(match.T_world_lidar, prediction.T_world_lidar, kNearM, kNearRad);
 }
 
 bool Odometry::Vouches(const MatchResult& match, const PosePrediction& prediction) const {
