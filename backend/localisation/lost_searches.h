@@ -1,10 +1,13 @@
-// A sensor that was lost while it maps, looked for where its recording has been before.
+// A sensor whose place is unknown while it maps, looked for in the pieces of the map that are
+// there.
 //
-// What comes after a loss is a piece of its own, which nothing connects to those before. They grow
-// no more, and their submaps, at the anchors that loops have given them, are what the new piece is
-// looked for in, as in a finished map (place_search.h), until it is found or ends.
+// What comes after a loss is a piece of its own, which nothing connects to those before, and so is
+// what another recording begins with. Older pieces that no recording is mapping now do not change:
+// their submaps, at the anchors that loops have given them, are what the new piece is looked for
+// in, as in a finished map (place_search.h), until it is found or ends.
 //
-// Not thread-safe; deterministic.
+// A look runs in the background, and ends a fixed number of keyframes after it began: the same bits
+// at any number of threads. Not thread-safe.
 #pragma once
 
 #include <cstdint>
@@ -16,6 +19,7 @@
 
 #include "backend/localisation/place_search.h"
 #include "backend/loops/piece_loops.h"
+#include "core/base/parallel.h"
 
 namespace lamina {
 
@@ -23,31 +27,37 @@ class LostSearches {
  public:
   LostSearches(const LoopOptions& options, const ScanMatcherOptions& matcher,
                const VoxelMapOptions& map);
+  ~LostSearches();
 
-  // Looks for a piece in these from now on; none of them may change before End().
-  void Begin(std::int64_t piece, const std::vector<std::int64_t>& among);
+  // Looks for a piece from now on; no effect if it is looked for already.
+  void Begin(std::int64_t piece);
   void End(std::int64_t piece);
-  // Null if the piece is not looked for.
-  PlaceSearch* Find(std::int64_t piece);
-  // T_piece_own of what it finds is in the frame of the map, as corrected by loops.
-  std::optional<FoundPlace> Look(std::int64_t piece, const std::vector<FinalKeyframe>& window,
-                                 const PieceLoops& loops);
+  // The next keyframe of a piece that has left the window; no effect if it is not looked for.
+  void Add(std::int64_t piece, const FinalKeyframe& keyframe);
+
+  // A keyframe has entered the window of a piece that is looked for.
+  enum class Step { kNothing, kLookIsDue, kLookHasEnded };
+  Step Advance(std::int64_t piece, const SE3& T_own_lidar);
+  // A look in these pieces, whose tracks are finished. None of them may change before it has ended,
+  // or WaitForLooks().
+  void BeginLook(std::int64_t piece, std::vector<FinalKeyframe> window,
+                 const std::vector<std::int64_t>& among, const PieceLoops& loops);
+  void WaitForLooks();
+
+  // What came of the look that has ended. T_piece_own is in the frame of the map, as corrected by
+  // loops.
+  const std::optional<FoundPlace>& found(std::int64_t piece) const;
+  const PlaceSearch& search(std::int64_t piece) const;
 
   void Archive(StateArchive& a);
 
  private:
-  struct Search {
-    std::vector<std::int64_t> among;
-    PlaceSearch search;
-    std::unique_ptr<PlaceIndex> places;  // made for the first look
-
-    void Archive(StateArchive& a) { a(&among, &search); }
-  };
+  struct Search;
 
   LoopOptions options_;
   ScanMatcherOptions matcher_;
   VoxelMapOptions map_;
-  std::map<std::int64_t, Search> searches_;
+  std::map<std::int64_t, std::unique_ptr<Search>> searches_;
   std::set<std::int64_t> ambiguous_;  // pieces that have ended, and what they have repeats
 };
 

@@ -101,7 +101,7 @@ Submap PlaceSource::Around(const MapPlace& place, double radius_m) const {
       near.push_back({&submap, anchor});
   }
   PlaceBuilder builder(place, radius_m, options_);
-  for (const VoxelMap::FixedPart& part : AssembleFixed(near, options_, place.at))
+  for (const VoxelMap::FixedPart& part : SumByLeaf(near, options_, place.at, radius_m))
     builder.Add(part.cluster, part.frames);
   return builder.Take();
 }

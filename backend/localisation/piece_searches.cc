@@ -16,6 +16,10 @@ PlaceSearch* PieceSearches::Begin(std::int64_t piece) {
   return &searches_.try_emplace(piece, options_, leaf_size_m_).first->second;
 }
 
+void PieceSearches::Add(std::int64_t piece, const FinalKeyframe& keyframe) {
+  if (PlaceSearch* const search = Find(piece); search != nullptr) search->Add(keyframe);
+}
+
 PlaceSearch* PieceSearches::Find(std::int64_t piece) {
   const auto found = searches_.find(piece);
   return found == searches_.end() ? nullptr : &found->second;

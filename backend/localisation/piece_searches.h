@@ -8,6 +8,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "backend/localisation/place_search.h"
@@ -27,9 +28,11 @@ class PieceSearches {
   void End(std::int64_t piece) { searches_.erase(piece); }
   // Null if the piece is not looked for.
   PlaceSearch* Find(std::int64_t piece);
-  std::optional<FoundPlace> Look(PlaceSearch* search, const std::vector<FinalKeyframe>& window,
+  // The next keyframe of a piece that has left the window; no effect if it is not looked for.
+  void Add(std::int64_t piece, const FinalKeyframe& keyframe);
+  std::optional<FoundPlace> Look(PlaceSearch* search, std::vector<FinalKeyframe> window,
                                  const VoxelMap& map) const {
-    return search->Look(window, *places_, map);
+    return search->Look(search->BeginLook(std::move(window)), *places_, map);
   }
 
   // Reading describes the places anew.

@@ -7,6 +7,7 @@
 #include <map>
 #include <utility>
 
+#include "backend/localisation/assembled_places.h"
 #include "backend/places/place_lookup.h"
 #include "backend/places/submap_place.h"
 #include "core/base/angle.h"
@@ -81,7 +82,7 @@ PlaceIndex::PlaceIndex(const LoopOptions& options, const ScanMatcherOptions& mat
   CheckOptions(options, "loops");
   images_.reserve(places_.size());
   for (std::size_t i = 0; i < places_.size(); ++i) {
-    const Submap submap = At(i, map);
+    const Submap submap = map.Around(places_[i], RadiusM(options));
     T_piece_place_.push_back(submap.T_world_submap);
     images_.push_back(ImageOfSubmap(submap, LeafPlanes(submap), nullptr, nullptr, options_.place));
     views_.push_back({&images_.back(), places_[i].piece, submap.T_world_submap, i});
@@ -103,10 +104,6 @@ PlaceIndex::PlaceIndex(const LoopOptions& options, const ScanMatcherOptions& mat
     AddPlaces(piece, way, SpacingM(options), &places_);
   }
   for (const MapPlace& place : places_) T_piece_place_.push_back(PlaceFrame(place, map));
-}
-
-Submap PlaceIndex::At(std::size_t place, const PlaceSource& map) const {
-  return map.Around(places_[place], RadiusM(options_));
 }
 
 SE3 PlaceIndex::InPiece(const Hypothesis& hypothesis) const {
@@ -144,15 +141,15 @@ std::vector<PlaceIndex::Hypothesis> PlaceIndex::Hypotheses(const PlaceImage& ima
 
 std::vector<Sighting> PlaceIndex::Register(const SubmapQuery& query,
                                            const std::vector<Hypothesis>& hypotheses, bool coarse,
-                                           const PlaceSource& map) const {
+                                           AssembledPlaces* places) const {
   std::map<std::size_t, std::vector<std::size_t>> by_place;
   for (std::size_t i = 0; i < hypotheses.size(); ++i) by_place[hypotheses[i].place].push_back(i);
-  std::vector<std::pair<Submap, const std::vector<std::size_t>*>> targets;
-  for (const auto& [place, members] : by_place) targets.emplace_back(At(place, map), &members);
+  std::vector<std::pair<const Submap*, const std::vector<std::size_t>*>> targets;
+  for (const auto& [place, members] : by_place) targets.emplace_back(&places->At(place), &members);
   std::vector<Sighting> sightings(hypotheses.size());
   ParallelChunks(targets.size(), 1, [&](std::size_t t, std::size_t) {
-    const SubmapTarget target(targets[t].first, map.options());
-    const OccupiedLeaves leaves(targets[t].first);
+    const SubmapTarget target(*targets[t].first, places->map().options());
+    const OccupiedLeaves leaves(*targets[t].first);
     for (const std::size_t i : *targets[t].second) {
       const Hypothesis& hypothesis = hypotheses[i];
       Sighting& sighting = sightings[i];
@@ -168,13 +165,13 @@ std::vector<Sighting> PlaceIndex::Register(const SubmapQuery& query,
 }
 
 void PlaceIndex::Judge(const SubmapQuery& query, const SightLines& sight, const SE3& T_own_query,
-                       const PlaceSource& map, std::vector<Sighting>* sightings) const {
+                       AssembledPlaces* places, std::vector<Sighting>* sightings) const {
   std::map<std::size_t, std::vector<Sighting*>> by_place;
   for (Sighting& sighting : *sightings) by_place[sighting.place].push_back(&sighting);
-  std::vector<std::pair<std::size_t, const std::vector<Sighting*>*>> groups;
-  for (const auto& [place, members] : by_place) groups.emplace_back(place, &members);
+  std::vector<std::pair<const Submap*, const std::vector<Sighting*>*>> groups;
+  for (const auto& [place, members] : by_place) groups.emplace_back(&places->At(place), &members);
   ParallelChunks(groups.size(), 1, [&](std::size_t g, std::size_t) {
-    const Submap some = Thinned(At(groups[g].first, map));
+    const Submap some = Thinned(*groups[g].first);
     const std::vector<LeafPlane> planes = LeafPlanes(some);
     for (Sighting* const sighting : *groups[g].second) {
       const SE3& T_place_query = sighting->match.T_other_query;
@@ -191,8 +188,8 @@ void PlaceIndex::Judge(const SubmapQuery& query, const SightLines& sight, const 
 
 std::vector<PlaceIndex::Hypothesis> PlaceIndex::OnOtherLevels(const SubmapQuery& query,
                                                               const Sighting& best,
-                                                              const PlaceSource& map) const {
-  const Submap place = At(best.place, map);
+                                                              AssembledPlaces* places) const {
+  const Submap& place = places->At(best.place);
   const OccupiedLeaves leaves(place);
   const SE3& T_place_query = best.match.T_other_query;
   const Eigen::Vector3d up = T_place_query.q * query.up;
@@ -250,20 +247,21 @@ std::vector<PlaceIndex::Hypothesis> PlaceIndex::OfNearest(const std::vector<Sigh
 
 std::vector<Sighting> PlaceIndex::Find(const Submap& whole, const std::vector<FinalKeyframe>& last,
                                        const PlaceSource& map) const {
+  AssembledPlaces places(places_, RadiusM(options_), map);
   const Submap submap = Around(whole, HeldM(options_));
   std::vector<LeafPlane> planes = LeafPlanes(submap);
   const PlaceImage image = ImageOfSubmap(submap, planes, nullptr, nullptr, options_.place);
   const SubmapQuery query = QueryOfSubmap(submap, std::move(planes), image);
-  std::vector<Sighting> sightings = Register(query, Hypotheses(image), true, map);
-  sightings = Register(query, OfNearest(sightings, image.middle()), false, map);
+  std::vector<Sighting> sightings = Register(query, Hypotheses(image), true, &places);
+  sightings = Register(query, OfNearest(sightings, image.middle()), false, &places);
   const SightLines sight(last, submap.leaf_size_m);
-  Judge(query, sight, submap.T_world_submap, map, &sightings);
+  Judge(query, sight, submap.T_world_submap, &places, &sightings);
   if (!sightings.empty()) {
     // Storeys are seldom apart in images from above.
     std::vector<Sighting> levels =
-        Register(query, OnOtherLevels(query, sightings.front(), map), true, map);
+        Register(query, OnOtherLevels(query, sightings.front(), &places), true, &places);
     sightings.insert(sightings.end(), levels.begin(), levels.end());
-    Judge(query, sight, submap.T_world_submap, map, &sightings);
+    Judge(query, sight, submap.T_world_submap, &places, &sightings);
   } else {
     sightings.emplace_back();
     sightings.front().reason = "nothing in the map is like it";
@@ -273,7 +271,7 @@ std::vector<Sighting> PlaceIndex::Find(const Submap& whole, const std::vector<Fi
   for (std::size_t i = 1; i < sightings.size(); ++i) {
     Sighting& other = sightings[i];
     if (IsRival(other, best))
-      other.same_as_best = AreOnePlace(other, best, query.up, image.middle(), map);
+      other.same_as_best = AreOnePlace(other, best, query.up, image.middle(), &places);
   }
   if (!NoRival(sightings)) {
     best.reason = "others fit as well";
@@ -284,11 +282,11 @@ std::vector<Sighting> PlaceIndex::Find(const Submap& whole, const std::vector<Fi
 }
 
 bool PlaceIndex::AreOnePlace(const Sighting& a, const Sighting& b, const Eigen::Vector3d& up,
-                             const Eigen::Vector3d& middle, const PlaceSource& map) const {
-  if (!map.MayBeOne(a.piece, b.piece)) return false;
+                             const Eigen::Vector3d& middle, AssembledPlaces* places) const {
+  if (!places->map().MayBeOne(a.piece, b.piece)) return false;
   const auto around = [&](const Sighting& sighting) {
     const std::size_t place = Nearest(sighting.piece, sighting.T_piece_submap * middle);
-    return std::make_pair(place, lamina::Around(At(place, map), HeldM(options_)));
+    return std::make_pair(place, Around(places->At(place), HeldM(options_)));
   };
   auto [place_a, submap_a] = around(a);
   auto [place_b, submap_b] = around(b);
@@ -304,21 +302,21 @@ bool PlaceIndex::AreOnePlace(const Sighting& a, const Sighting& b, const Eigen::
                                       T_less_place.q.conjugate() * less.T_piece_submap.q * up);
   std::vector<Sighting> found = Register(
       query, {{place_more, T_piece_place_[place_more].Inverse() * T_more_less * T_less_place, 0.0}},
-      false, map);
+      false, places);
   FinalKeyframe seen;
   seen.T_world_lidar = submap.keyframes.front().T_submap_lidar;
   for (const SubmapLeaf& leaf : submap.leaves) seen.clusters.push_back(submap.Cluster(leaf));
-  Judge(query, SightLines({seen}, submap.leaf_size_m), SE3(), map, &found);
+  Judge(query, SightLines({seen}, submap.leaf_size_m), SE3(), places, &found);
   const SE3 T_again = found.front().T_piece_submap * T_less_place.Inverse();
   return found.front().reason.empty() &&
          SamePose(T_again * less.T_piece_submap, more.T_piece_submap);
 }
 
 PlaceIndex::Nearby PlaceIndex::NearbyOf(std::int64_t piece, const Eigen::Vector3d& at,
-                                        const PlaceSource& map) const {
+                                        AssembledPlaces* places) const {
   const std::size_t place = Nearest(piece, at);
-  const Submap submap = At(place, map);
-  return {place, SubmapTarget(submap, map.options()), OccupiedLeaves(submap)};
+  const Submap& submap = places->At(place);
+  return {place, SubmapTarget(submap, places->map().options()), OccupiedLeaves(submap)};
 }
 
 std::optional<SE3> PlaceIndex::Lie(const std::vector<FinalKeyframe>& keyframes,
@@ -354,7 +352,8 @@ std::optional<SE3> PlaceIndex::RefinePose(const FoundPlace& found,
                                           const PlaceSource& map) const {
   if (last.empty()) return found.T_piece_own;
   const SE3 T_piece_last = found.T_piece_own * last.back().T_world_lidar;
-  const Nearby nearby = NearbyOf(found.piece, T_piece_last.t, map);
+  AssembledPlaces places(places_, RadiusM(options_), map);
+  const Nearby nearby = NearbyOf(found.piece, T_piece_last.t, &places);
   const std::size_t first = last.size() - std::min(last.size(), kSettledBy);
   const std::vector<FinalKeyframe> some(last.begin() + static_cast<std::ptrdiff_t>(first),
                                         last.end());
@@ -366,11 +365,12 @@ std::optional<SE3> PlaceIndex::Follow(const FoundPlace& found,
                                       const std::vector<FinalKeyframe>& since,
                                       const PlaceSource& map) const {
   std::optional<SE3> T_piece_own = found.T_piece_own;
+  AssembledPlaces places(places_, RadiusM(options_), map);
   std::optional<Nearby> nearby;
   for (std::size_t i = 0; i < since.size() && T_piece_own; ++i) {
     const Eigen::Vector3d at = *T_piece_own * since[i].T_world_lidar.t;
     if (!nearby || nearby->place != Nearest(found.piece, at))
-      nearby.emplace(NearbyOf(found.piece, at, map));
+      nearby.emplace(NearbyOf(found.piece, at, &places));
     T_piece_own = Lie({since[i]}, *T_piece_own, *nearby, false);
   }
   return T_piece_own;

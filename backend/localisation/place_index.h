@@ -34,6 +34,8 @@
 
 namespace lamina {
 
+class AssembledPlaces;
+
 // Immutable; thread-safe.
 class PlaceIndex {
  public:
@@ -81,17 +83,17 @@ class PlaceIndex {
   // The same pose on other levels of the place that the best one was registered against, where
   // much of the query is met.
   std::vector<Hypothesis> OnOtherLevels(const SubmapQuery& query, const Sighting& best,
-                                        const PlaceSource& map) const;
+                                        AssembledPlaces* places) const;
   // What the map has and the sensor does not see, the reason of each, and their order.
   void Judge(const SubmapQuery& query, const SightLines& sight, const SE3& T_own_query,
-             const PlaceSource& map, std::vector<Sighting>* sightings) const;
+             AssembledPlaces* places, std::vector<Sighting>* sightings) const;
   // Whether two poses of a submap in two pieces are the same: what the piece that has less has
   // around lies in the other, as both say. `up`, `middle`: of the submap, in its frame.
   bool AreOnePlace(const Sighting& a, const Sighting& b, const Eigen::Vector3d& up,
-                   const Eigen::Vector3d& middle, const PlaceSource& map) const;
+                   const Eigen::Vector3d& middle, AssembledPlaces* places) const;
   std::vector<Sighting> Register(const SubmapQuery& query,
                                  const std::vector<Hypothesis>& hypotheses, bool coarse,
-                                 const PlaceSource& map) const;
+                                 AssembledPlaces* places) const;
   std::vector<Hypothesis> Hypotheses(const PlaceImage& image) const;
   // The place nearest to a point, for single scans to be compared with; and T_piece_own by which
   // these keyframes lie in it, near the one given. Nothing if they do not.
@@ -100,10 +102,9 @@ class PlaceIndex {
     SubmapTarget target;
     OccupiedLeaves leaves;
   };
-  Nearby NearbyOf(std::int64_t piece, const Eigen::Vector3d& at, const PlaceSource& map) const;
+  Nearby NearbyOf(std::int64_t piece, const Eigen::Vector3d& at, AssembledPlaces* places) const;
   std::optional<SE3> Lie(const std::vector<FinalKeyframe>& keyframes, const SE3& T_piece_own,
                          const Nearby& nearby, bool coarse) const;
-  Submap At(std::size_t place, const PlaceSource& map) const;
 
   // What looks alike is found by.
   struct View {

@@ -36,9 +36,20 @@ void PlaceSearch::Add(const FinalKeyframe& keyframe) {
   if (auto submap = builder_.Add(keyframe)) complete_ = std::move(submap);
 }
 
-bool PlaceSearch::Due() {
+void PlaceSearch::CountKeyframe(const SE3& T_own_lidar) {
+  ++keyframes_since_look_;
+  newest_ = T_own_lidar.t;
+}
+
+bool PlaceSearch::HasMovedOnTo(const Eigen::Vector3d& sensor) const {
+  return (sensor - sensor_).norm() >= kMovedShare * options_.length_m;
+}
+
+bool PlaceSearch::Due() const {
+  // What was believed once is asked again as soon as that can say more.
+  if (looks_ > 0 && reason_.empty()) return HasMovedOnTo(newest_);
   const int after = looks_ < kFirstLooks ? kKeyframesFirst : kKeyframesThen;
-  return ++keyframes_since_look_ >= after;
+  return keyframes_since_look_ >= after;
 }
 
 Submap PlaceSearch::Gathered(const std::vector<FinalKeyframe>& window) const {
@@ -52,11 +63,16 @@ Submap PlaceSearch::Gathered(const std::vector<FinalKeyframe>& window) const {
   return current;
 }
 
-std::optional<FoundPlace> PlaceSearch::Look(const std::vector<FinalKeyframe>& window,
-                                            const PlaceIndex& places, const PlaceSource& map) {
+PlaceSearch::Query PlaceSearch::BeginLook(std::vector<FinalKeyframe> window) {
   keyframes_since_look_ = 0;
   ++looks_;
-  const Submap submap = Gathered(window);
+  Submap gathered = Gathered(window);
+  return {std::move(gathered), std::move(window)};
+}
+
+std::optional<FoundPlace> PlaceSearch::Look(const Query& query, const PlaceIndex& places,
+                                            const PlaceSource& map) {
+  const auto& [submap, window] = query;
   candidates_.clear();
   if (submap.keyframes.empty()) return std::nullopt;
   const SE3 T_submap_own = submap.T_world_submap.Inverse();
@@ -81,8 +97,7 @@ std::optional<FoundPlace> PlaceSearch::Look(const std::vector<FinalKeyframe>& wi
   }
   found.T_piece_own = *settled;
   const bool agrees = Agrees(found, sensor, window, places, map);
-  const bool moved = (sensor - sensor_).norm() >= kMovedShare * options_.length_m;
-  if (agrees && moved) return found;
+  if (agrees && HasMovedOnTo(sensor)) return found;
   // A look from where the last one was says nothing new.
   if (!agrees) sensor_ = sensor;
   last_ = {found};
@@ -112,7 +127,7 @@ bool PlaceSearch::Agrees(const FoundPlace& found, const Eigen::Vector3d& sensor,
 
 void PlaceSearch::Archive(StateArchive& a) {
   bool complete = complete_.has_value();
-  a(&builder_, &complete, &keyframes_since_look_, &looks_, &ambiguous_, &reason_, &last_,
+  a(&builder_, &complete, &keyframes_since_look_, &newest_, &looks_, &ambiguous_, &reason_, &last_,
     &last_keyframe_, &sensor_);
   if (a.reading()) complete_ = complete ? std::make_optional<Submap>() : std::nullopt;
   if (complete) a(&*complete_);

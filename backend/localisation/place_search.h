@@ -20,15 +20,25 @@ namespace lamina {
 
 class PlaceSearch {
  public:
+  // What is looked for: all that the last keyframes have gathered, and those in the window.
+  struct Query {
+    Submap gathered;
+    std::vector<FinalKeyframe> window;
+  };
+
   // Throws OptionError.
   PlaceSearch(const LoopOptions& options, double leaf_size_m);
 
   // The next keyframe that has left the window.
   void Add(const FinalKeyframe& keyframe);
-  // A keyframe has entered the window: whether a look is due.
-  bool Due();
-  // Looks, with the keyframes that are in the window.
-  std::optional<FoundPlace> Look(const std::vector<FinalKeyframe>& window, const PlaceIndex& places,
+  // A keyframe has entered the window, here in the frame of the own piece.
+  void CountKeyframe(const SE3& T_own_lidar);
+  // Whether a look is due. Not while one runs.
+  bool Due() const;
+  // Of the keyframes that are in the window now; the next look is due so many after it.
+  Query BeginLook(std::vector<FinalKeyframe> window);
+  // Looks. Add() and CountKeyframe() may come meanwhile.
+  std::optional<FoundPlace> Look(const Query& query, const PlaceIndex& places,
                                  const PlaceSource& map);
   // Whether what it has gathered lies in more than one place of a piece, as far as it has met any.
   bool ambiguous() const { return ambiguous_; }
@@ -40,6 +50,7 @@ class PlaceSearch {
   void Archive(StateArchive& a);
 
  private:
+  bool HasMovedOnTo(const Eigen::Vector3d& sensor) const;
   // Whether the last look that was believed, followed in the map to here, says the same.
   bool Agrees(const FoundPlace& found, const Eigen::Vector3d& sensor,
               const std::vector<FinalKeyframe>& window, const PlaceIndex& places,
@@ -51,6 +62,7 @@ class PlaceSearch {
   SubmapBuilder builder_;
   std::optional<Submap> complete_;  // the newest that is
   int keyframes_since_look_ = 0;
+  Eigen::Vector3d newest_ = Eigen::Vector3d::Zero();  // keyframe
   std::int64_t looks_ = 0;
   bool ambiguous_ = false;
   std::string reason_;

@@ -28,6 +28,13 @@ const LoopTrack* PieceLoops::Find(std::int64_t piece) const {
   return found == tracks_.end() ? nullptr : found->second.get();
 }
 
+std::vector<std::int64_t> PieceLoops::PiecesBefore(std::int64_t piece) const {
+  std::vector<std::int64_t> before;
+  for (auto track = tracks_.begin(); track != tracks_.lower_bound(piece); ++track)
+    before.push_back(track->first);
+  return before;
+}
+
 void PieceLoops::Finish() {
   for (auto& [piece, track] : tracks_) track->Finish();
 }

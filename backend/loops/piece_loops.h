@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <vector>
 
 #include "backend/loops/loop_track.h"
 
@@ -29,6 +30,8 @@ class PieceLoops {
   LoopTrack* Track(std::int64_t piece);
   // Null before its first keyframe.
   const LoopTrack* Find(std::int64_t piece) const;
+  // Those that have a keyframe, of lower numbers.
+  std::vector<std::int64_t> PiecesBefore(std::int64_t piece) const;
   // No more keyframes are to come.
   void Finish();
 

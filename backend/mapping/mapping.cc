@@ -56,11 +56,20 @@ RegisteredScan Mapping::Recording::Process(const MapperScan& scan, bool may_rest
 }
 
 Trajectory Mapping::Recording::TakeFinal(std::int64_t before_scan) {
+  if (rests()) return {};
   return mapper != nullptr ? mapper->mapper().TakeFinal(before_scan) : localiser->TakeFinal();
 }
 
 Trajectory Mapping::Recording::OpenPoses() const {
+  if (rests()) return {};
   return mapper != nullptr ? mapper->mapper().OpenFrames() : localiser->final_poses();
+}
+
+Trajectory Mapping::Recording::LastPoses() const {
+  constexpr std::size_t kLast = 5;
+  Trajectory poses = OpenPoses();
+  if (poses.size() > kLast) poses.erase(poses.begin(), poses.end() - kLast);
+  return poses;
 }
 
 void Mapping::StartLocalising(const SE3& T_world_lidar) {
@@ -145,6 +154,7 @@ Mapping::Recording* Mapping::FindOrBegin(const MappedScan& report) {
     BeginPiece(SE3(), &begun);
     found = recordings_.emplace(report.recording, std::move(begun)).first;
   }
+  if (found->second.rests() && !report.skipped && !Wake(&found->second)) return nullptr;
   newest_ = report.recording;
   found->second.last_scan = static_cast<std::int64_t>(report.index);
   return &found->second;
@@ -175,7 +185,8 @@ void Mapping::ForwardFinalKeyframes(Mapper* mapper) {
   if (loops_ == nullptr && searches_ == nullptr && !callbacks_.on_final_keyframe) return;
   mapper->SetOnFinalKeyframe([this](std::int64_t piece, const FinalKeyframe& keyframe) {
     if (loops_ != nullptr) loops_->Track(piece)->Add(keyframe);
-    if (PlaceSearch* const search = SearchOf(piece); search != nullptr) search->Add(keyframe);
+    if (searches_ != nullptr) searches_->Add(piece, keyframe);
+    if (lost_searches_ != nullptr) lost_searches_->Add(piece, keyframe);
     if (callbacks_.on_final_keyframe) callbacks_.on_final_keyframe(piece, keyframe);
   });
 }
@@ -270,7 +281,6 @@ void Mapping::BeginNextPiece(const RegisteredScan& last, std::size_t scan, Recor
   const bool holds = map_.CanHold(start.t);
   std::vector<WindowFrame> settled;
   if (continued && holds) settled = recording->mapper->mapper().SettledFrames();
-  recording->before.push_back(recording->piece);
   if (recording->mapper != nullptr && recording->mapper->mapper().start_given_up())
     GiveUpStart(recording);
   End(recording, scan);
@@ -281,18 +291,22 @@ void Mapping::BeginNextPiece(const RegisteredScan& last, std::size_t scan, Recor
   if (before != nullptr) recording->mapper->mapper().StartAfter(before->mapper());
   if (continued && holds)
     recording->mapper->mapper().GoOnFrom(before->mapper(), std::move(settled));
-  if (loops_ != nullptr) lost_searches_->Begin(recording->piece, recording->before);
 }
 
 // A recording that has fallen silent gets the solve that ends it, before its poses are final by
 // age. It may go on all the same.
 void Mapping::SolveSilent(std::size_t scan) {
-  const std::int64_t silent = std::max(1, options_.mapper.backend.final_after_frames / 2);
   for (auto& [name, recording] : recordings_) {
-    if (static_cast<std::int64_t>(scan) - recording.last_scan != silent) continue;
+    if (static_cast<std::int64_t>(scan) - recording.last_scan != SilentScans()) continue;
     TakeInDueSolves();
-    if (recording.mapper != nullptr) recording.mapper->FinishSolves();
+    if (recording.mapper == nullptr) continue;
+    recording.mapper->FinishSolves();
+    recording.last = recording.LastPoses();
   }
+}
+
+std::int64_t Mapping::SilentScans() const {
+  return std::max(1, options_.mapper.backend.final_after_frames / 2);
 }
 
 // Solves count from the scan on that sees their effect first.
@@ -349,41 +363,6 @@ void Mapping::TakeInDueSolves() {
   for (auto& [name, recording] : recordings_) {
     if (recording.mapper != nullptr) recording.mapper->TakeInDueSolve();
   }
-}
-
-void Mapping::ArchiveRecording(StateArchive& a, Recording* recording) {
-  bool maps = recording->mapper != nullptr;
-  a(&recording->any, &recording->last_stamp_ns, &recording->last_sensor, &recording->not_after,
-    &recording->not_after_ns, &recording->last_scan, &recording->piece, &recording->stream,
-    &recording->before, &recording->certain, &maps);
-  if (a.reading() && maps) {
-    recording->mapper =
-        std::make_unique<PieceMapper>(options_.mapper, &map_, recording->piece, SE3());
-    ForwardFinalKeyframes(&recording->mapper->mapper());
-  } else if (a.reading()) {
-    recording->localiser = std::make_unique<Localiser>(options_.mapper, &map_, recording->piece);
-  }
-  if (maps) {
-    a(recording->mapper.get());
-  } else {
-    a(recording->localiser.get());
-  }
-}
-
-void Mapping::Archive(StateArchive& a) {
-  bool localising = localise_from_.has_value();
-  SE3 start = localise_from_.value_or(SE3());
-  a(&counts_, &poses_, &localising, &start, &next_stream_, &newest_);
-  ArchiveByKey(a, &stamps_, [this](const std::string& name) { return &stamps_[name]; });
-  if (a.reading()) localise_from_ = localising ? std::make_optional(start) : std::nullopt;
-  ArchiveSearches(a);
-  std::vector<std::string> names;
-  for (const auto& [name, recording] : recordings_) names.push_back(name);
-  a(&names);
-  if (a.reading()) recordings_.clear();
-  for (const std::string& name : names) ArchiveRecording(a, &recordings_[name]);
-  if (localise_from_ || searches_ != nullptr) loops_.reset();
-  if (loops_ != nullptr) a(loops_.get(), lost_searches_.get());
 }
 
 }  // namespace lamina

@@ -31,19 +31,23 @@
 // With a ByteStore loops take some 50 kB a submap, without one all that the submaps hold.
 //
 // With loops.enabled the map is made of submaps, and places that are visited again correct it
-// (backend/loops/loop_track.h). A recording that was lost for too long is looked for, as a piece of
-// its own, where it has been before, and once found goes on with that piece. All poses here stay
-// those of odometry, in a frame that never jumps; MappedScan::T_map_world and loops()->Corrected()
-// move them to where corrections have them.
+// (backend/loops/loop_track.h). A recording that was lost for too long, or begins where others have
+// been, is looked for, as a piece of its own, in older pieces that no recording maps now, and once
+// found goes on with the piece it was found in. All poses here stay those of odometry, in a frame
+// that never jumps; MappedScan::T_map_world and loops()->Corrected() move them to where corrections
+// have them.
 //
 // A recording (the scans of one clock and one sensor: a folder of an inbox) has odometry, window
 // and open solve of its own, so scans of several may alternate and each gets the poses that it
 // would get alone. It begins a piece of the map (VoxelMap), and another one when it was lost for
 // too long: nothing is known of where one piece lies in the frame of another, and nothing of one is
-// matched to another or drawn over it. (Localising, all recordings are matched to the map that is
-// there, from the same start; or, without one, as a piece of its own until the map shows where it
-// is.) The number of recordings under way is bounded: when one more comes,
-// the one that was silent longest is ended, and what comes of it later begins a new piece.
+// matched to another or drawn over it, until it is found there. For that a recording rests that was
+// silent for half of backend.final_after_frames: its piece is closed, others may be found in it and
+// go on with it, and what comes of it later goes on as well, or begins a new piece where another
+// has taken its place. (Localising, all recordings are matched to the map that is there, from the
+// same start; or, without one, as a piece of its own until the map shows where it is.) The number
+// of recordings under way is bounded: when one more comes, the one that was silent longest is
+// ended, and what comes of it later begins a new piece.
 #pragma once
 
 #include <cstdint>
@@ -140,23 +144,36 @@ class Mapping {
     std::int64_t last_scan = 0;  // skipped or not
     std::int64_t piece = 0;      // that its scans are matched to now
     FinalPoses::Stream stream = 0;
-    std::vector<std::int64_t> before;  // pieces that it made before this one
-    std::size_t certain = 0;           // scans of this one that are tracked, not degenerate
-    // One of these: the piece is being made, or stays as it is.
+    std::size_t certain = 0;  // scans of this one that are tracked, not degenerate
+    Trajectory last;          // poses that tell how it moved when it fell silent
+    // One of these: the piece is being made, or stays as it is. None while it rests.
     std::unique_ptr<PieceMapper> mapper;
     std::unique_ptr<Localiser> localiser;
 
+    bool rests() const { return mapper == nullptr && localiser == nullptr; }
     RegisteredScan Process(const MapperScan& scan, bool may_restart);
     Trajectory TakeFinal(std::int64_t before_scan);
     Trajectory OpenPoses() const;
+    // Of the open ones those that say how the sensor moves.
+    Trajectory LastPoses() const;
   };
 
-  // Looks for the piece of a recording among the places of the map, or, while it maps, in those
-  // that it has made before; once found, its scans are matched to that, or go on with it.
+  // Looks for the piece of a recording among the places of the map, or, while it maps, in older
+  // pieces; once found, its scans are matched to that, or go on with it.
   void FindPlace(Recording* recording, const MappedScan& report);
+  void FindInMap(Recording* recording, const MappedScan& report);
+  void FindInOlderPieces(Recording* recording, const MappedScan& report);
+  void TakeLook(const std::optional<FoundPlace>& found, const PlaceSearch& search,
+                Recording* recording, const MappedScan& report);
   void GoOnAt(const FoundPlace& found, Recording* recording, const MappedScan& report);
-  // Null if the piece is not looked for.
-  PlaceSearch* SearchOf(std::int64_t piece);
+  // Maps on in a piece that was closed, after these poses in its frame.
+  void GoOnIn(std::int64_t piece, const Trajectory& last, Recording* recording);
+  // Older than this one and mapped by no recording now: those that were silent for long rest.
+  std::vector<std::int64_t> ClosedPiecesBefore(std::int64_t piece, std::size_t scan);
+  bool IsMapped(std::int64_t piece) const;
+  // Whether a recording that rests has gone on, which it cannot if there is no room for the piece
+  // that it must begin.
+  bool Wake(Recording* recording);
   // Null if the map has no room for another piece.
   Recording* FindOrBegin(const MappedScan& report);
   // A piece of its own; localising from a start, the one that is there.
@@ -180,6 +197,7 @@ class Mapping {
   // The map of the piece, when a correction by loops takes effect.
   void CorrectMap(std::int64_t piece);
   void SolveSilent(std::size_t scan);
+  std::int64_t SilentScans() const;
   void HandOnFinalPoses(std::size_t scan);
   void CountSolves(std::vector<SolveReport> solves, std::size_t before_scan);
   FinalPoses::Visit Visitor() const;

@@ -11,65 +11,114 @@
 
 namespace lamina {
 
-PlaceSearch* Mapping::SearchOf(std::int64_t piece) {
-  if (searches_ != nullptr) return searches_->Find(piece);
-  return loops_ != nullptr ? lost_searches_->Find(piece) : nullptr;
+bool Mapping::IsMapped(std::int64_t piece) const {
+  return std::any_of(recordings_.begin(), recordings_.end(), [&](const auto& named) {
+    return named.second.piece == piece && named.second.mapper != nullptr;
+  });
+}
+
+std::vector<std::int64_t> Mapping::ClosedPiecesBefore(std::int64_t piece, std::size_t scan) {
+  for (auto& [name, recording] : recordings_) {
+    const std::int64_t silent = static_cast<std::int64_t>(scan) - recording.last_scan;
+    if (recording.piece >= piece || recording.mapper == nullptr || silent <= SilentScans())
+      continue;
+    End(&recording, scan);
+    recording.mapper.reset();
+    recording.stream = next_stream_++;
+  }
+  std::vector<std::int64_t> closed = loops_->PiecesBefore(piece);
+  closed.erase(std::remove_if(closed.begin(), closed.end(),
+                              [&](std::int64_t other) { return IsMapped(other); }),
+               closed.end());
+  return closed;
+}
+
+bool Mapping::Wake(Recording* recording) {
+  const std::int64_t piece = recording->piece;
+  if (!recording->last.empty() && loops_->Find(piece) != nullptr && !IsMapped(piece)) {
+    GoOnIn(piece, recording->last, recording);
+    return true;
+  }
+  if (!map_.RoomForPiece()) return false;
+  BeginPiece(SE3(), recording);
+  return true;
 }
 
 void Mapping::FindPlace(Recording* recording, const MappedScan& report) {
-  PlaceSearch* const search = SearchOf(report.piece);
-  if (search == nullptr || !report.keyframe || !search->Due()) return;
-  const std::vector<FinalKeyframe> window = recording->mapper->mapper().WindowKeyframes();
-  const std::optional<FoundPlace> found = searches_ != nullptr
-                                              ? searches_->Look(search, window, map_)
-                                              : lost_searches_->Look(report.piece, window, *loops_);
+  if (!report.keyframe) return;
+  if (searches_ != nullptr) {
+    FindInMap(recording, report);
+  } else if (loops_ != nullptr) {
+    FindInOlderPieces(recording, report);
+  }
+}
+
+void Mapping::FindInMap(Recording* recording, const MappedScan& report) {
+  PlaceSearch* const search = searches_->Find(report.piece);
+  if (search == nullptr) return;
+  search->CountKeyframe(report.odometry.T_world_lidar);
+  if (!search->Due()) return;
+  const std::optional<FoundPlace> found =
+      searches_->Look(search, recording->mapper->mapper().WindowKeyframes(), map_);
+  TakeLook(found, *search, recording, report);
+}
+
+void Mapping::FindInOlderPieces(Recording* recording, const MappedScan& report) {
+  const std::vector<std::int64_t> among = ClosedPiecesBefore(report.piece, report.index);
+  if (among.empty()) return;
+  lost_searches_->Begin(report.piece);
+  const LostSearches::Step step =
+      lost_searches_->Advance(report.piece, report.odometry.T_world_lidar);
+  if (step == LostSearches::Step::kLookIsDue) {
+    lost_searches_->BeginLook(report.piece, recording->mapper->mapper().WindowKeyframes(), among,
+                              *loops_);
+  } else if (step == LostSearches::Step::kLookHasEnded) {
+    std::optional<FoundPlace> found = lost_searches_->found(report.piece);
+    // Another one may have gone on there meanwhile.
+    if (found && IsMapped(found->piece)) found.reset();
+    TakeLook(found, lost_searches_->search(report.piece), recording, report);
+  }
+}
+
+void Mapping::TakeLook(const std::optional<FoundPlace>& found, const PlaceSearch& search,
+                       Recording* recording, const MappedScan& report) {
   if (callbacks_.on_look) {
-    callbacks_.on_look({report.index, report.piece, search->reason(), found, search->candidates()});
+    callbacks_.on_look({report.index, report.piece, search.reason(), found, search.candidates()});
   }
   if (found) GoOnAt(*found, recording, report);
 }
 
 void Mapping::GoOnAt(const FoundPlace& found, Recording* recording, const MappedScan& report) {
-  // Scans that say how the sensor moves.
-  constexpr std::size_t kLast = 5;
   const bool localising = searches_ != nullptr;
   // Of the map as loops have corrected it, in the frame of its odometry.
   const SE3 T_world_own =
       localising ? found.T_piece_own
                  : loops_->Find(found.piece)->T_map_world().Inverse() * found.T_piece_own;
-  Trajectory last = recording->OpenPoses();
-  if (last.size() > kLast) last.erase(last.begin(), last.end() - kLast);
+  Trajectory last = recording->LastPoses();
   for (StampedPose& pose : last) pose.T_world_lidar = T_world_own * pose.T_world_lidar;
   End(recording, report.index);
   ++counts_.found;
-  recording->piece = found.piece;
   recording->stream = next_stream_++;
   if (localising) {
+    recording->piece = found.piece;
     recording->mapper.reset();
     map_.ErasePiece(report.piece);
     recording->localiser = std::make_unique<Localiser>(options_.mapper, &map_, found.piece);
     recording->localiser->Start(last);
   } else {
-    auto& before = recording->before;
-    *std::find(before.begin(), before.end(), found.piece) = report.piece;
-    map_.SelectPiece(found.piece);
-    const auto parts = loops_->Track(found.piece)->Resume(last.back().T_world_lidar.t);
-    if (parts) map_.ReplaceFixed(*parts);
-    recording->mapper = std::make_unique<PieceMapper>(options_.mapper, &map_, found.piece, SE3());
-    ForwardFinalKeyframes(&recording->mapper->mapper());
-    recording->mapper->mapper().Resume(last, loops_->NextKeyframe(found.piece));
+    GoOnIn(found.piece, last, recording);
   }
 }
 
-void Mapping::ArchiveSearches(StateArchive& a) {
-  bool any = searches_ != nullptr;
-  a(&any);
-  if (!any) return;
-  if (a.reading()) {
-    searches_ = std::make_unique<PieceSearches>(options_.loops, options_.mapper.odometry.matcher,
-                                                options_.mapper.map.LeafSize());
-  }
-  searches_->Archive(a, map_);
+void Mapping::GoOnIn(std::int64_t piece, const Trajectory& last, Recording* recording) {
+  lost_searches_->WaitForLooks();
+  recording->piece = piece;
+  map_.SelectPiece(piece);
+  const auto parts = loops_->Track(piece)->Resume(last.back().T_world_lidar.t);
+  if (parts) map_.ReplaceFixed(*parts);
+  recording->mapper = std::make_unique<PieceMapper>(options_.mapper, &map_, piece, SE3());
+  ForwardFinalKeyframes(&recording->mapper->mapper());
+  recording->mapper->mapper().Resume(last, loops_->NextKeyframe(piece));
 }
 
 }  // namespace lamina

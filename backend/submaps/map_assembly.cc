@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "core/map/voxel_key.h"
@@ -9,11 +10,15 @@
 namespace lamina {
 namespace {
 
-// Sums by leaf, in the order in which leaves are met.
+// Sums by leaf, in the order in which leaves are met. A leaf that has a mean within `radius_m` of
+// `at` has all that lies in it.
 class LeafSums {
  public:
-  LeafSums(double leaf_size_m, double max_weight)
-      : inverse_leaf_(1.0 / leaf_size_m), max_weight_(max_weight) {}
+  LeafSums(const VoxelMapOptions& map, const Eigen::Vector3d& at, double radius_m)
+      : inverse_leaf_(1.0 / map.LeafSize()),
+        max_weight_(map.max_fixed_weight),
+        at_(at),
+        reach_m_(radius_m + std::sqrt(3.0) * map.LeafSize()) {}
 
   // Of one submap after the other.
   void Add(const PlacedSubmap& placed) {
@@ -23,6 +28,7 @@ class LeafSums {
     EndSubmap();
     for (const SubmapLeaf& leaf : submap.Leaves()) {
       const PointCluster cluster = submap.Cluster(leaf).Moved(R, placed.T_world_submap.t);
+      if ((cluster.mean - at_).norm() > reach_m_) continue;
       if (!IsVoxelKeyInRange(cluster.mean, inverse_leaf_)) continue;
       const auto next = static_cast<std::int32_t>(sums_.size());
       const std::int32_t at = index_.FindOrInsert(VoxelKeyOf(cluster.mean, inverse_leaf_), next);
@@ -62,6 +68,8 @@ class LeafSums {
   }
 
   double inverse_leaf_, max_weight_;
+  Eigen::Vector3d at_;
+  double reach_m_;
   VoxelIndex index_;
   std::vector<Sum> sums_;
   std::vector<std::size_t> touched_;
@@ -79,20 +87,30 @@ void AddLeaves(const Submap& submap, const SubmapLeaves& leaves, const SE3& T_ma
   }
 }
 
+std::vector<VoxelMap::FixedPart> SumByLeaf(const std::vector<PlacedSubmap>& submaps,
+                                           const VoxelMapOptions& map, const Eigen::Vector3d& at,
+                                           double radius_m) {
+  LeafSums sums(map, at, radius_m);
+  for (const PlacedSubmap& placed : submaps) sums.Add(placed);
+  return sums.Take();
+}
+
 std::vector<VoxelMap::FixedPart> AssembleFixed(const std::vector<PlacedSubmap>& submaps,
                                                const VoxelMapOptions& map,
                                                const Eigen::Vector3d& sensor) {
-  LeafSums sums(map.LeafSize(), map.max_fixed_weight);
-  for (const PlacedSubmap& placed : submaps) sums.Add(placed);
-  std::vector<VoxelMap::FixedPart> parts = sums.Take();
-  // By rings of so many metres: leaves that lie together stay together.
+  const std::vector<VoxelMap::FixedPart> parts =
+      SumByLeaf(submaps, map, sensor, std::numeric_limits<double>::infinity());
+  // By rings of so many metres, from the outermost in: leaves that lie together stay together.
   constexpr double kRingM = 10.0;
-  const auto ring = [&](const VoxelMap::FixedPart& part) {
-    return std::floor((part.cluster.mean - sensor).norm() / kRingM);
-  };
-  std::stable_sort(parts.begin(), parts.end(),
-                   [&](const auto& a, const auto& b) { return ring(a) > ring(b); });
-  return parts;
+  std::vector<std::pair<double, std::size_t>> by_ring;
+  by_ring.reserve(parts.size());
+  for (std::size_t i = 0; i < parts.size(); ++i)
+    by_ring.emplace_back(-std::floor((parts[i].cluster.mean - sensor).norm() / kRingM), i);
+  std::sort(by_ring.begin(), by_ring.end());
+  std::vector<VoxelMap::FixedPart> sorted;
+  sorted.reserve(parts.size());
+  for (const auto& [ring, i] : by_ring) sorted.push_back(parts[i]);
+  return sorted;
 }
 
 }  // namespace lamina

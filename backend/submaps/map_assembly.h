@@ -25,6 +25,12 @@ struct PlacedSubmap {
 void AddLeaves(const Submap& submap, const SubmapLeaves& leaves, const SE3& T_map_submap,
                VoxelMap* map);
 
+// What stands in each leaf, in the order in which leaves are met, of those that have a mean within
+// `radius_m` of a point (world frame); others near that sphere may be among them. Pure function.
+std::vector<VoxelMap::FixedPart> SumByLeaf(const std::vector<PlacedSubmap>& submaps,
+                                           const VoxelMapOptions& map, const Eigen::Vector3d& at,
+                                           double radius_m);
+
 // For VoxelMap::ReplaceFixed. The leaves nearest to `sensor` (world frame) come last. Pure
 // function.
 std::vector<VoxelMap::FixedPart> AssembleFixed(const std::vector<PlacedSubmap>& submaps,

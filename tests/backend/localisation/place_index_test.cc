@@ -51,7 +51,7 @@ class PlaceIndexTest : public testing::Test {
         window.erase(window.begin());
       }
       if (i % 4 != 3) continue;
-      if (const auto found = search.Look(window, *index_, *map_)) return found;
+      if (const auto found = search.Look(search.BeginLook(window), *index_, *map_)) return found;
       reasons_ += search.reason() + "; ";
     }
     return std::nullopt;

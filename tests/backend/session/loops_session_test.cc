@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
 #include <string>
@@ -127,6 +128,47 @@ TEST_F(LoopsSessionTest, LeftWhileALostSensorIsLookedFor) {
   const auto found = static_cast<std::int64_t>(looks.back().scan);
   EXPECT_GT(first, static_cast<std::int64_t>(dark));
   for (const std::int64_t stop : {first - 4, first + 1, found, found + 1, found + 3, found + 8})
+    MapUntil(stopped, recording, stop, stop % 2 == 0 ? Leave::kAtOnce : Leave::kWhenDone);
+  ExpectSame(FinishSession(stopped, recording), result);
+}
+
+// A second recording is found in the map of the first, which then goes on as well.
+TEST_F(LoopsSessionTest, LeftWhileARecordingRests) {
+  mapping_ = LapOptions();
+  mapping_.mapper.backend.final_after_frames = 40;
+  std::vector<SE3> truth = Laps(1.2, 110.0);
+  const std::size_t first = truth.size(), pause = first - 10;
+  const std::vector<SE3> back = LapsBack(1.0, 95.0, 20.0);
+  truth.insert(truth.end(), back.begin(), back.end());
+  Recording recording = RecordTown(truth, 0.0, truth.size());
+  for (std::size_t i = 0; i < truth.size(); ++i) {
+    InboxFile& file = recording.files[i];
+    file.sequence = i < first ? "there" : "back";
+    file.name = file.sequence + "/" + file.name;
+  }
+  recording.files[first].next_stamp_ns = recording.files[first + 1].stamp_ns;
+  // The last ten of the first come after those of the second.
+  std::rotate(recording.files.begin() + static_cast<std::ptrdiff_t>(pause),
+              recording.files.begin() + static_cast<std::ptrdiff_t>(first), recording.files.end());
+  SessionSetup whole = Setup("whole"), stopped = Setup("stopped");
+  whole.session.checkpoint_every_scans = stopped.session.checkpoint_every_scans = 3;
+  std::int64_t begun = -1, found = -1;
+  {
+    SessionHooks hooks;
+    hooks.on_look = [&](const PlaceReport& report) {
+      if (begun < 0) begun = static_cast<std::int64_t>(report.scan);
+      if (report.found) found = static_cast<std::int64_t>(report.scan);
+    };
+    Session session(whole, hooks);
+    Map(&session, recording, static_cast<std::int64_t>(recording.files.size()));
+    EXPECT_EQ(session.mapping().counts().found, 1U);
+    EXPECT_EQ(session.mapping().counts().pieces, 3U);
+  }
+  const Result result = FinishSession(whole, recording);
+  ASSERT_GT(found, begun);
+  const auto woken = static_cast<std::int64_t>(pause + back.size());
+  for (const std::int64_t stop :
+       {begun - 12, begun - 4, begun + 1, found + 1, found + 4, woken + 1})
     MapUntil(stopped, recording, stop, stop % 2 == 0 ? Leave::kAtOnce : Leave::kWhenDone);
   ExpectSame(FinishSession(stopped, recording), result);
 }

@@ -128,7 +128,7 @@ TEST_F(ScanSourceTest, TimesFitStampsThatAreMadeUp) {
   options_.frame_period_s = 0.2;
   source = Open("slow");
   EXPECT_THAT(source->Read(0).time_s, Pointwise(FloatNear(1e-6F), {-0.1F, 0.1F}));
-  EXPECT_THAT(source->Describe().doubts, IsEmpty());
+  EXPECT_THAT(source->Describe().doubts, testing::IsEmpty());
   options_.frame_period_s = 0.1;
   // A clock that began with the recording.
   write("clock/1.pcd", 0.0, 0.09);
