@@ -110,15 +110,20 @@ class InTurns {
   MappedDrives mapped_;
 };
 
-MappedDrives ThereAndBack() {
+MappedDrives MapThereAndBack() {
   InTurns drives;
   drives.Add(There());
   drives.Add(Back());
   return drives.Map();
 }
 
+const MappedDrives& ThereAndBack() {
+  static const MappedDrives mapped = MapThereAndBack();
+  return mapped;
+}
+
 TEST(OtherRecording, IsFoundInTheMapOfOneThatIsSilentAndGoesOnThere) {
-  const MappedDrives mapped = ThereAndBack();
+  const MappedDrives& mapped = ThereAndBack();
   const std::size_t back = There().scans.size();
   const std::size_t found = mapped.Found(back);
   ASSERT_LT(found, mapped.scans.size());
@@ -126,7 +131,7 @@ TEST(OtherRecording, IsFoundInTheMapOfOneThatIsSilentAndGoesOnThere) {
   EXPECT_LE(found - back, 60U);
   EXPECT_THAT(mapped.PiecesOf(back, found), testing::ElementsAre(1));
   EXPECT_THAT(mapped.PiecesOf(found, mapped.scans.size()), testing::ElementsAre(0));
-  for (std::size_t i = found; i < mapped.scans.size(); ++i) EXPECT_LT(mapped.ErrorM(i), 0.2) << i;
+  for (std::size_t i = found; i < mapped.scans.size(); ++i) EXPECT_LT(mapped.ErrorM(i), 0.05) << i;
 }
 
 TEST(OtherRecording, IsNotFoundWhereItHasNotBeen) {
@@ -170,7 +175,7 @@ TEST(OtherRecording, OneThatRestedGoesOnWhereItWas) {
   EXPECT_THAT(mapped.PiecesOf(again, mapped.scans.size()), testing::ElementsAre(0));
   for (std::size_t i = again; i < mapped.scans.size(); ++i) {
     EXPECT_EQ(mapped.scans[i].odometry.status, OdometryFrame::Status::kTracked) << i;
-    EXPECT_LT(mapped.ErrorM(i), 0.2) << i;
+    EXPECT_LT(mapped.ErrorM(i), 0.05) << i;
   }
 }
 
@@ -187,9 +192,9 @@ TEST(OtherRecording, OneWhosePieceAnotherHasTakenBeginsAPieceOfItsOwn) {
 }
 
 TEST(OtherRecording, TheSameBitsAtAnyNumberOfThreads) {
-  const std::string poses = ThereAndBack().poses;
+  const std::string& poses = ThereAndBack().poses;
   const ThreadLimit limit(1);
-  EXPECT_EQ(ThereAndBack().poses, poses);
+  EXPECT_EQ(MapThereAndBack().poses, poses);
 }
 
 }  // namespace
