@@ -42,11 +42,6 @@ SystemClock::time_point LastChange(const std::string& path) {
 // Scans of a recording in one file are decoded for their stamps, too: so many stay unpacked.
 constexpr std::size_t kBatchOfRecording = 8;
 
-LivePose LivePoseOf(const FinalPose& pose) {
-  return {static_cast<std::int64_t>(pose.scan), pose.pose.stamp_ns, pose.pose.T_world_lidar,
-          pose.piece};
-}
-
 }  // namespace
 
 WatchDaemon::WatchDaemon(WatchSetup setup)
@@ -114,7 +109,7 @@ SessionHooks WatchDaemon::Hooks() {
   hooks.on_mapped = [this](const MappedScan& report, const ScanRecord&) { OnMapped(report); };
   hooks.on_scan = [this](const MappedScan& report, const ScanRecord& row) { OnScan(report, row); };
   hooks.on_final = [this](const FinalPose& pose) {
-    if (setup_.http && !pose.skipped) view_.RevisePoses({LivePoseOf(pose)});
+    if (setup_.http) ShowFinalPose(pose);
   };
   hooks.on_look = [](const PlaceReport& report) { LogLook(report); };
   hooks.on_durable = [this](const ScanRecord& row) { OnDurable(row); };
@@ -283,28 +278,6 @@ void WatchDaemon::OnScan(const MappedScan& report, const ScanRecord& row) {
   NotifyWatchdog();
 }
 
-void WatchDaemon::ShowOpenPoses() {
-  if (!view_.PosesWanted()) return;
-  std::vector<LivePose> poses;
-  session_->mapping().ShowOpenPoses([&](const FinalPose& pose) {
-    if (!pose.skipped) poses.push_back(LivePoseOf(pose));
-  });
-  view_.RevisePoses(poses);
-}
-
-void WatchDaemon::ShowScan(const MappedScan& report) {
-  ShowOpenPoses();
-  if (!view_.ScanWanted() || report.skipped) return;
-  LiveScan scan;
-  scan.index = static_cast<std::int64_t>(report.index);
-  scan.piece = report.piece;
-  scan.origin = report.odometry.T_world_lidar.t;
-  for (const Eigen::Vector3d& p : session_->mapping().NewestKeyframe()) {
-    scan.points.push_back((p - scan.origin).cast<float>());
-  }
-  view_.SetScan(std::move(scan));
-}
-
 // On the log's thread.
 void WatchDaemon::OnDurable(const ScanRecord& row) {
   UnderWay under_way;
@@ -344,36 +317,6 @@ void WatchDaemon::OnCheckpoint(const SessionCheckpoint& done, std::int64_t relea
   const std::int64_t from = std::stoll(database.Meta(kDoneUpTo).value_or("0"));
   if (released <= from) return;
   database.SetMeta(kDoneUpTo, std::to_string(files_.Release(database, from, released)));
-}
-
-void WatchDaemon::ShowStatus(LiveState state) {
-  const MappingCounts& counts = session_->mapping().counts();
-  const VoxelMap& map = session_->mapping().map();
-  LiveStatus status;
-  status.state = state;
-  status.frames = counts.frames;
-  status.keyframes = counts.keyframes;
-  status.lost = counts.lost;
-  status.degenerate = counts.degenerate;
-  status.pieces = counts.pieces;
-  status.skipped = counts.scans - counts.frames;
-  status.rejected = rejected_;
-  status.late = late_;
-  status.solves = counts.solves;
-  status.failed_solves = counts.failed_solves;
-  status.queue = inbox_->waiting();
-  status.map_bytes = map.bytes();
-  status.map_budget_bytes = static_cast<std::size_t>(map.options().BudgetBytes());
-  status.tiles_on_disk = session_->stored_roots();
-  status.degenerate_directions = degenerate_directions_;
-  status.T_map_world = T_map_world_;
-  status.verdict = verdict_.Judge();
-  status.failure = room_.wanted();
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    status.checkpoint = checkpoint_;
-  }
-  view_.SetStatus(std::move(status));
 }
 
 void WatchDaemon::Reload() {

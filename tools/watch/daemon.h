@@ -76,6 +76,7 @@ class WatchDaemon {
   void OnDurable(const ScanRecord& row);
   void OnCheckpoint(const SessionCheckpoint& checkpoint, std::int64_t released);
   void ShowStatus(LiveState state);
+  void ShowFinalPose(const FinalPose& pose);
   void ShowOpenPoses();
   void ShowScan(const MappedScan& report);
   void Reload();
