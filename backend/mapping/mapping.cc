@@ -16,6 +16,13 @@ constexpr std::int64_t kAllScans = std::numeric_limits<std::int64_t>::max();
 // Of scans that no piece has room for.
 constexpr FinalPoses::Stream kNoStream = -1;
 
+// Whether a recording that begins with this stamp comes after one that has got so far.
+bool IsLater(StampNs stamp_ns, StampNs last_ns) {
+  constexpr StampNs kApartNs = 15'000'000'000;
+  return last_ns <= std::numeric_limits<StampNs>::max() - kApartNs &&
+         stamp_ns >= last_ns + kApartNs;
+}
+
 MappingOptions Together(MappingOptions options) {
   options.mapper.pieces_are_found = options.loops.enabled;
   return options;
@@ -150,12 +157,15 @@ Mapping::Recording* Mapping::FindOrBegin(const MappedScan& report) {
       EndLongestSilent(report.index);
     }
     if (!localise_from_ && counts_.pieces > 0 && !map_.RoomForPiece()) return nullptr;
+    for (auto& [name, recording] : recordings_)
+      recording.over |= recording.any && IsLater(report.stamp_ns, recording.last_stamp_ns);
     Recording begun;
     BeginPiece(SE3(), &begun);
     found = recordings_.emplace(report.recording, std::move(begun)).first;
   }
   if (found->second.rests() && !report.skipped && !Wake(&found->second)) return nullptr;
   newest_ = report.recording;
+  found->second.over = false;
   found->second.last_scan = static_cast<std::int64_t>(report.index);
   return &found->second;
 }

@@ -42,12 +42,13 @@
 // would get alone. It begins a piece of the map (VoxelMap), and another one when it was lost for
 // too long: nothing is known of where one piece lies in the frame of another, and nothing of one is
 // matched to another or drawn over it, until it is found there. For that a recording rests that was
-// silent for half of backend.final_after_frames: its piece is closed, others may be found in it and
-// go on with it, and what comes of it later goes on as well, or begins a new piece where another
-// has taken its place. (Localising, all recordings are matched to the map that is there, from the
-// same start; or, without one, as a piece of its own until the map shows where it is.) The number
-// of recordings under way is bounded: when one more comes, the one that was silent longest is
-// ended, and what comes of it later begins a new piece.
+// silent for half of backend.final_after_frames, or whose last stamp is 15 s before another one
+// began: its piece is closed, others may be found in it and go on with it, and what comes of it
+// later goes on as well, or begins a new piece where another has taken its place. (Localising, all
+// recordings are matched to the map that is there, from the same start; or, without one, as a piece
+// of its own until the map shows where it is.) The number of recordings under way is bounded: when
+// one more comes, the one that was silent longest is ended, and what comes of it later begins a new
+// piece.
 #pragma once
 
 #include <cstdint>
@@ -142,6 +143,7 @@ class Mapping {
     std::int64_t not_after = 0;
     StampNs not_after_ns = 0;
     std::int64_t last_scan = 0;  // skipped or not
+    bool over = false;           // by its stamps, when another one began; until it goes on
     std::int64_t piece = 0;      // that its scans are matched to now
     FinalPoses::Stream stream = 0;
     std::size_t certain = 0;  // scans of this one that are tracked, not degenerate
@@ -168,8 +170,11 @@ class Mapping {
   void GoOnAt(const FoundPlace& found, Recording* recording, const MappedScan& report);
   // Maps on in a piece that was closed, after these poses in its frame.
   void GoOnIn(std::int64_t piece, const Trajectory& last, Recording* recording);
-  // Older than this one and mapped by no recording now: those that were silent for long rest.
-  std::vector<std::int64_t> ClosedPiecesBefore(std::int64_t piece, std::size_t scan);
+  // Older than this one, and mapped by no recording that is not silent.
+  std::vector<std::int64_t> SilentPiecesBefore(std::int64_t piece, std::size_t scan) const;
+  bool IsSilent(const Recording& recording, std::size_t scan) const;
+  // The recordings that map these, so that they change no more.
+  void Rest(const std::vector<std::int64_t>& pieces, std::size_t scan);
   bool IsMapped(std::int64_t piece) const;
   // Whether a recording that rests has gone on, which it cannot if there is no room for the piece
   // that it must begin.

@@ -17,20 +17,31 @@ bool Mapping::IsMapped(std::int64_t piece) const {
   });
 }
 
-std::vector<std::int64_t> Mapping::ClosedPiecesBefore(std::int64_t piece, std::size_t scan) {
+bool Mapping::IsSilent(const Recording& recording, std::size_t scan) const {
+  return recording.over || static_cast<std::int64_t>(scan) - recording.last_scan > SilentScans();
+}
+
+std::vector<std::int64_t> Mapping::SilentPiecesBefore(std::int64_t piece, std::size_t scan) const {
+  std::vector<std::int64_t> pieces = loops_->PiecesBefore(piece);
+  for (const auto& [name, recording] : recordings_) {
+    if (recording.mapper != nullptr && !IsSilent(recording, scan))
+      pieces.erase(std::remove(pieces.begin(), pieces.end(), recording.piece), pieces.end());
+  }
+  return pieces;
+}
+
+void Mapping::Rest(const std::vector<std::int64_t>& pieces, std::size_t scan) {
   for (auto& [name, recording] : recordings_) {
-    const std::int64_t silent = static_cast<std::int64_t>(scan) - recording.last_scan;
-    if (recording.piece >= piece || recording.mapper == nullptr || silent <= SilentScans())
-      continue;
+    const bool among = std::count(pieces.begin(), pieces.end(), recording.piece) > 0;
+    if (!among || recording.mapper == nullptr) continue;
+    recording.mapper->FinishSolves();
+    // Those of one that was silent for long are final, and were kept before.
+    Trajectory last = recording.LastPoses();
+    if (!last.empty()) recording.last = std::move(last);
     End(&recording, scan);
     recording.mapper.reset();
     recording.stream = next_stream_++;
   }
-  std::vector<std::int64_t> closed = loops_->PiecesBefore(piece);
-  closed.erase(std::remove_if(closed.begin(), closed.end(),
-                              [&](std::int64_t other) { return IsMapped(other); }),
-               closed.end());
-  return closed;
 }
 
 bool Mapping::Wake(Recording* recording) {
@@ -64,12 +75,13 @@ void Mapping::FindInMap(Recording* recording, const MappedScan& report) {
 }
 
 void Mapping::FindInOlderPieces(Recording* recording, const MappedScan& report) {
-  const std::vector<std::int64_t> among = ClosedPiecesBefore(report.piece, report.index);
+  const std::vector<std::int64_t> among = SilentPiecesBefore(report.piece, report.index);
   if (among.empty()) return;
   lost_searches_->Begin(report.piece);
   const LostSearches::Step step =
       lost_searches_->Advance(report.piece, report.odometry.T_world_lidar);
   if (step == LostSearches::Step::kLookIsDue) {
+    Rest(among, report.index);
     lost_searches_->BeginLook(report.piece, recording->mapper->mapper().WindowKeyframes(), among,
                               *loops_);
   } else if (step == LostSearches::Step::kLookHasEnded) {
