@@ -22,6 +22,7 @@ LoopTrack::LoopTrack(const LoopOptions& options, const VoxelMapOptions& map,
 
 void LoopTrack::Add(const FinalKeyframe& keyframe) {
   sensor_ = keyframe.T_world_lidar.t;
+  last_ns_ = keyframe.stamp_ns;
   ++keyframes_since_begin_;
   if (auto submap = builder_.Add(keyframe)) Complete(std::move(*submap));
 }
@@ -169,7 +170,7 @@ void LoopTrack::AddStoredPlaces(std::vector<StoredBytes>* places) const {
 void LoopTrack::Archive(StateArchive& a) {
   background_.Wait();
   bool corrected = correction_.has_value();
-  a(&builder_, &closure_, &sensor_, &sensor_at_begin_, &keyframes_since_begin_, &T_map_world_,
+  a(&builder_, &closure_, &sensor_, &sensor_at_begin_, &last_ns_, &keyframes_since_begin_, &T_map_world_,
     &corrections_, &attached_, &under_way_, &corrected);
   if (a.reading()) correction_ = corrected ? std::make_optional<AnchorCorrection>() : std::nullopt;
   if (corrected) a(&*correction_);

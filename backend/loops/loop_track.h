@@ -20,7 +20,8 @@
 // a street that was driven before are matched to what was seen then.
 //
 // Until a loop is accepted nothing of this touches the map. What takes effect when is decided by
-// counting keyframes: the same bits at any number of threads. Not thread-safe.
+// counting keyframes: the same bits at any number of threads. Poses are corrected by their stamps,
+// which ascend within a piece. Not thread-safe.
 #pragma once
 
 #include <optional>
@@ -51,6 +52,8 @@ class LoopTrack {
   // `world`. What the fixed part of the map is to be exchanged for, if it is.
   std::optional<std::vector<VoxelMap::FixedPart>> Resume(const Eigen::Vector3d& sensor);
 
+  // The stamp of the last keyframe, 0 before the first.
+  StampNs last_ns() const { return last_ns_; }
   // By the corrections that are in effect. Identity until there is one.
   const SE3& T_map_world() const { return T_map_world_; }
   // Pose T_map_lidar of a scan whose pose in `world` is final. The same pose until there is a
@@ -88,6 +91,7 @@ class LoopTrack {
   LoopClosure closure_;
   std::vector<Submap> complete_;  // wait to be begun with
   Eigen::Vector3d sensor_ = Eigen::Vector3d::Zero(), sensor_at_begin_ = Eigen::Vector3d::Zero();
+  StampNs last_ns_ = 0;
   int keyframes_since_begin_ = 0;
 
   // In effect.

@@ -28,10 +28,11 @@ const LoopTrack* PieceLoops::Find(std::int64_t piece) const {
   return found == tracks_.end() ? nullptr : found->second.get();
 }
 
-std::vector<std::int64_t> PieceLoops::PiecesBefore(std::int64_t piece) const {
+std::vector<std::int64_t> PieceLoops::PiecesBefore(std::int64_t piece, StampNs stamp_ns) const {
   std::vector<std::int64_t> before;
-  for (auto track = tracks_.begin(); track != tracks_.lower_bound(piece); ++track)
-    before.push_back(track->first);
+  for (auto track = tracks_.begin(); track != tracks_.lower_bound(piece); ++track) {
+    if (track->second->last_ns() < stamp_ns) before.push_back(track->first);
+  }
   return before;
 }
 

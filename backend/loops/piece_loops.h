@@ -30,8 +30,8 @@ class PieceLoops {
   LoopTrack* Track(std::int64_t piece);
   // Null before its first keyframe.
   const LoopTrack* Find(std::int64_t piece) const;
-  // Those that have a keyframe, of lower numbers.
-  std::vector<std::int64_t> PiecesBefore(std::int64_t piece) const;
+  // Those of lower numbers that have a keyframe, and all of theirs before that time.
+  std::vector<std::int64_t> PiecesBefore(std::int64_t piece, StampNs stamp_ns) const;
   // No more keyframes are to come.
   void Finish();
 

@@ -170,8 +170,9 @@ class Mapping {
   void GoOnAt(const FoundPlace& found, Recording* recording, const MappedScan& report);
   // Maps on in a piece that was closed, after these poses in its frame.
   void GoOnIn(std::int64_t piece, const Trajectory& last, Recording* recording);
-  // Older than this one, and mapped by no recording that is not silent.
-  std::vector<std::int64_t> SilentPiecesBefore(std::int64_t piece, std::size_t scan) const;
+  // Older than that of the scan, mapped by no recording that is not silent, and with earlier stamps
+  // alone: those of a piece ascend.
+  std::vector<std::int64_t> SilentPiecesBefore(const MappedScan& scan) const;
   bool IsSilent(const Recording& recording, std::size_t scan) const;
   // The recordings that map these, so that they change no more.
   void Rest(const std::vector<std::int64_t>& pieces, std::size_t scan);

@@ -21,10 +21,11 @@ bool Mapping::IsSilent(const Recording& recording, std::size_t scan) const {
   return recording.over || static_cast<std::int64_t>(scan) - recording.last_scan > SilentScans();
 }
 
-std::vector<std::int64_t> Mapping::SilentPiecesBefore(std::int64_t piece, std::size_t scan) const {
-  std::vector<std::int64_t> pieces = loops_->PiecesBefore(piece);
+std::vector<std::int64_t> Mapping::SilentPiecesBefore(const MappedScan& scan) const {
+  std::vector<std::int64_t> pieces = loops_->PiecesBefore(scan.piece, scan.stamp_ns);
   for (const auto& [name, recording] : recordings_) {
-    if (recording.mapper != nullptr && !IsSilent(recording, scan))
+    if (recording.mapper == nullptr) continue;
+    if (!IsSilent(recording, scan.index) || recording.last_stamp_ns >= scan.stamp_ns)
       pieces.erase(std::remove(pieces.begin(), pieces.end(), recording.piece), pieces.end());
   }
   return pieces;
@@ -75,7 +76,7 @@ void Mapping::FindInMap(Recording* recording, const MappedScan& report) {
 }
 
 void Mapping::FindInOlderPieces(Recording* recording, const MappedScan& report) {
-  const std::vector<std::int64_t> among = SilentPiecesBefore(report.piece, report.index);
+  const std::vector<std::int64_t> among = SilentPiecesBefore(report);
   if (among.empty()) return;
   lost_searches_->Begin(report.piece);
   const LostSearches::Step step =

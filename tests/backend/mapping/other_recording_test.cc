@@ -37,8 +37,17 @@ const RecordedDrive& There() {
   return drive;
 }
 
+// By a clock that is so much ahead.
+RecordedDrive Later(RecordedDrive drive, double by_s) {
+  for (Scan& scan : drive.scans) scan.stamp_ns += static_cast<StampNs>(1e9 * by_s);
+  return drive;
+}
+constexpr double kHourS = 3600.0;
+
+// Begins some seconds after the last stamp there.
 const RecordedDrive& Back() {
-  static const RecordedDrive drive = RecordedIn(HomeTown(), "back", LapsBack(1.0, 95.0, 20.0));
+  static const RecordedDrive drive =
+      Later(RecordedIn(HomeTown(), "back", LapsBack(1.0, 95.0, 20.0)), 12.0);
   return drive;
 }
 
@@ -134,15 +143,8 @@ TEST(OtherRecording, IsFoundInTheMapOfOneThatIsSilentAndGoesOnThere) {
   for (std::size_t i = found; i < mapped.scans.size(); ++i) EXPECT_LT(mapped.ErrorM(i), 0.05) << i;
 }
 
-// By a clock that is so much ahead.
-RecordedDrive Later(RecordedDrive drive) {
-  constexpr StampNs kHourNs = 3'600'000'000'000;
-  for (Scan& scan : drive.scans) scan.stamp_ns += kHourNs;
-  return drive;
-}
-
 TEST(OtherRecording, IsFoundSoonInTheMapOfOneThatEndedBeforeItBegan) {
-  const RecordedDrive back = Later(Back());
+  const RecordedDrive back = Later(Back(), kHourS);
   InTurns drives;
   drives.Add(There());
   drives.Add(back);
@@ -154,7 +156,8 @@ TEST(OtherRecording, IsFoundSoonInTheMapOfOneThatEndedBeforeItBegan) {
 
 TEST(OtherRecording, IsNotFoundWhereItHasNotBeen) {
   const Town elsewhere(7, 90.0);
-  const RecordedDrive other = RecordedIn(elsewhere, "elsewhere", LapsBack(1.0, 95.0, 20.0));
+  const RecordedDrive other =
+      Later(RecordedIn(elsewhere, "elsewhere", LapsBack(1.0, 95.0, 20.0)), kHourS);
   InTurns drives;
   drives.Add(There());
   drives.Add(other);
@@ -163,8 +166,17 @@ TEST(OtherRecording, IsNotFoundWhereItHasNotBeen) {
   EXPECT_THAT(mapped.PiecesOf(There().scans.size(), mapped.scans.size()), testing::ElementsAre(1));
 }
 
+// Poses of a piece are corrected in the order of their stamps.
+TEST(OtherRecording, IsNotLookedForWhereStampsAreLater) {
+  InTurns drives;
+  const RecordedDrive there = Later(There(), kHourS);
+  drives.Add(there);
+  drives.Add(Back());
+  EXPECT_EQ(drives.Map().counts.found, 0U);
+}
+
 TEST(OtherRecording, IsNotLookedForInAPieceThatIsStillBeingMapped) {
-  const RecordedDrive back = Later(Back());
+  const RecordedDrive back = Later(Back(), kHourS);
   InTurns drives;
   std::size_t there = 0;
   for (std::size_t i = 0; i < back.scans.size(); ++i) {
@@ -179,7 +191,8 @@ TEST(OtherRecording, IsNotLookedForInAPieceThatIsStillBeingMapped) {
 
 TEST(OtherRecording, OneThatRestedGoesOnWhereItWas) {
   const Town elsewhere(7, 90.0);
-  const RecordedDrive other = RecordedIn(elsewhere, "elsewhere", LapsBack(1.0, 95.0, 20.0));
+  const RecordedDrive other =
+      Later(RecordedIn(elsewhere, "elsewhere", LapsBack(1.0, 95.0, 20.0)), kHourS);
   const std::size_t half = There().scans.size() / 2;
   InTurns drives;
   drives.Add(There(), 0, half);
