@@ -1,6 +1,8 @@
 // Places of a map as one look needs them: each is put together once, when it is first asked for.
 //
-// Private to backend/localisation. Not thread-safe.
+// Not thread-safe.
+//
+// Private to backend/localisation.
 #pragma once
 
 #include <cstddef>

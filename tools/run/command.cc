@@ -16,9 +16,7 @@
 
 #include "backend/calibration/opening_calibration.h"
 #include "backend/mapping/mapping.h"
-#include "backend/opening/deskew_choice.h"
 #include "backend/opening/map_thickness.h"
-#include "backend/opening/sweep_choice.h"
 #include "backend/session/scan_record.h"
 #include "config/config.h"
 #include "core/base/error.h"
@@ -36,6 +34,7 @@
 #include "tools/results/verdict/process_report.h"
 #include "tools/run/beam_correction.h"
 #include "tools/run/joined_run.h"
+#include "tools/run/opening_choice.h"
 #include "tools/run/opening_lines.h"
 #include "tools/run/run_output.h"
 #include "tools/run/thick_planes.h"
@@ -169,41 +168,21 @@ LaminaConfig ConfigOf(const RunArguments& arguments, const std::string& file) {
   return config;
 }
 
-// Says what was understood of the recording, and settles what it decides of the configuration:
-// where none is given, one is taken that scans of such a sensor, or of such a place, ask for; scans
-// that are compensated already, or whose times mislead, are not deskewed; sweeps without times are
-// deskewed by azimuth.
+// Says what was understood of the recording, and settles what it decides of the configuration.
 void OpenRun(const ScanSource& source, const FrameRange& range, const RunArguments& arguments,
              const std::atomic<bool>& stop, LaminaConfig* config) {
-  const FittingConfig fit = FindFittingConfig(source, range);
-  if (arguments.config.file.empty() && fit.measured) *config = ConfigOf(arguments, fit.name);
-  const DeskewChoice choice =
-      ChooseDeskew(source, range.begin, range.end, config->Mapping(), &stop);
-  const bool use_times = choice.verdict == DeskewChoice::Verdict::kDeskew;
-  if (!use_times) config->preparation.deskew = ScanPreparationOptions::Deskew::kOff;
-  const SweepChoice swept = ChooseSweep(source, range.begin, range.end, config->Mapping(), &stop);
-  config->preparation = WithSweep(config->preparation, swept);
-  const SweepPeriodChoice sweep =
-      ChooseSweepPeriod(source, range.begin, range.end, config->Mapping(), &stop);
-  if (sweep.period_s > 0.0) config->preparation.sweep_period_s = sweep.period_s;
-  const OpeningLines opening = DescribeOpening(source, range, *config, fit, arguments.config.file);
+  ShippedConfig shipped;
+  if (arguments.config.file.empty())
+    shipped = [&](const std::string& name) { return ConfigOf(arguments, name); };
+  const OpeningChoice choice = ChooseOpening(source, range, *config, shipped, stop);
+  *config = choice.config;
+  const OpeningLines opening =
+      DescribeOpening(source, range, *config, choice.fit, arguments.config.file);
   for (const std::string& line : opening.lines) {
     if (!arguments.quiet) fmt::print(stderr, "{}\n", Printable(line));
   }
   for (const std::string& doubt : opening.doubts) spdlog::warn("{}", doubt);
-  if (swept.swept) spdlog::warn("{}", DescribeSweep(swept));
-  if (sweep.period_s > 0.0) {
-    spdlog::warn(
-        "a sweep seems to last half as long as the time between two scans: planes are {:.1f} mm "
-        "thick with that, {:.1f} mm else. Every second one may be missing "
-        "(preparation.sweep_period_s={:.4g})",
-        1e3 * sweep.halved_m, 1e3 * sweep.by_stamps_m, sweep.period_s);
-  }
-  if (use_times) return;
-  spdlog::warn("{}. Not deskewed (preparation.deskew=off{})", DescribeAgainstDeskewing(choice),
-               choice.verdict == DeskewChoice::Verdict::kCompensated
-                   ? ""
-                   : "; scans.point_time_unit tells their unit");
+  for (const std::string& warning : choice.Warnings()) spdlog::warn("{}", warning);
 }
 
 // Nothing without a truth. Too few scans may have got poses for a comparison, which must not cost

@@ -95,18 +95,38 @@ std::string ConfigOf(const WatchArguments& a) {
   return "";
 }
 
-// Makes a daemon and runs it, anew whenever its disk was full and has room again.
-RunVerdict RunDaemon(const WatchSetup& setup, const std::atomic<bool>& stop) {
+UndecidedSession UndecidedOf(const WatchSetup& setup) {
+  return {setup.session, WatchFiles(setup.inbox, setup.session, setup.done), setup.done};
+}
+
+// Nothing if the session is to begin anew, as `setup` says then.
+std::optional<RunVerdict> RunOnce(WatchSetup* setup, const std::atomic<bool>& stop) {
+  std::optional<LaminaConfig> fitting;
+  {
+    WatchDaemon daemon(*setup);
+    const auto forget = [](WatchDaemon*) { running_daemon = nullptr; };
+    const std::unique_ptr<WatchDaemon, decltype(forget)> running(&daemon, forget);
+    running_daemon = &daemon;
+    const RunVerdict verdict = daemon.Run(stop);
+    fitting = daemon.fitting();
+    if (!fitting) return verdict;
+  }
+  UndecidedOf(*setup).Clear();
+  setup->config = *fitting;
+  setup->shipped = nullptr;
+  return std::nullopt;
+}
+
+// Makes a daemon and runs it, anew when its first scans have decided how, and whenever its disk was
+// full and has room again.
+RunVerdict RunDaemon(WatchSetup setup, const std::atomic<bool>& stop) {
   // Room may be there for a moment, again and again, too little to get on with.
   constexpr std::chrono::seconds kFirstWait{1}, kLongestWait{60};
   bool last = false;
   for (std::chrono::seconds wait = kFirstWait;; wait = std::min(2 * wait, kLongestWait)) {
     try {
-      WatchDaemon daemon(setup);
-      const auto forget = [](WatchDaemon*) { running_daemon = nullptr; };
-      const std::unique_ptr<WatchDaemon, decltype(forget)> running(&daemon, forget);
-      running_daemon = &daemon;
-      return daemon.Run(stop);
+      if (const auto verdict = RunOnce(&setup, stop)) return *verdict;
+      wait = kFirstWait;
     } catch (const DiskFullError& error) {
       spdlog::error("{}", error.what());
       if (last || !WaitForRoom(setup.session, wait, stop)) throw;
@@ -121,12 +141,16 @@ int Watch(const WatchArguments& a) {
   WatchSetup setup;
   setup.inbox = a.inbox;
   setup.session = a.session;
-  const std::string config = ConfigOf(a);
-  setup.config = LoadConfig(config, a.config.set);
-  setup.reload = [&a, config] { return LoadConfig(config, a.config.set); };
   setup.http = ParseHttpAddress(a.http);
   setup.done = ParseDonePolicy(a.done);
   setup.once = a.once;
+  CheckFolders(a.inbox, a.session);
+  const bool undecided = a.config.file.empty() && a.mode == "map" && UndecidedOf(setup).Is();
+  const std::string config = ConfigOf(a);
+  setup.config = LoadConfig(config, a.config.set);
+  setup.reload = [&a] { return LoadConfig(ConfigOf(a), a.config.set); };
+  if (undecided)
+    setup.shipped = [&a](const std::string& name) { return LoadConfig(name, a.config.set); };
   if (a.mode == "localise") {
     if (a.map.empty()) throw OptionError("--mode localise needs --map SESSION");
     setup.base_map = BaseMap{a.map, "", ParseStart(a.start)};
@@ -134,7 +158,6 @@ int Watch(const WatchArguments& a) {
     throw OptionError("--map and --start are for --mode localise");
   }
   const auto limit = LimitThreads(a.threads);
-  CheckFolders(a.inbox, a.session);
   MakeDirectory(a.session);
   SetUpWatchLog(setup.config.log, a.session);
   const std::atomic<bool>& stop = StopOnSignals();

@@ -12,6 +12,7 @@
 #include "core/base/error.h"
 #include "tools/cli/common.h"
 #include "tools/results/verdict/process_report.h"
+#include "tools/run/opening_choice.h"
 #include "tools/watch/continued.h"
 #include "tools/watch/log.h"
 #include "tools/watch/service_notify.h"
@@ -47,12 +48,17 @@ constexpr std::size_t kBatchOfRecording = 8;
 WatchDaemon::WatchDaemon(WatchSetup setup)
     : setup_(std::move(setup)),
       files_(setup_.inbox, setup_.session, setup_.done),
+      undecided_(setup_.session, files_, setup_.done),
       room_(setup_.session),
       opening_check_(setup_.config.scans),
       queries_([this] { Wake(); }),
       verdict_(setup_.config.frontend.matcher.max_iterations) {
+  // Made anew for want of room, it may have decided before.
+  if (!undecided_.Is()) setup_.shipped = nullptr;
+  if (setup_.shipped) undecided_.Begin();
   session_ = std::make_unique<Session>(MakeSessionSetup(), Hooks());
   WriteTextFile((fs::path(setup_.session) / "config.yaml").string(), ToYaml(setup_.config));
+  if (!setup_.shipped) undecided_.Decide();
   OpenInbox();
   if (!setup_.http) return;
   session_->TrackTiles();
@@ -132,6 +138,8 @@ void WatchDaemon::OpenInbox() {
 RunVerdict WatchDaemon::Run(const std::atomic<bool>& stop) {
   NotifyService("READY=1");
   ShowStatus(LiveState::kStarting);
+  RepeatOpening(stop);
+  if (fitting_) return {};
   Repeat(stop);
   if (setup_.once) inbox_->Drain();
   while (!stop) {
@@ -142,8 +150,15 @@ RunVerdict WatchDaemon::Run(const std::atomic<bool>& stop) {
       continue;
     }
     TakeNotices();
-    if (MapWaiting(stop)) continue;
-    if (setup_.once && !inbox_->opening()) break;
+    const bool mapped = MapWaiting(stop);
+    if (fitting_) return {};
+    if (mapped) continue;
+    if (setup_.once && !inbox_->opening()) {
+      // Fewer scans than tell else.
+      if (setup_.shipped && scans_->size() > 0) DecideOpening(stop);
+      if (fitting_) return {};
+      break;
+    }
     Rest(LiveState::kIdle);
   }
   // What the last look at the inbox refused.
@@ -222,6 +237,7 @@ bool WatchDaemon::MapWaiting(const std::atomic<bool>& stop) {
     scans_->Append(std::move(*file));
     ++taken;
     if (opening_check_.due()) CheckOpening(stop);
+    if (fitting_) return true;
     if (of_recording && taken >= kBatchOfRecording) break;
   }
   if (taken > 0) session_->Process(scans_.get(), &stop);
@@ -236,10 +252,48 @@ bool WatchDaemon::MapWaiting(const std::atomic<bool>& stop) {
 
 void WatchDaemon::CheckOpening(const std::atomic<bool>& stop) {
   NotifyWatchdog();
+  if (setup_.shipped) DecideOpening(stop);
+  if (fitting_) return;
   for (const std::string& warning : opening_check_.Look(files_, setup_.config.Mapping(), stop)) {
     spdlog::warn("{}", warning);
   }
   NotifyWatchdog();
+}
+
+// The first scans of a session that went on before they had decided.
+void WatchDaemon::RepeatOpening(const std::atomic<bool>& stop) {
+  if (!setup_.shipped) return;
+  const SessionDatabase& database = session_->database();
+  std::vector<ScanRecord> rows;
+  database.ForEach(0, database.scans(), [&](const ScanRecord& row) { rows.push_back(row); });
+  RepeatedFiles files(files_, setup_.config.scans);
+  for (std::size_t i = 0; i < rows.size() && !stop && !opening_check_.due();) {
+    if (!files.Ready(rows[i])) {
+      NotifyWatchdog();
+      SleepFor(std::chrono::milliseconds(5));
+      continue;
+    }
+    opening_check_.Add(i, files.FileOf(rows[i]));
+    ++i;
+  }
+  if (opening_check_.due()) CheckOpening(stop);
+}
+
+void WatchDaemon::DecideOpening(const std::atomic<bool>& stop) {
+  const StreamedScans scans = opening_check_.Stretch(files_);
+  const OpeningChoice choice =
+      ChooseOpening(scans, {0, scans.size()}, setup_.config, setup_.shipped, stop);
+  if (stop) return;
+  if (ResultOptionsToYaml(choice.config) == ResultOptionsToYaml(setup_.config) ||
+      !undecided_.MayBeginAnew()) {
+    undecided_.Decide();
+    setup_.shipped = nullptr;
+    return;
+  }
+  if (choice.fit.measured) spdlog::warn("{}: --config {}", choice.fit.reason, choice.fit.name);
+  for (const std::string& warning : choice.Warnings()) spdlog::warn("{}", warning);
+  spdlog::info("the session begins anew with that, from its first scan on");
+  fitting_ = choice.config;
 }
 
 void WatchDaemon::OnMapped(const MappedScan& report) {
@@ -313,10 +367,9 @@ void WatchDaemon::OnCheckpoint(const SessionCheckpoint& done, std::int64_t relea
                                          done.total_ms, SteadyClock::now()};
   }
   SessionDatabase database((fs::path(setup_.session) / "session.db").string(), false);
-  constexpr const char* kDoneUpTo = "files_done_up_to";
-  const std::int64_t from = std::stoll(database.Meta(kDoneUpTo).value_or("0"));
+  const std::int64_t from = FilesDoneUpTo(database);
   if (released <= from) return;
-  database.SetMeta(kDoneUpTo, std::to_string(files_.Release(database, from, released)));
+  SetFilesDoneUpTo(files_.Release(database, from, released), &database);
 }
 
 void WatchDaemon::Reload() {

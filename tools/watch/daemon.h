@@ -20,12 +20,14 @@
 #include "config/config.h"
 #include "io/inbox/inbox.h"
 #include "tools/cli/repeated_lines.h"
+#include "tools/run/opening_choice.h"
 #include "tools/watch/files.h"
 #include "tools/watch/live/map_queries.h"
 #include "tools/watch/live/server.h"
 #include "tools/watch/live/view.h"
 #include "tools/watch/opening_check.h"
 #include "tools/watch/room.h"
+#include "tools/watch/undecided_session.h"
 
 namespace lamina {
 
@@ -38,6 +40,8 @@ struct WatchSetup {
   std::optional<BaseMap> base_map;
   // Reads the configuration again; for SIGHUP.
   std::function<LaminaConfig()> reload;
+  // Of a session whose first scans decide (undecided_session.h); else empty.
+  ShippedConfig shipped;
 };
 
 class WatchDaemon {
@@ -50,6 +54,9 @@ class WatchDaemon {
   // they say of its poses. While its disk has no room left it waits. Throws OutputError when the
   // session cannot be written any more: DiskFullError if the disk was full all the same.
   RunVerdict Run(const std::atomic<bool>& stop);
+
+  // What the session is to begin anew with, if Run() has ended for that. It must be cleared then.
+  const std::optional<LaminaConfig>& fitting() const { return fitting_; }
 
   // Safe in a signal handler. Ends a wait for scans.
   void Wake() noexcept { inbox_->Interrupt(); }
@@ -70,6 +77,8 @@ class WatchDaemon {
   void TakeNotices();
   bool MapWaiting(const std::atomic<bool>& stop);
   void CheckOpening(const std::atomic<bool>& stop);
+  void RepeatOpening(const std::atomic<bool>& stop);
+  void DecideOpening(const std::atomic<bool>& stop);
   void OnMapped(const MappedScan& report);
   void OnScan(const MappedScan& report, const ScanRecord& row);
   void WarnRepeated(const std::string& kind, const std::string& line);
@@ -84,6 +93,8 @@ class WatchDaemon {
 
   WatchSetup setup_;
   WatchFiles files_;
+  UndecidedSession undecided_;
+  std::optional<LaminaConfig> fitting_;
   WatchRoom room_;
   LiveView view_;
   std::unique_ptr<Session> session_;

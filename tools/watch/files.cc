@@ -5,6 +5,8 @@
 
 #include <filesystem>
 #include <fstream>
+#include <string_view>
+#include <vector>
 
 #include "core/base/error.h"
 #include "core/base/printable_text.h"
@@ -14,6 +16,11 @@
 
 namespace lamina {
 namespace {
+
+// In the database.
+constexpr const char* kDoneUpTo = "files_done_up_to";
+// Of the file that says why one was rejected.
+constexpr std::string_view kReasonEnding = ".reason.txt";
 
 namespace fs = std::filesystem;
 
@@ -36,6 +43,14 @@ bool HasCopy(const fs::path& from, const fs::path& to) {
 }
 
 }  // namespace
+
+std::int64_t FilesDoneUpTo(const SessionDatabase& database) {
+  return std::stoll(database.Meta(kDoneUpTo).value_or("0"));
+}
+
+void SetFilesDoneUpTo(std::int64_t scan, SessionDatabase* database) {
+  database->SetMeta(kDoneUpTo, std::to_string(scan));
+}
 
 DonePolicy ParseDonePolicy(const std::string& name) {
   if (name == "move") return DonePolicy::kMove;
@@ -63,7 +78,7 @@ bool WatchFiles::Has(const ScanRecord& scan) const {
 }
 
 std::string WatchFiles::ReasonPath(const std::string& name) const {
-  return (fs::path(session_) / "rejected" / (name + ".reason.txt")).string();
+  return (fs::path(session_) / "rejected" / (name + std::string(kReasonEnding))).string();
 }
 
 void WatchFiles::NoteReason(const std::string& name, const std::string& reason) const {
@@ -97,6 +112,23 @@ void WatchFiles::CopyToRejected(const std::string& name) const {
   fs::remove(to, error);
   fs::create_hard_link(from, to, error);
   if (error) CopyFile(from.string(), to.string());
+}
+
+void WatchFiles::ForgetRejected() const {
+  const fs::path rejected = fs::path(session_) / "rejected";
+  if (!fs::exists(rejected)) return;
+  std::vector<fs::path> forgotten;
+  for (const auto& entry : fs::recursive_directory_iterator(rejected)) {
+    if (entry.is_directory()) continue;
+    std::string name = entry.path().lexically_relative(rejected).string();
+    if (entry.path().extension() == ".txt" && name.size() > kReasonEnding.size())
+      name.resize(name.size() - kReasonEnding.size());
+    // Of a scan in a file of many, too.
+    const bool here = fs::exists(fs::path(inbox_) / name) ||
+                      fs::exists(fs::path(inbox_) / name.substr(0, name.rfind('#')));
+    if (here) forgotten.push_back(entry.path());
+  }
+  for (const fs::path& path : forgotten) fs::remove(path);
 }
 
 std::int64_t WatchFiles::Release(const SessionDatabase& database, std::int64_t from,

@@ -12,6 +12,10 @@ enum class DonePolicy { kKeep, kMove, kDelete };
 // "keep", "move" or "delete".
 DonePolicy ParseDonePolicy(const std::string& name);
 
+// The scan up to which the policy is done: of those before, files may be gone from the inbox.
+std::int64_t FilesDoneUpTo(const SessionDatabase& database);
+void SetFilesDoneUpTo(std::int64_t scan, SessionDatabase* database);
+
 // The folders of a session into which files go:
 //
 //     done/NAME               mapped, under --done move
@@ -37,6 +41,9 @@ class WatchFiles {
   // A file whose content is none of the session's: only the reason is written down. One in the
   // place of another that was mapped goes to rejected/ when that would be moved or deleted.
   void NoteReason(const std::string& name, const std::string& reason) const;
+
+  // Removes from rejected/ what is in the inbox still, and the reasons: it will be looked at again.
+  void ForgetRejected() const;
 
   // Does with the files of scans [from, to) what the policy says. The same again does no harm.
   // Returns the scan from which on it is to be done again, since the disk was full; `to` otherwise.

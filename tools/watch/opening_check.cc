@@ -13,18 +13,6 @@
 namespace lamina {
 namespace {
 
-// The scans of a stretch, from where their files are by now.
-StreamedScans WhereTheyAre(const StreamedScans& scans, const WatchFiles& files,
-                           const ScanSourceOptions& options) {
-  StreamedScans found(0, options);
-  for (std::size_t i = 0; i < scans.size(); ++i) {
-    InboxFile file = scans.File(i);
-    if (file.recording == nullptr) file.path = files.Find(file.name);
-    found.Append(std::move(file));
-  }
-  return found;
-}
-
 // Sizes that were chosen are not doubted.
 bool HasDefaultVoxels(const VoxelMapOptions& map) {
   const VoxelMapOptions defaults;
@@ -45,9 +33,19 @@ void OpeningCheck::Add(std::size_t i, const InboxFile& file) {
   if (scans_) scans_->Append(file);
 }
 
+StreamedScans OpeningCheck::Stretch(const WatchFiles& files) const {
+  StreamedScans found(0, options_);
+  for (std::size_t i = 0; scans_ && i < scans_->size(); ++i) {
+    InboxFile file = scans_->File(i);
+    if (file.recording == nullptr) file.path = files.Find(file.name);
+    found.Append(std::move(file));
+  }
+  return found;
+}
+
 std::vector<std::string> OpeningCheck::Look(const WatchFiles& files, const MappingOptions& options,
                                             const std::atomic<bool>& stop) {
-  const StreamedScans scans = WhereTheyAre(*scans_, files, options_);
+  const StreamedScans scans = Stretch(files);
   scans_.reset();
   std::vector<std::string> warnings;
   const DeskewChoice choice = ChooseDeskew(scans, 0, scans.size(), options, &stop);

@@ -3,8 +3,9 @@
 // scans without times are sweeps that are not; and whether the sensor, or a small place, asks for a
 // shipped configuration.
 //
-// `run` looks at a few scans before it begins, and decides. A session must not: what lies in its
-// inbox when it begins is a matter of chance, and the same scans shall give the same bytes. So it
+// `run` looks at a few scans before it begins, and decides. What lies in an inbox when a session
+// begins is a matter of chance, and the same scans shall give the same bytes: so the first scans
+// decide where no configuration was named (undecided_session.h). Else, and farther on, the session
 // says what it found, and maps on.
 #pragma once
 
@@ -31,6 +32,8 @@ class OpeningCheck {
   // one in which a session was interrupted is passed over.
   void Add(std::size_t i, const InboxFile& file);
   bool due() const { return scans_ && scans_->size() == kScans; }
+  // The scans of the stretch so far, from where their files are by now.
+  StreamedScans Stretch(const WatchFiles& files) const;
   // Maps the scans of the stretch, with their times and without. What is not right, and what to do.
   std::vector<std::string> Look(const WatchFiles& files, const MappingOptions& options,
                                 const std::atomic<bool>& stop);
