@@ -24,7 +24,8 @@ DeskewChoice ChooseDeskew(const ScanSource& source, std::size_t begin, std::size
       [&](const OpeningLook& deskewed, const OpeningLook& as_they_are) {
         if (times == PointTimes::kOfTheScan && angles == BeamAngles::kUnknown)
           angles = BeamAnglesOf(source, begin, as_they_are.poses);
-        return angles == BeamAngles::kCompensated || Misled(deskewed, as_they_are) ||
+        return angles == BeamAngles::kCompensated ||
+               angles == BeamAngles::kAsMeasuredAtTheirTimes || Misled(deskewed, as_they_are) ||
                Comparable(deskewed, as_they_are);
       },
       stop);
@@ -35,6 +36,8 @@ DeskewChoice ChooseDeskew(const ScanSource& source, std::size_t begin, std::size
     choice.verdict = DeskewChoice::Verdict::kCompensated;
     return choice;
   }
+  // Where it turns at a start, scans may be lost by right times, and tracked without.
+  if (angles == BeamAngles::kAsMeasuredAtTheirTimes) return choice;
   if (Misled(deskewed, as_they_are)) {
     choice.verdict = DeskewChoice::Verdict::kWrongTimes;
     return choice;

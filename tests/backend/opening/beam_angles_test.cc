@@ -138,5 +138,98 @@ TEST(BeamAngles, AreOfTheScansThatThePosesAreOf) {
   EXPECT_EQ(BeamAnglesOf(street, 0, {}), BeamAngles::kUnknown);
 }
 
+// Turns on the spot in a hall of uneven walls: elevations stay those of the beams, whatever points
+// are moved by.
+class Turntable final : public ScanSource {
+ public:
+  explicit Turntable(double turn_deg_s, double late_s = 0.0) : turn_rad_s_(Radians(turn_deg_s)) {
+    Draws draws(1);
+    for (int k = 0; k < 2 * kSweeps; ++k) {
+      scans_.push_back(Sweep(kSweepS * k));
+      scans_.back().stamp_ns += static_cast<StampNs>(1e9 * late_s * draws.Uniform(0.0, 1.0));
+    }
+  }
+  // Brings all points to how the sensor stood so long after the stamp.
+  Turntable& CompensatedTo(double moment_s) {
+    for (Scan& scan : scans_) {
+      for (std::size_t i = 0; i < scan.points.size(); ++i) {
+        ScanPoint& p = scan.points[i];
+        const Eigen::AngleAxisf turn(
+            static_cast<float>(turn_rad_s_ * (static_cast<double>(scan.time_s[i]) - moment_s)),
+            Eigen::Vector3f::UnitZ());
+        const Eigen::Vector3f moved = turn * Eigen::Vector3f(p.x, p.y, p.z);
+        p = {moved.x(), moved.y(), moved.z(), 0.0F};
+      }
+    }
+    return *this;
+  }
+  Turntable& InUnitsOf(float s) {
+    for (Scan& scan : scans_) {
+      for (float& t : scan.time_s) t /= s;
+    }
+    return *this;
+  }
+  Trajectory Poses() const {
+    Trajectory poses;
+    for (std::size_t k = 0; k < scans_.size(); ++k) {
+      poses.push_back({scans_[k].stamp_ns, SE3()});
+      poses.back().T_world_lidar.q = Eigen::AngleAxisd(
+          turn_rad_s_ * kSweepS * static_cast<double>(k), Eigen::Vector3d::UnitZ());
+    }
+    return poses;
+  }
+
+  std::size_t size() const override { return scans_.size(); }
+  std::string Name(std::size_t i) const override { return std::to_string(i); }
+  StampNs Stamp(std::size_t i) const override { return scans_[i].stamp_ns; }
+  Scan Read(std::size_t i) const override { return scans_[i]; }
+
+ private:
+  Scan Sweep(double begin_s) const {
+    Scan scan;
+    scan.stamp_ns = static_cast<StampNs>(1e9 * begin_s);
+    for (int step = 0; step < kAzimuths; ++step) {
+      const double time_s = kSweepS * step / kAzimuths;
+      const double azimuth = -2.0 * M_PI * step / kAzimuths;
+      const double heading = azimuth + turn_rad_s_ * (begin_s + time_s);
+      const double range = 12.0 + 3.0 * std::sin(5.0 * heading);
+      for (double elevation_deg = -15.0; elevation_deg <= 15.0; elevation_deg += 2.0) {
+        const double elevation = Radians(elevation_deg);
+        scan.points.push_back({static_cast<float>(range * std::cos(azimuth)),
+                               static_cast<float>(range * std::sin(azimuth)),
+                               static_cast<float>(range * std::tan(elevation)), 0.0F});
+        scan.time_s.push_back(static_cast<float>(time_s));
+      }
+    }
+    return scan;
+  }
+
+  double turn_rad_s_;
+  std::vector<Scan> scans_;
+};
+
+TEST(BeamAngles, OfOneThatTurnsOnTheSpotAreToldByAzimuths) {
+  for (const double turn_deg_s : {-75.0, 20.0, 75.0, 150.0}) {
+    const Turntable swept(turn_deg_s);
+    EXPECT_EQ(BeamAnglesOf(swept, 0, swept.Poses()), BeamAngles::kAsMeasuredAtTheirTimes)
+        << turn_deg_s;
+    for (const double moment_s : {0.0, 0.5 * kSweepS, kSweepS}) {
+      const Turntable compensated = Turntable(turn_deg_s).CompensatedTo(moment_s);
+      EXPECT_EQ(BeamAnglesOf(compensated, 0, compensated.Poses()), BeamAngles::kCompensated)
+          << turn_deg_s << " " << moment_s;
+    }
+  }
+}
+
+TEST(BeamAngles, TellNothingByTurnsThatTimesDoNotShow) {
+  const Turntable slow(2.0);
+  EXPECT_EQ(BeamAnglesOf(slow, 0, slow.Poses()), BeamAngles::kUnknown);
+  const Turntable in_another_unit = Turntable(75.0).InUnitsOf(0.4F);
+  EXPECT_EQ(BeamAnglesOf(in_another_unit, 0, in_another_unit.Poses()), BeamAngles::kUnknown);
+  // Turned by 2 deg a sweep, while stamps leave its own turn open by as much.
+  const Turntable late(20.0, 0.02);
+  EXPECT_EQ(BeamAnglesOf(late, 0, late.Poses()), BeamAngles::kUnknown);
+}
+
 }  // namespace
 }  // namespace lamina
