@@ -9,6 +9,12 @@
 #include "core/base/angle.h"
 
 namespace lamina {
+namespace {
+
+// Of the clusters of a window: as many are moved out of their leaves by a sensor that sets off.
+constexpr double kFewAstray = 0.05;
+
+}  // namespace
 
 Mapper::Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
                const SE3& T_world_start)
@@ -148,7 +154,7 @@ OdometryFrame Mapper::RegisterSecond(const MapperScan& scan) {
   if (frame.status == OdometryFrame::Status::kTracked) {
     window_.Move(0, window_.frames().front().T_world_lidar, first);
     MoveToStart(&frame);
-    map_->Refresh();
+    PlaceWindowAnew(kFewAstray);
   }
   odometry.MayBeShaken(true);
   frame = Track(scan);
@@ -161,13 +167,24 @@ void Mapper::AgreeWithFirst(const MapperScan& scan, OdometryFrame* frame) {
   // The first scan was put into the map as if the sensor stood still: one scan later its motion is
   // known, so both are brought to agree before anything is built on them.
   constexpr int kRounds = 4;
+  double few = kFewAstray;
   for (int i = 0; i < kRounds && RefineFirstOrLast(*frame); ++i) {
     MoveToStart(frame);
-    map_->Refresh();
+    if (PlaceWindowAnew(few)) few = 0.0;
     // The first scan is deskewed now: this one must be from the beginning, or lies off by the way
     // of half a sweep where the stamp is at its start.
     tracker_.odometry().Rematch(*scan.clusters, *map_, frame);
   }
+}
+
+bool Mapper::PlaceWindowAnew(double few) {
+  map_->Refresh();
+  if (!window_.frames().front().alone || window_.ShareAstray() <= few) return false;
+  DropWindow();
+  map_->BeginPiece(piece_);
+  window_.AddAnew();
+  map_->Refresh();
+  return true;
 }
 
 bool Mapper::RefineFirstOrLast(const OdometryFrame& frame) {
@@ -316,18 +333,23 @@ void Mapper::SettleFirst() {
   const WindowFrame& first = window_.frames().front();
   // A first pose that is final already stays.
   if (!first.alone || open_.size() == 0 || open_.FirstMiddle().stamp_ns != first.stamp_ns) return;
-  const std::optional<SE3> T_world_first = FirstPoseByOthers(
+  const std::vector<SE3> settled = FirstPosesByOthers(
       window_.frames(), tracker_.odometry().RecentInliers(), options_.odometry, options_.map);
-  if (!T_world_first) return;
-  const SE3 correction = first.T_world_lidar * T_world_first->Inverse();
+  if (settled.empty()) return;
+  // The first one stays where the piece begins, and the others move.
+  const SE3 correction = first.T_world_lidar * settled.front().Inverse();
   std::vector<std::int64_t> ids;
   std::vector<SE3> poses;
   for (const WindowFrame& frame : window_.frames()) {
+    const bool is_settled = ids.size() < settled.size();
+    poses.push_back(correction * (is_settled ? settled[ids.size()] : frame.T_world_lidar));
     ids.push_back(frame.id);
-    poses.push_back(ids.size() == 1 ? frame.T_world_lidar : correction * frame.T_world_lidar);
   }
-  window_.SetMotionTo(1, poses[0].Inverse() * poses[1]);
+  poses.front() = first.T_world_lidar;
+  for (std::size_t i = 1; i <= settled.size(); ++i)
+    window_.SetMotionTo(i, poses[i - 1].Inverse() * poses[i]);
   MoveKeyframes(ids, poses);
+  PlaceWindowAnew(kFewAstray);
 }
 
 void Mapper::PopOldest() {

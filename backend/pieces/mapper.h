@@ -101,6 +101,10 @@ class Mapper {
   // The second scan, and with it the motion of the first one; as that of a sensor that is shaken if
   // the two do not agree otherwise (shaken_sweep.h).
   OdometryFrame RegisterSecond(const MapperScan& scan);
+  // The clusters of a window that begins with the first scan go into the leaves where they lie now,
+  // if a larger share than `few` has been moved out of those they were added to, where no scan
+  // would look for them. Whether it was.
+  bool PlaceWindowAnew(double few);
   void AgreeWithFirst(const MapperScan& scan, OdometryFrame* frame);
   // Follows what may end the piece: its start, degenerate scans, losses.
   PieceEnd EndOfPiece(const MapperScan& scan, const OdometryFrame& frame, bool may_restart);

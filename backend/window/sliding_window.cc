@@ -124,9 +124,32 @@ void SlidingWindow::Push(WindowFrame frame) {
   frame.deskewed = DeskewClusters(frame.measured, frame.sweep);
   if (!AnyTimed(frame.measured)) frame.measured.clear();
   MoveIntoMap(frame, frame.T_world_lidar, &frame.in_map);
-  frame.addresses.assign(frame.in_map.size(), {0, kNoLeaf});
-  frame.leaves = map_->AddFrame(frame.in_map, frame.id, &frame.addresses);
+  AddToMap(&frame);
   frames_.push_back(std::move(frame));
+}
+
+void SlidingWindow::AddToMap(WindowFrame* frame) {
+  frame->addresses.assign(frame->in_map.size(), {0, kNoLeaf});
+  frame->leaves = map_->AddFrame(frame->in_map, frame->id, &frame->addresses);
+}
+
+double SlidingWindow::ShareAstray() const {
+  std::size_t all = 0, astray = 0;
+  for (const WindowFrame& frame : frames_) {
+    for (std::size_t k = 0; k < frame.in_map.size(); ++k) {
+      if (frame.leaves[k] == VoxelMap::kNoNode) continue;
+      ++all;
+      const Eigen::Vector3d& p = frame.in_map[k].mean;
+      const VoxelMap::LeafAddress& then = frame.addresses[k];
+      const LeafPlace now = map_->CanHold(p) ? map_->PlaceOf(p) : LeafPlace();
+      astray += now.key != then.root || now.path != then.path ? 1 : 0;
+    }
+  }
+  return all == 0 ? 0.0 : static_cast<double>(astray) / static_cast<double>(all);
+}
+
+void SlidingWindow::AddAnew() {
+  for (WindowFrame& frame : frames_) AddToMap(&frame);
 }
 
 FinalKeyframe SlidingWindow::AsFinal(std::size_t i) const {

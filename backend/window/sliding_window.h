@@ -106,6 +106,13 @@ class SlidingWindow {
   // Moves frame i to a new pose and motion. The map must be refreshed afterwards.
   void Move(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep);
 
+  // The share of the clusters in the map that no longer lie in their leaves.
+  double ShareAstray() const;
+  // Adds the clusters of all frames to a map that has none of them any more, each to the leaf in
+  // which it lies now: Move() leaves it in the one it was added to. The map must be refreshed
+  // afterwards.
+  void AddAnew();
+
   // The motion during frame i, from the poses of its neighbours (sweep_motion.h), in the window or
   // the last ones that have left it: those within max_gap_s. `next`: the pose after the newest
   // frame, or null.
@@ -142,6 +149,7 @@ class SlidingWindow {
   void HoldFirst(BundleProblem* problem) const;
   RelativePrior MotionPrior(std::size_t i) const;
   // The clusters of a frame as they stand in the map when it is at T.
+  void AddToMap(WindowFrame* frame);
   void MoveIntoMap(const WindowFrame& frame, const SE3& T, std::vector<PointCluster>* in_map) const;
   // Has the processor fetch what a loop over the clusters of a frame, now at i, is soon to change.
   void PrefetchLeaves(const WindowFrame& frame, std::size_t i) const;

@@ -93,8 +93,8 @@ void PoseSearch::SortByScore(const SearchedScan& scan, std::size_t stride, doubl
                              std::vector<Scored>* hypotheses) const {
   ParallelChunks(hypotheses->size(), 16, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      (*hypotheses)[i].score = matcher_->Score(scan.clusters, (*hypotheses)[i].T_world_lidar,
-                                               scan.map, options_.score_scale_m, stride, chance);
+      (*hypotheses)[i].score = matcher_.Score(scan.clusters, (*hypotheses)[i].T_world_lidar,
+                                              scan.map, options_.score_scale_m, stride, chance);
     }
   });
   std::stable_sort(hypotheses->begin(), hypotheses->end(),
@@ -163,7 +163,7 @@ std::vector<MatchResult> PoseSearch::MatchFrom(const SearchedScan& scan,
   std::vector<MatchResult> results(starts.size());
   ParallelChunks(starts.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i)
-      results[i] = matcher_->MatchPose(clusters, {starts[i], scan.prediction.covariance}, scan.map);
+      results[i] = matcher_.MatchPose(clusters, {starts[i], scan.prediction.covariance}, scan.map);
   });
   return results;
 }
@@ -193,8 +193,8 @@ std::vector<SE3> PoseSearch::LeadElsewhere(const SearchedScan& scan, std::vector
 bool PoseSearch::Better(double sigmas, const SearchedScan& scan, const MatchResult& ours,
                         const MatchResult& theirs) const {
   const FitDifference difference =
-      matcher_->Compare(scan.clusters, ours.T_world_lidar, theirs.T_world_lidar, scan.map,
-                        kCompareScale * options_.score_scale_m);
+      matcher_.Compare(scan.clusters, ours.T_world_lidar, theirs.T_world_lidar, scan.map,
+                       kCompareScale * options_.score_scale_m);
   if (scan.starting) return difference.votes_sigmas > sigmas;
   // Clusters beside one another err alike.
   constexpr double kLeastEvidence = 0.002;
@@ -305,8 +305,8 @@ Vector6d PoseSearch::Elsewhere(const SearchedScan& scan, const PoseHypotheses& h
   const auto clear_of = [&](const MatchResult& r) {
     if (r.status == MatchResult::Status::kTooFewMatches || !apart(r.T_world_lidar))
       return std::numeric_limits<double>::infinity();
-    const double z = matcher_->CompareBlocks(scan.clusters, best.T_world_lidar, r.T_world_lidar,
-                                             scan.map, kCompareScale * options_.score_scale_m);
+    const double z = matcher_.CompareBlocks(scan.clusters, best.T_world_lidar, r.T_world_lidar,
+                                            scan.map, kCompareScale * options_.score_scale_m);
     return z * std::abs(z) + Unlikeliness(scan.prediction, r.T_world_lidar) - own;
   };
   double least = kClearSigmas * kClearSigmas;

@@ -36,9 +36,8 @@ struct SearchedScan {
 // Stateless; thread-safe while the map is only read. Same bits at any number of threads.
 class PoseSearch {
  public:
-  // The matcher must outlive it.
-  PoseSearch(const PoseSearchOptions& options, const ScanMatcher* matcher)
-      : options_(options), matcher_(matcher), coarse_matcher_(Coarse(matcher->options())) {}
+  PoseSearch(const PoseSearchOptions& options, const ScanMatcher& matcher)
+      : options_(options), matcher_(matcher), coarse_matcher_(Coarse(matcher.options())) {}
 
   // The best of the matches from the hypotheses and the given one, without a covariance. Brings the
   // coarse hypotheses to the minima near them first.
@@ -106,8 +105,7 @@ class PoseSearch {
               const MatchResult& theirs) const;
 
   PoseSearchOptions options_;
-  const ScanMatcher* matcher_;
-  ScanMatcher coarse_matcher_;
+  ScanMatcher matcher_, coarse_matcher_;
 };
 
 }  // namespace lamina

@@ -103,7 +103,7 @@ bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& cluste
 
 MatchResult LostTrack::SearchFor(const std::vector<PointCluster>& clusters,
                                  const PosePrediction& prediction, const VoxelMap& map) const {
-  const PoseSearch search(search_options_, &matcher_);
+  const PoseSearch search(search_options_, matcher_);
   const SearchedScan scan{clusters, prediction, map, !motion_.moving_known()};
   PoseHypotheses hypotheses = HypothesesFor(prediction);
   MatchResult match = search.Best(scan, &hypotheses, matcher_.MatchPose(clusters, prediction, map));
@@ -125,7 +125,7 @@ bool LostTrack::FitsHereAlone(const std::vector<PointCluster>& clusters,
   if (match.status != MatchResult::Status::kConverged || match.fit() < MatchResult::kFollowingFit)
     return false;
   const SearchedScan scan{clusters, prediction, map, !motion_.moving_known()};
-  return PoseSearch(search_options_, &matcher_).Unique(scan, HypothesesFor(prediction), match);
+  return PoseSearch(search_options_, matcher_).Unique(scan, HypothesesFor(prediction), match);
 }
 
 bool LostTrack::Drivable(const std::vector<SE3>& poses) const {

@@ -47,7 +47,7 @@ Odometry::Odometry(const OdometryOptions& options)
     : options_(options),
       matcher_(options.matcher),
       narrow_matcher_(WithNarrowKernel(options.matcher)),
-      search_(options.search, &matcher_),
+      search_(options.search, matcher_),
       motion_(options.motion),
       accelerations_(options.motion),
       shaken_(options.matcher, options.motion) {

@@ -8,37 +8,50 @@
 namespace lamina {
 namespace {
 
-// Ten scans of a way through these walls, the first one where `first` says it was.
-std::optional<SE3> FirstOf(const World& world, const SE3& off) {
+SE3 TrueAt(int i) {
+  return SE3(ExpSO3(0.02 * i * Eigen::Vector3d::UnitZ()), {0.05 * i, 0.02 * i, 0.1});
+}
+
+// Of ten scans of a way through these walls, of which the first `aside` lie off where they were.
+std::vector<SE3> FirstOf(const World& world, const SE3& off, int aside = 1) {
   Draws draws(5);
   const VoxelMapOptions map;
   std::deque<WindowFrame> frames;
   for (int i = 0; i < 10; ++i) {
-    const SE3 truth(ExpSO3(0.02 * i * Eigen::Vector3d::UnitZ()), {0.05 * i, 0.02 * i, 0.1});
+    const SE3 truth = TrueAt(i);
     WindowFrame& frame = frames.emplace_back();
-    frame.T_world_lidar = i == 0 ? truth * off : truth;
+    frame.T_world_lidar = i < aside ? truth * off : truth;
     frame.deskewed = Untimed(ScanFrom(truth, world.Sample(1500, 0.01, &draws), map.LeafSize()));
   }
   constexpr double kUsualInliers = 0.8;
-  return FirstPoseByOthers(frames, kUsualInliers, OdometryOptions(), map);
+  return FirstPosesByOthers(frames, kUsualInliers, OdometryOptions(), map);
 }
 
 TEST(FirstPose, OneThatLiesAsideIsFoundInTheMapOfTheOthers) {
-  const SE3 truth(Eigen::Quaterniond::Identity(), {0, 0, 0.1});
   for (const double degrees : {3.0, 9.0}) {
     const SE3 off(ExpSO3(Radians(degrees) * Eigen::Vector3d::UnitZ()), {0.15, -0.1, 0.05});
-    const std::optional<SE3> found = FirstOf(World::Room(), off);
-    ASSERT_TRUE(found.has_value()) << degrees;
-    EXPECT_LT((found->t - truth.t).norm(), 0.02);
-    EXPECT_LT(RotationAngle(*found, truth), Radians(0.3));
+    const std::vector<SE3> found = FirstOf(World::Room(), off);
+    ASSERT_EQ(found.size(), 1U) << degrees;
+    EXPECT_LT((found[0].t - TrueAt(0).t).norm(), 0.02);
+    EXPECT_LT(RotationAngle(found[0], TrueAt(0)), Radians(0.3));
+  }
+}
+
+TEST(FirstPose, ThoseThatLieAsideTogetherAreFoundTogether) {
+  const SE3 off(ExpSO3(Radians(2.0) * Eigen::Vector3d::UnitZ()), {0.06, -0.05, 0.02});
+  const std::vector<SE3> found = FirstOf(World::Room(), off, 4);
+  ASSERT_EQ(found.size(), 4U);
+  for (int i = 0; i < 4; ++i) {
+    const SE3& pose = found[static_cast<std::size_t>(i)];
+    EXPECT_LT((pose.t - TrueAt(i).t).norm(), 0.02) << i;
+    EXPECT_LT(RotationAngle(pose, TrueAt(i)), Radians(0.3)) << i;
   }
 }
 
 TEST(FirstPose, OneThatIsRightStays) {
-  EXPECT_FALSE(FirstOf(World::Room(), SE3()).has_value());
+  EXPECT_TRUE(FirstOf(World::Room(), SE3()).empty());
   // What bundle adjustment settles.
-  EXPECT_FALSE(
-      FirstOf(World::Room(), SE3(Eigen::Quaterniond::Identity(), {0.01, 0, 0})).has_value());
+  EXPECT_TRUE(FirstOf(World::Room(), SE3(Eigen::Quaterniond::Identity(), {0.01, 0, 0})).empty());
 }
 
 // Along a corridor nothing tells the pose.
@@ -47,7 +60,7 @@ TEST(FirstPose, WhatPlanesLeaveOpenStays) {
   for (const double side : {-1.0, 1.0})
     corridor.facets.push_back({{0, 2 * side, 0}, {20, 0, 0}, {0, 0, 1.5}});
   corridor.facets.push_back({{0, 0, -1.5}, {20, 0, 0}, {0, 2, 0}});
-  EXPECT_FALSE(FirstOf(corridor, SE3(Eigen::Quaterniond::Identity(), {0.4, 0.1, 0})).has_value());
+  EXPECT_TRUE(FirstOf(corridor, SE3(Eigen::Quaterniond::Identity(), {0.4, 0.1, 0})).empty());
 }
 
 }  // namespace

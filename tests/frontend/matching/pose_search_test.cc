@@ -37,7 +37,7 @@ struct MatchedScan {
   VoxelMap map{VoxelMapOptions{}};
   std::vector<PointCluster> clusters;
   ScanMatcher matcher{ScanMatcherOptions{}};
-  PoseSearch search{PoseSearchOptions{}, &matcher};
+  PoseSearch search{PoseSearchOptions{}, matcher};
   PosePrediction prediction;
   MatchResult match;
 };
