@@ -19,9 +19,20 @@ namespace {
 constexpr int kSweeps = 10, kAzimuths = 600;
 constexpr double kSweepS = 0.1;
 
+class MadeScans : public ScanSource {
+ public:
+  std::size_t size() const override { return scans_.size(); }
+  std::string Name(std::size_t i) const override { return std::to_string(i); }
+  StampNs Stamp(std::size_t i) const override { return scans_[i].stamp_ns; }
+  Scan Read(std::size_t i) const override { return scans_[i]; }
+
+ protected:
+  std::vector<Scan> scans_;
+};
+
 // Drives along x on a road between two walls, 16 beams 2 degrees apart; every map of this place is
 // as thin, whatever its scans are bent by.
-class Street final : public ScanSource {
+class Street final : public MadeScans {
  public:
   explicit Street(double speed_m_s) : speed_m_s_(speed_m_s) {
     for (int k = 0; k < kSweeps; ++k) scans_.push_back(Sweep(k));
@@ -63,11 +74,6 @@ class Street final : public ScanSource {
     return poses;
   }
 
-  std::size_t size() const override { return scans_.size(); }
-  std::string Name(std::size_t i) const override { return std::to_string(i); }
-  StampNs Stamp(std::size_t i) const override { return scans_[i].stamp_ns; }
-  Scan Read(std::size_t i) const override { return scans_[i]; }
-
  private:
   static Scan Sweep(int k) {
     Scan scan;
@@ -90,7 +96,6 @@ class Street final : public ScanSource {
   }
 
   double speed_m_s_;
-  std::vector<Scan> scans_;
 };
 
 TEST(BeamAngles, OfSweepsAreThoseOfTheBeams) {
@@ -140,7 +145,7 @@ TEST(BeamAngles, AreOfTheScansThatThePosesAreOf) {
 
 // Turns on the spot in a hall of uneven walls: elevations stay those of the beams, whatever points
 // are moved by.
-class Turntable final : public ScanSource {
+class Turntable final : public MadeScans {
  public:
   explicit Turntable(double turn_deg_s, double late_s = 0.0) : turn_rad_s_(Radians(turn_deg_s)) {
     Draws draws(1);
@@ -179,11 +184,6 @@ class Turntable final : public ScanSource {
     return poses;
   }
 
-  std::size_t size() const override { return scans_.size(); }
-  std::string Name(std::size_t i) const override { return std::to_string(i); }
-  StampNs Stamp(std::size_t i) const override { return scans_[i].stamp_ns; }
-  Scan Read(std::size_t i) const override { return scans_[i]; }
-
  private:
   Scan Sweep(double begin_s) const {
     Scan scan;
@@ -205,7 +205,6 @@ class Turntable final : public ScanSource {
   }
 
   double turn_rad_s_;
-  std::vector<Scan> scans_;
 };
 
 TEST(BeamAngles, OfOneThatTurnsOnTheSpotAreToldByAzimuths) {
