@@ -185,9 +185,13 @@ void Mapping::BeginPiece(const SE3& T_world_start, Recording* recording) {
   recording->piece = static_cast<std::int64_t>(counts_.pieces++);
   // The first one is in the map from the beginning.
   if (recording->piece > 0) map_.BeginPiece(recording->piece);
+  if (searches_ != nullptr) searches_->Begin(recording->piece);
+  MakeMapper(T_world_start, recording);
+}
+
+void Mapping::MakeMapper(const SE3& T_world_start, Recording* recording) {
   recording->mapper =
       std::make_unique<PieceMapper>(options_.mapper, &map_, recording->piece, T_world_start);
-  if (searches_ != nullptr) searches_->Begin(recording->piece);
   ForwardFinalKeyframes(&recording->mapper->mapper());
 }
 

@@ -198,7 +198,8 @@ class Mapping {
                           std::vector<TimedCluster>* clusters);
   // After the last one, which `scan` has ended.
   void BeginNextPiece(const RegisteredScan& last, std::size_t scan, Recording* recording);
-  // To be told of keyframes that leave the window of a mapper.
+  // For its piece, and tells of keyframes that leave its window.
+  void MakeMapper(const SE3& T_world_start, Recording* recording);
   void ForwardFinalKeyframes(Mapper* mapper);
   // The map of the piece, when a correction by loops takes effect.
   void CorrectMap(std::int64_t piece);

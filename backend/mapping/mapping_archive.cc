@@ -16,9 +16,7 @@ void Mapping::ArchiveRecording(StateArchive& a, Recording* recording) {
     &recording->stream, &recording->certain, &recording->last, &maps, &rests);
   if (rests) return;
   if (a.reading() && maps) {
-    recording->mapper =
-        std::make_unique<PieceMapper>(options_.mapper, &map_, recording->piece, SE3());
-    ForwardFinalKeyframes(&recording->mapper->mapper());
+    MakeMapper(SE3(), recording);
   } else if (a.reading()) {
     recording->localiser = std::make_unique<Localiser>(options_.mapper, &map_, recording->piece);
   }

@@ -129,8 +129,7 @@ void Mapping::GoOnIn(std::int64_t piece, const Trajectory& last, Recording* reco
   map_.SelectPiece(piece);
   const auto parts = loops_->Track(piece)->Resume(last.back().T_world_lidar.t);
   if (parts) map_.ReplaceFixed(*parts);
-  recording->mapper = std::make_unique<PieceMapper>(options_.mapper, &map_, piece, SE3());
-  ForwardFinalKeyframes(&recording->mapper->mapper());
+  MakeMapper(SE3(), recording);
   recording->mapper->mapper().Resume(last, loops_->NextKeyframe(piece));
 }
 
