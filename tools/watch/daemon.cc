@@ -252,10 +252,9 @@ bool WatchDaemon::MapWaiting(const std::atomic<bool>& stop) {
 
 void WatchDaemon::CheckOpening(const std::atomic<bool>& stop) {
   NotifyWatchdog();
-  if (setup_.shipped) DecideOpening(stop);
-  if (fitting_) return;
-  for (const std::string& warning : opening_check_.Look(files_, setup_.config.Mapping(), stop)) {
-    spdlog::warn("{}", warning);
+  if (!setup_.shipped || !DecideOpening(stop)) {
+    for (const std::string& warning : opening_check_.Look(files_, setup_.config.Mapping(), stop))
+      spdlog::warn("{}", warning);
   }
   NotifyWatchdog();
 }
@@ -279,21 +278,24 @@ void WatchDaemon::RepeatOpening(const std::atomic<bool>& stop) {
   if (opening_check_.due()) CheckOpening(stop);
 }
 
-void WatchDaemon::DecideOpening(const std::atomic<bool>& stop) {
+// False where the stretch is still to be looked at.
+bool WatchDaemon::DecideOpening(const std::atomic<bool>& stop) {
   const StreamedScans scans = opening_check_.Stretch(files_);
   const OpeningChoice choice =
       ChooseOpening(scans, {0, scans.size()}, setup_.config, setup_.shipped, stop);
-  if (stop) return;
-  if (ResultOptionsToYaml(choice.config) == ResultOptionsToYaml(setup_.config) ||
-      !undecided_.MayBeginAnew()) {
+  if (stop) return false;
+  const bool as_it_is = ResultOptionsToYaml(choice.config) == ResultOptionsToYaml(setup_.config);
+  if (as_it_is || !undecided_.MayBeginAnew()) {
     undecided_.Decide();
     setup_.shipped = nullptr;
-    return;
+    if (as_it_is) opening_check_.Settle(choice.deskew, choice.sweep);
+    return as_it_is;
   }
   if (choice.fit.measured) spdlog::warn("{}: --config {}", choice.fit.reason, choice.fit.name);
   for (const std::string& warning : choice.Warnings()) spdlog::warn("{}", warning);
   spdlog::info("the session begins anew with that, from its first scan on");
   fitting_ = choice.config;
+  return true;
 }
 
 void WatchDaemon::OnMapped(const MappedScan& report) {

@@ -78,7 +78,7 @@ class WatchDaemon {
   bool MapWaiting(const std::atomic<bool>& stop);
   void CheckOpening(const std::atomic<bool>& stop);
   void RepeatOpening(const std::atomic<bool>& stop);
-  void DecideOpening(const std::atomic<bool>& stop);
+  bool DecideOpening(const std::atomic<bool>& stop);
   void OnMapped(const MappedScan& report);
   void OnScan(const MappedScan& report, const ScanRecord& row);
   void WarnRepeated(const std::string& kind, const std::string& line);

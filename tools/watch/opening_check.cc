@@ -5,8 +5,6 @@
 #include <algorithm>
 #include <iterator>
 
-#include "backend/opening/deskew_choice.h"
-#include "backend/opening/sweep_choice.h"
 #include "tools/run/fitting_config.h"
 #include "tools/run/opening_lines.h"
 
@@ -43,15 +41,19 @@ StreamedScans OpeningCheck::Stretch(const WatchFiles& files) const {
   return found;
 }
 
+void OpeningCheck::Settle(const DeskewChoice& deskew, const SweepChoice& sweep) {
+  scans_.reset();
+  settled_ = deskew.verdict != DeskewChoice::Verdict::kDeskew || deskew.deskewed_m > 0.0 ||
+             sweep.as_they_are_m > 0.0;
+}
+
 std::vector<std::string> OpeningCheck::Look(const WatchFiles& files, const MappingOptions& options,
                                             const std::atomic<bool>& stop) {
   const StreamedScans scans = Stretch(files);
-  scans_.reset();
   std::vector<std::string> warnings;
   const DeskewChoice choice = ChooseDeskew(scans, 0, scans.size(), options, &stop);
   const SweepChoice sweep = ChooseSweep(scans, 0, scans.size(), options, &stop);
-  settled_ = choice.verdict != DeskewChoice::Verdict::kDeskew || choice.deskewed_m > 0.0 ||
-             sweep.as_they_are_m > 0.0;
+  Settle(choice, sweep);
   if (sweep.swept) {
     warnings.push_back(DescribeSweep(sweep) +
                        ". This session does not deskew them: begin another one with these options");

@@ -16,6 +16,8 @@
 #include <vector>
 
 #include "backend/mapping/options.h"
+#include "backend/opening/deskew_choice.h"
+#include "backend/opening/sweep_choice.h"
 #include "io/inbox/inbox.h"
 #include "io/inbox/streamed_scans.h"
 #include "tools/watch/files.h"
@@ -37,6 +39,8 @@ class OpeningCheck {
   // Maps the scans of the stretch, with their times and without. What is not right, and what to do.
   std::vector<std::string> Look(const WatchFiles& files, const MappingOptions& options,
                                 const std::atomic<bool>& stop);
+  // What the stretch has told, by Look() or elsewhere: it is not looked at again.
+  void Settle(const DeskewChoice& deskew, const SweepChoice& sweep);
 
  private:
   static constexpr std::size_t kScans = 20;

@@ -20,22 +20,14 @@ namespace fs = std::filesystem;
 constexpr const char *kUndecided = "undecided", *kDatabase = "session.db";
 
 // What a session of other options is to have as well, or is in use.
-bool Stays(const std::string& name) {
-  static const std::set<std::string> stays = {kUndecided, "lock",     "log",
-                                              "token",    "rejected", "done"};
-  return stays.count(name) > 0;
-}
-
-bool IsOfDatabase(const std::string& name) {
-  return name == kDatabase || name == "session.db-wal" || name == "session.db-shm";
-}
+const std::set<std::string> kStays = {kUndecided, "lock", "log", "token", "rejected", "done"};
 
 }  // namespace
 
 UndecidedSession::UndecidedSession(std::string folder, const WatchFiles& files, DonePolicy policy)
     : folder_(std::move(folder)), files_(files), policy_(policy) {}
 
-std::string UndecidedSession::Path(const char* name) const {
+std::string UndecidedSession::Path(const std::string& name) const {
   return (fs::path(folder_) / name).string();
 }
 
@@ -68,22 +60,19 @@ bool UndecidedSession::MayBeginAnew() const {
 void UndecidedSession::Clear() const {
   const SessionFolder lock(folder_);
   files_.ForgetRejected();
+  // The database last: what is cut short is to be cleared again, not a new session among the rest.
+  const std::vector<std::string> database = {"session.db-wal", "session.db-shm", kDatabase};
   std::vector<std::string> names;
   for (const auto& entry : fs::directory_iterator(folder_)) {
     std::string name = entry.path().filename().string();
-    if (!Stays(name)) names.push_back(std::move(name));
+    const bool last = std::count(database.begin(), database.end(), name) > 0;
+    if (!last && kStays.count(name) == 0) names.push_back(std::move(name));
   }
-  // The database last: what is cut short is to be cleared again, not a new session among the rest.
-  std::sort(names.begin(), names.end());
-  std::stable_partition(names.begin(), names.end(),
-                        [](const std::string& name) { return !IsOfDatabase(name); });
-  std::reverse(std::find_if(names.begin(), names.end(), IsOfDatabase), names.end());
+  names.insert(names.end(), database.begin(), database.end());
   for (const std::string& name : names) {
     std::error_code error;
-    fs::remove_all(fs::path(folder_) / name, error);
-    if (error)
-      throw OutputError((fs::path(folder_) / name).string() +
-                        ": cannot be removed: " + error.message());
+    fs::remove_all(Path(name), error);
+    if (error) throw OutputError(Path(name) + ": cannot be removed: " + error.message());
   }
 }
 

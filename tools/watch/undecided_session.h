@@ -29,7 +29,7 @@ class UndecidedSession {
   void Clear() const;
 
  private:
-  std::string Path(const char* name) const;
+  std::string Path(const std::string& name) const;
 
   std::string folder_;
   WatchFiles files_;
