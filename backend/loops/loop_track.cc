@@ -170,8 +170,8 @@ void LoopTrack::AddStoredPlaces(std::vector<StoredBytes>* places) const {
 void LoopTrack::Archive(StateArchive& a) {
   background_.Wait();
   bool corrected = correction_.has_value();
-  a(&builder_, &closure_, &sensor_, &sensor_at_begin_, &last_ns_, &keyframes_since_begin_, &T_map_world_,
-    &corrections_, &attached_, &under_way_, &corrected);
+  a(&builder_, &closure_, &sensor_, &sensor_at_begin_, &last_ns_, &keyframes_since_begin_,
+    &T_map_world_, &corrections_, &attached_, &under_way_, &corrected);
   if (a.reading()) correction_ = corrected ? std::make_optional<AnchorCorrection>() : std::nullopt;
   if (corrected) a(&*correction_);
   if (a.reading() && under_way_) background_.Start([this] { Settle(); });
