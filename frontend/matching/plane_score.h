@@ -15,19 +15,23 @@
 
 namespace lamina {
 
-// GemanMcClureWeight((distance / scale_m)^2) of a cluster's mean and the plane around it, times
-// SightWeight: a plane that the sensor could not have seen from there speaks against the pose.
+// SightWeight times (GemanMcClureWeight((distance / scale_m)^2) - chance) of a cluster's mean and
+// the plane around it. A plane that holds the line of sight says nothing, neither for a pose nor
+// against it: in grass and foliage the sheets of a scan's own beams are about the next one as well,
+// most of all where that is in its right place.
 class PlaneScore {
  public:
   static constexpr double kNone = -1.0;
 
-  PlaneScore(const SE3& T_world_lidar, const VoxelMap& map, double scale_m)
+  // `chance`: the fit that a plane has anywhere, in [0, 0.5].
+  PlaneScore(const SE3& T_world_lidar, const VoxelMap& map, double scale_m, double chance = 0.0)
       : R_(T_world_lidar.R()),
         t_(T_world_lidar.t),
         map_(map),
-        inverse2_(1.0 / (scale_m * scale_m)) {}
+        inverse2_(1.0 / (scale_m * scale_m)),
+        chance_(chance) {}
 
-  // In [0, 1]; kNone where there is no plane.
+  // In [-chance, 1 - chance]; kNone where there is no plane.
   double Of(const PointCluster& cluster) const {
     const Eigen::Vector3d p = InMap(cluster);
     const Surface* plane = map_.PlaneAt(p);
@@ -52,7 +56,7 @@ class PlaneScore {
   // Where the cluster is.
   Eigen::Vector3d InMap(const PointCluster& cluster) const { return R_ * cluster.mean + t_; }
 
-  // In [0, 1], as if this plane extended as far as the cluster.
+  // The same as if this plane extended as far as the cluster.
   double On(const Surface& plane, const PointCluster& cluster) const {
     return Fit(plane, InMap(cluster));
   }
@@ -61,13 +65,13 @@ class PlaneScore {
   double Fit(const Surface& plane, const Eigen::Vector3d& p) const {
     const double distance = plane.Distance(p);
     return SightWeight(plane, plane.normal.cast<double>(), p - t_) *
-           GemanMcClureWeight(distance * distance * inverse2_);
+           (GemanMcClureWeight(distance * distance * inverse2_) - chance_);
   }
 
   Eigen::Matrix3d R_;
   Eigen::Vector3d t_;
   const VoxelMap& map_;
-  double inverse2_;
+  double inverse2_, chance_;
 };
 
 // By how many standard deviations of the votes of blocks (block_votes.h) scans fit the map better

@@ -357,29 +357,27 @@ DirectionEvidence ScanMatcher::EvidenceOf(const PlanesInstead& planes,
 double ScanMatcher::Score(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
                           const VoxelMap& map, double scale_m, std::size_t stride,
                           double chance) const {
-  const PlaneScore score(T_world_lidar, map, scale_m);
+  const PlaneScore score(T_world_lidar, map, scale_m, chance);
   double sum = 0.0;
   std::size_t visited = 0;
   score.OfEach(clusters, stride, [&](double fit) {
     ++visited;
-    if (fit > PlaneScore::kNone) sum += fit - chance;
+    if (fit > PlaneScore::kNone) sum += fit;
   });
   return visited == 0 ? 0.0 : sum / static_cast<double>(visited);
 }
 
 FitDifference ScanMatcher::Compare(const std::vector<PointCluster>& clusters, const SE3& ours,
                                    const SE3& theirs, const VoxelMap& map, double scale_m) const {
-  constexpr double kDecisive = 0.3, kNoPlane = 0.5;
-  const PlaneScore our_score(ours, map, scale_m), their_score(theirs, map, scale_m);
+  constexpr double kDecisive = 0.3, kChance = MatchResult::kChanceFit;
+  const PlaneScore our_score(ours, map, scale_m, kChance);
+  const PlaneScore their_score(theirs, map, scale_m, kChance);
   double our_votes = 0.0, their_votes = 0.0, sum = 0.0, squares = 0.0;
   for (const PointCluster& cluster : clusters) {
     const double a = our_score.Of(cluster), b = their_score.Of(cluster);
-    const bool met_a = a > PlaneScore::kNone, met_b = b > PlaneScore::kNone;
-    const double vote = (met_a ? a : kNoPlane) - (met_b ? b : kNoPlane);
-    our_votes += vote > kDecisive ? 1.0 : 0.0;
-    their_votes += vote < -kDecisive ? 1.0 : 0.0;
-    const double evidence =
-        (met_a ? a - MatchResult::kChanceFit : 0.0) - (met_b ? b - MatchResult::kChanceFit : 0.0);
+    const double evidence = (a > PlaneScore::kNone ? a : 0.0) - (b > PlaneScore::kNone ? b : 0.0);
+    our_votes += evidence > kDecisive ? 1.0 : 0.0;
+    their_votes += evidence < -kDecisive ? 1.0 : 0.0;
     sum += evidence;
     squares += evidence * evidence;
   }

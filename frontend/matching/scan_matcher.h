@@ -183,8 +183,8 @@ struct FitDifference {
   // votes. Those that fit at both say nothing, however much better one fit is: the errors of a
   // sensor's beams fit best where it has not moved.
   double votes_sigmas = 0.0;
-  // Mean over the clusters of (fit - kChanceFit where there is a plane). What meets no plane says
-  // nothing: poses may see more or less of what the map has.
+  // Mean over the clusters of what PlaneScore has for a fit beyond kChanceFit. What meets no plane
+  // says nothing: poses may see more or less of what the map has.
   double evidence_sigmas = 0.0;
   double evidence = 0.0;
 };
@@ -226,7 +226,7 @@ class ScanMatcher {
                                const VoxelMap& map, const Matrix6d& directions) const;
 
   // How well the clusters lie on the map's planes at a pose: the mean over the clusters of
-  // SightWeight * GemanMcClureWeight((distance / scale_m)^2) - chance, a cluster without a plane
+  // SightWeight * (GemanMcClureWeight((distance / scale_m)^2) - chance), a cluster without a plane
   // around it counting 0. Visits every `stride`-th cluster: cheap enough to compare hundreds of
   // poses.
   double Score(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,

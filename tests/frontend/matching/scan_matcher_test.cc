@@ -113,6 +113,36 @@ TEST(ScanMatcher, SheetsOfABeamThatMoveAlongWithTheSensorDoNotHoldIt) {
   }
 }
 
+// In grass and among leaves the sheets of the scan before are about this one, where it is in its
+// right place, and elsewhere it meets nothing.
+TEST(ScanMatcher, SheetsOfABeamDoNotSpeakAgainstThePlaceWhereTheyAreMet) {
+  constexpr int kStrokes = 40, kPerStroke = 400;
+  Draws draws(7);
+  const World world = World::Corner();
+  const auto seen_from = [&](const SE3& T) {
+    Points seen = world.Sample(500, 0.005, &draws);
+    for (const Eigen::Vector3d& p : StrokesThroughFoliage(kStrokes, kPerStroke, &draws))
+      seen.push_back(T * p);
+    return seen;
+  };
+  VoxelMap map{VoxelMapOptions()};
+  const double leaf_m = map.options().LeafSize();
+  for (const PointCluster& c : Untimed(ScanFrom(SE3(), seen_from(SE3()), leaf_m)))
+    map.AddWindow(map.LeafAt(c.mean), c, 0);
+  map.Refresh();
+  const SE3 truth(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.1, 0.0, 0.0));
+  const SE3 aside(Eigen::Quaterniond::Identity(), Eigen::Vector3d(-6.0, -6.0, 0.0));
+  const std::vector<PointCluster> scan = Untimed(ScanFrom(truth, seen_from(truth), leaf_m));
+  const ScanMatcher matcher{ScanMatcherOptions()};
+  const FitDifference better = matcher.Compare(scan, truth, aside, map, 0.3);
+  EXPECT_GT(better.votes_sigmas, 3.0);
+  EXPECT_GT(better.evidence_sigmas, 3.0);
+  // As to a search, which ranks minima by what they have beyond chance.
+  const double chance = MatchResult::kChanceFit;
+  EXPECT_GT(matcher.Score(scan, truth, map, 0.2, 1, chance),
+            matcher.Score(scan, aside, map, 0.2, 1, chance));
+}
+
 // Of a sensor that has gone on by 4 m the map has half of the ground, and all of what faces the
 // way. Where it stood before the map has all of the ground.
 TEST(ScanMatcher, GroundBeyondTheMapHasNoVoteForWhereTheSensorWas) {
