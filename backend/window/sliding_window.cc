@@ -208,11 +208,7 @@ void SlidingWindow::Move(std::size_t i, const SE3& T_world_lidar, const SweepMot
     DeskewClusters(frame.measured, sweep, &frame.deskewed);
   }
   MoveIntoMap(frame, T_world_lidar, &moved_);
-  for (std::size_t k = 0; k < moved_.size(); ++k) {
-    PrefetchLeaves(frame, k);
-    if (frame.leaves[k] == VoxelMap::kNoNode) continue;
-    map_->ReplaceWindow(frame.leaves[k], frame.in_map[k], moved_[k]);
-  }
+  map_->ReplaceWindow(frame.leaves, frame.in_map, moved_);
   frame.in_map.swap(moved_);
 }
 

@@ -214,8 +214,10 @@ class VoxelMap {
   // The same of clusters in the LiDAR frame.
   void AddFrame(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
                 std::int64_t frame);
-  // Exchanges a cluster that was added before, when its frame has moved; its count stays.
-  void ReplaceWindow(NodeId leaf, const PointCluster& before, const PointCluster& after);
+  // Exchanges the clusters that a frame added before, one to a leaf, when it has moved; their counts
+  // stay. Those without a leaf, kNoNode, are passed over.
+  void ReplaceWindow(const std::vector<NodeId>& leaves, const std::vector<PointCluster>& before,
+                     const std::vector<PointCluster>& after);
   // Marginalisation: a cluster that was added to the window part leaves it and joins the fixed
   // part, its points weighing `weight` (0 to 1) times what they did; the weight of the fixed part
   // is then capped. Frames leave in the order in which they came.

@@ -203,11 +203,16 @@ TEST(VoxelMap, BookkeepingEqualsRebuildingFromScratch) {
         map.AddWindow(map.LeafAt(place), entries.back().cluster, f);
       }
     }
+    std::vector<NodeId> leaves;
+    std::vector<PointCluster> before, after;
     for (Entry& e : entries) {
       const PointCluster moved = e.cluster.Moved(draws.Offset(0.05, 0.1));
-      map.ReplaceWindow(map.LeafAt(e.place), e.cluster, moved);
+      leaves.push_back(map.LeafAt(e.place));
+      before.push_back(e.cluster);
+      after.push_back(moved);
       e.cluster = moved;
     }
+    map.ReplaceWindow(leaves, before, after);
     for (const Entry& e : entries) {
       if (e.frame < fixed) map.FixWindow(map.LeafAt(e.place), e.cluster, 1.0, e.frame);
       rebuilt.AddWindow(rebuilt.LeafAt(e.place), e.cluster, e.frame);
