@@ -11,13 +11,12 @@
 #include "frontend/matching/line_of_sight.h"
 #include "frontend/matching/map_residuals.h"
 #include "frontend/matching/plane_score.h"
+#include "frontend/matching/profile_rows.h"
 
 namespace lamina {
 namespace {
 
 constexpr double kKappa = 2.0;
-constexpr double kKernelSigma = 2.0;
-constexpr double kMostPoints = 4.0;
 // Clusters of a block that make half an edge, and frames that a plane needs to have one.
 constexpr double kHalfEdge = 4.0;
 constexpr int kEdgeFrames = 3;
@@ -60,19 +59,18 @@ double Leak2(const Surface& surface) {
 // Of a residual with this scaled row, along the direction, per weight.
 double CountingAlong(const Surface& surface, double leak2, const Eigen::Vector3d& normal_lidar,
                      const Eigen::Vector3d& mu, const Vector6d& direction) {
-  constexpr double kLeast = 0.05;
   Vector6d j;
   j << mu.cross(normal_lidar), surface.normal.cast<double>();
   const double along = DividedByArm(j).dot(direction);
   const double counting = along * along - leak2;
-  return counting < kLeast ? 0.0 : counting;
+  return counting < kLeastCounting ? 0.0 : counting;
 }
 
 // Inverse square, 1/m^2, of the scale of a cluster's kernel on a plane with this normal.
 double InverseScale2(const PointCluster& cluster, const Surface& surface,
                      const Eigen::Vector3d& normal_lidar, double floor2) {
   return 1.0 /
-         (kKernelSigma * kKernelSigma * DistanceVariance(cluster, normal_lidar, surface, floor2));
+         (kProfileSigma * kProfileSigma * DistanceVariance(cluster, normal_lidar, surface, floor2));
 }
 
 // 1 - rho of a cluster whose mean is at p.
@@ -165,30 +163,31 @@ class DirectionProfile::MovedCluster {
 
   std::size_t block() const { return block_; }
 
-  // Weight of its loss where R and t take it, to this leaf, and 1/2 - (1 - rho); false if it says
-  // nothing.
-  bool Say(const DirectionProfile& profile, const PointCluster& cluster, const LeafPlace& leaf,
-           const Eigen::Matrix3d& R, const Eigen::Vector3d& t, double* weight, double* loss) {
-    const bool is_new = around_.MoveTo(leaf, profile.map_, profile.instead_);
-    const Surface* const plane = around_.plane();
-    if (plane == nullptr) return false;
-    if (is_new) leak2_ = Leak2(*plane);
-    const Eigen::Vector3d normal_lidar = R.transpose() * plane->normal.cast<double>();
-    const double counting =
-        CountingAlong(*plane, leak2_, normal_lidar, cluster.mean, profile.direction_);
-    if (counting == 0.0) return false;
-    const double inverse_scale2 = InverseScale2(cluster, *plane, normal_lidar, profile.floor2_);
-    *weight = around_.weight() * SightWeight(*plane, normal_lidar, cluster.mean) * counting *
-              std::min(cluster.count, kMostPoints) * kKernelSigma * kKernelSigma * inverse_scale2;
-    const Eigen::Vector3d p = R * cluster.mean + t;
-    *loss = 0.5 - KernelFit(*plane, p, inverse_scale2);
-    return true;
+  // Where it is moved to this leaf: the plane around it, or null.
+  const ProfilePlane* MoveTo(const DirectionProfile& profile, const LeafPlace& leaf) {
+    if (leaf == leaf_) return is_plane_ ? &plane_ : nullptr;
+    leaf_ = leaf;
+    const WeightedPlane met =
+        PlaneOf(profile.map_, profile.map_.FindSurface(leaf), profile.instead_);
+    is_plane_ = met.plane != nullptr;
+    if (!is_plane_) return nullptr;
+    const Surface& surface = *met.plane;
+    for (int k = 0; k < 3; ++k) {
+      plane_.normal[k] = static_cast<double>(surface.normal[k]);
+      plane_.mean[k] = surface.mean[k];
+    }
+    plane_.leak2 = Leak2(surface);
+    plane_.variance = static_cast<double>(surface.variance);
+    plane_.flatness = static_cast<double>(surface.flatness);
+    plane_.weight = met.weight;
+    return &plane_;
   }
 
  private:
   std::size_t block_;
-  PlaneAround around_;
-  double leak2_ = 0.0;
+  LeafPlace leaf_;  // at first nowhere
+  bool is_plane_ = false;
+  ProfilePlane plane_;
 };
 
 template <typename Wanted>
@@ -216,17 +215,36 @@ DirectionProfile::Loss DirectionProfile::LossAt(double s_m, MovedClusters* of) c
   const Eigen::Matrix3d R = T.R();
   std::vector<LeafPlace> leaves(of->clusters.size());
   map_.PlacesOf(of->clusters.data(), 1, leaves.size(), R, T.t, leaves.data());
+  const ProfilePlace place{R, T.t, direction_, floor2_};
   std::vector<Block> blocks(of->blocks);
   std::vector<std::size_t> met;  // in the order in which they come up
+  met.reserve(of->blocks);
+  constexpr std::size_t kTogether = 32;
+  const PointCluster* clusters[kTogether];
+  const ProfilePlane* planes[kTogether];
+  std::size_t block_of[kTogether];
+  ProfileRow rows[kTogether];
+  std::size_t count = 0;
+  const auto add = [&] {
+    if (count == 0) return;
+    MakeProfileRows(clusters, planes, count, place, rows);
+    for (std::size_t k = 0; k < count; ++k) {
+      if (!rows[k].says) continue;
+      Block& block = blocks[block_of[k]];
+      if (!std::exchange(block.met, true)) met.push_back(block_of[k]);
+      block.weight += rows[k].weight;
+      block.loss += rows[k].weight * rows[k].loss;
+    }
+    count = 0;
+  };
   for (std::size_t i = 0; i < leaves.size(); ++i) {
-    MovedCluster& moved = of->moved[i];
-    double weight = 0.0, loss = 0.0;
-    if (!moved.Say(*this, of->clusters[i], leaves[i], R, T.t, &weight, &loss)) continue;
-    Block& block = blocks[moved.block()];
-    if (!std::exchange(block.met, true)) met.push_back(moved.block());
-    block.weight += weight;
-    block.loss += weight * loss;
+    planes[count] = of->moved[i].MoveTo(*this, leaves[i]);
+    if (planes[count] == nullptr) continue;
+    clusters[count] = &of->clusters[i];
+    block_of[count] = of->moved[i].block();
+    if (++count == kTogether) add();
   }
+  add();
   Loss sum;
   for (const std::size_t b : met) {
     const Block& block = blocks[b];

@@ -1,0 +1,44 @@
+// What planes say of clusters that are moved along a direction (direction_profile.h), for four
+// clusters at a time.
+//
+// What comes out of a cluster does not depend on which others it is taken with.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+
+#include "core/geometry/point_cluster.h"
+#include "core/geometry/se3.h"
+
+namespace lamina {
+
+// A plane as the lanes of registers take it.
+struct alignas(32) ProfilePlane {
+  double normal[3] = {}, leak2 = 0.0;  // the part of a residual's square that it may feign
+  double mean[3] = {}, variance = 0.0;
+  double flatness = 0.0, weight = 0.0;  // times the latter what it says is counted
+  double none[2] = {};
+};
+
+// Where clusters are moved, and along which unit vector of the scaled tangent.
+struct ProfilePlace {
+  Eigen::Matrix3d R;
+  Eigen::Vector3d t;
+  Vector6d direction;
+  double floor2 = 0.0;  // m^2: what no plane is thinner than
+};
+
+struct ProfileRow {
+  bool says = false;
+  double weight = 0.0, loss = 0.0;  // 1/2 - (1 - rho)
+};
+
+// Standard deviations that make the scale of a cluster's kernel, points that a cluster weighs at
+// most, and what of a row along the direction does not count.
+inline constexpr double kProfileSigma = 2.0, kProfileMostPoints = 4.0, kLeastCounting = 0.05;
+
+// rows[i] of *clusters[i] on *planes[i]. `count` is at least 1.
+void MakeProfileRows(const PointCluster* const* clusters, const ProfilePlane* const* planes,
+                     std::size_t count, const ProfilePlace& place, ProfileRow* rows);
+
+}  // namespace lamina
