@@ -2,73 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <stdexcept>
 #include <string>
 
-#include "core/base/processor.h"
-#include "core/geometry/cluster_lanes.h"
+#include "core/map/window_lanes.h"
 
 namespace lamina {
-namespace {
-
-using FourKeys = VoxelKey __attribute__((vector_size(32)));
-
-// RootCentre of four keys.
-[[gnu::always_inline]] inline void RootCentres(const VoxelKey* keys, double size, Four* centre) {
-  // A double of this size has integers alone, the last bits of which are its own.
-  constexpr double kInteger = 4503599627370496.0;              // 2^52
-  constexpr VoxelKey kBitsOfInteger = VoxelKey{0x4330} << 48;  // of that
-  const FourKeys of = {keys[0], keys[1], keys[2], keys[3]};
-#pragma GCC unroll 3
-  for (int axis = 0; axis < 3; ++axis) {
-    const FourKeys index = (of >> RootKeyLayout::kShift[axis]) & RootKeyLayout::Mask(axis);
-    const Four offset_index = reinterpret_cast<Four>(index | kBitsOfInteger) - kInteger;
-    centre[axis] = size * (offset_index - static_cast<double>(RootKeyLayout::kOffset[axis]) + 0.5);
-  }
-}
-
-// ClusterMoments::Exchange in four windows, one after the other: they may be of one leaf. `keys`:
-// of their roots.
-LAMINA_FOR_EACH_PROCESSOR
-void ExchangeFour(const PointCluster* const* before, const PointCluster* const* after,
-                  const VoxelKey* keys, double root_size_m, ClusterMoments* const* windows) {
-  ClusterLanes a, b;
-  a.Load(NumbersOf(*after[0]), NumbersOf(*after[1]), NumbersOf(*after[2]), NumbersOf(*after[3]));
-  b.Load(NumbersOf(*before[0]), NumbersOf(*before[1]), NumbersOf(*before[2]),
-         NumbersOf(*before[3]));
-  Four centre[3], change[3], m[3];
-  RootCentres(keys, root_size_m, centre);
-#pragma GCC unroll 3
-  for (int i = 0; i < 3; ++i) {
-    change[i] = b.count * (a.mean[i] - b.mean[i]);
-    m[i] = 0.5 * (a.mean[i] + b.mean[i]) - centre[i];
-  }
-  const Four *const s = a.scatter, *const r = b.scatter;
-  Four head[4] = {change[0], change[1], change[2], s[0] - r[0] + 2.0 * change[0] * m[0]};
-  Four middle[4] = {s[1] - r[1] + change[0] * m[1] + change[1] * m[0],
-                    s[2] - r[2] + change[0] * m[2] + change[2] * m[0],
-                    s[3] - r[3] + 2.0 * change[1] * m[1],
-                    s[4] - r[4] + change[1] * m[2] + change[2] * m[1]};
-  const Four last = s[5] - r[5] + 2.0 * change[2] * m[2];
-  Transpose(head);
-  Transpose(middle);
-#pragma GCC unroll 4
-  for (int k = 0; k < 4; ++k) {
-    double* const sums = &windows[k]->count;
-    Four four;
-    std::memcpy(&four, sums + 1, sizeof(four));
-    four += head[k];
-    std::memcpy(sums + 1, &four, sizeof(four));
-    std::memcpy(&four, sums + 5, sizeof(four));
-    four += middle[k];
-    std::memcpy(sums + 5, &four, sizeof(four));
-    sums[9] += last[k];
-  }
-}
-
-}  // namespace
-
 void VoxelMapOptions::Visit(OptionVisitor& v) {
   v.Number("root_size_m", &root_size_m, 0.05, 20.0);
   v.Integer("depth", &depth, 0, 4);
@@ -205,24 +144,23 @@ VoxelMap::NodeId VoxelMap::LeafAt(const Eigen::Vector3d& p, LeafAddress* address
   return id;
 }
 
-void VoxelMap::Mark(NodeId root) {
-  snapshot_.BeforeChange(root, &trees_);
-  if (trees_.root(root).marked != 0) return;
-  MarkLoaded(root);
-}
-
 void VoxelMap::MarkLoaded(NodeId root) {
   trees_.root(root).marked = 1;
   marked_.push_back(root);
 }
 
 void VoxelMap::AddWindow(NodeId leaf, const PointCluster& cluster, std::int64_t frame) {
+  const NodeId root = CountInWindow(leaf, frame);
+  trees_.Window(&trees_.leaf(leaf)) += ClusterMoments::Of(cluster, trees_.CentreOf(root));
+}
+
+VoxelMap::NodeId VoxelMap::CountInWindow(NodeId leaf, std::int64_t frame) {
   const NodeId root = trees_.RootOf(leaf);
   Mark(root);
   MapLeaf& n = trees_.leaf(leaf);
-  trees_.Window(&n) += ClusterMoments::Of(cluster, trees_.CentreOf(root));
   if (n.last_added != frame) n.window_frames = SaturatingAdd(n.window_frames, 1);
   n.last_added = static_cast<std::int32_t>(frame);
+  return root;
 }
 
 std::vector<VoxelMap::NodeId> VoxelMap::AddFrame(const std::vector<PointCluster>& clusters,
@@ -230,6 +168,7 @@ std::vector<VoxelMap::NodeId> VoxelMap::AddFrame(const std::vector<PointCluster>
                                                  std::vector<LeafAddress>* held) {
   const std::size_t n = clusters.size();
   std::vector<NodeId> leaves(n, kNoNode);
+  FourWindows four(options_.root_size_m);
   for (std::size_t i = 0; i < n + kLeavesAhead; ++i) {
     if (i < n && CanHold(clusters[i].mean)) {
       leaves[i] = LeafAt(clusters[i].mean, held == nullptr ? nullptr : &(*held)[i]);
@@ -239,9 +178,13 @@ std::vector<VoxelMap::NodeId> VoxelMap::AddFrame(const std::vector<PointCluster>
       PrefetchAround(leaves[i - kLeavesAhead / 2]);
     }
     if (i < kLeavesAhead || leaves[i - kLeavesAhead] == kNoNode) continue;
-    if (held != nullptr) Hold(leaves[i - kLeavesAhead]);
-    AddWindow(leaves[i - kLeavesAhead], clusters[i - kLeavesAhead], frame);
+    const NodeId leaf = leaves[i - kLeavesAhead];
+    if (held != nullptr) Hold(leaf);
+    const VoxelKey root = trees_.root(CountInWindow(leaf, frame)).key;
+    four.Take(root, clusters[i - kLeavesAhead], &trees_.Window(&trees_.leaf(leaf)));
+    if (four.full()) four.Add();
   }
+  four.Add();
   return leaves;
 }
 
@@ -257,26 +200,17 @@ void VoxelMap::AddFrame(const std::vector<PointCluster>& clusters, const SE3& T_
 void VoxelMap::ReplaceWindow(const std::vector<NodeId>& leaves,
                              const std::vector<PointCluster>& before,
                              const std::vector<PointCluster>& after) {
-  const PointCluster *from[4], *to[4];
-  VoxelKey keys[4];
-  ClusterMoments* windows[4];
-  std::size_t count = 0;
+  FourWindows four(options_.root_size_m);
   for (std::size_t i = 0; i < leaves.size(); ++i) {
     if (i + 2 * kLeavesAhead < leaves.size()) Prefetch(leaves[i + 2 * kLeavesAhead]);
     if (i + kLeavesAhead < leaves.size()) PrefetchAround(leaves[i + kLeavesAhead]);
     if (leaves[i] == kNoNode) continue;
     const NodeId root = trees_.RootOf(leaves[i]);
     Mark(root);
-    from[count] = &before[i];
-    to[count] = &after[i];
-    keys[count] = trees_.root(root).key;
-    windows[count] = &trees_.Window(&trees_.leaf(leaves[i]));
-    if (++count < 4) continue;
-    ExchangeFour(from, to, keys, options_.root_size_m, windows);
-    count = 0;
+    four.Take(trees_.root(root).key, before[i], &trees_.Window(&trees_.leaf(leaves[i])), &after[i]);
+    if (four.full()) four.Exchange();
   }
-  for (std::size_t k = 0; k < count; ++k)
-    windows[k]->Exchange(*from[k], *to[k], RootCentre(keys[k], options_.root_size_m));
+  four.Exchange();
 }
 
 void VoxelMap::FixWindow(NodeId leaf, const PointCluster& cluster, double weight,

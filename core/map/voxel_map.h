@@ -214,8 +214,8 @@ class VoxelMap {
   // The same of clusters in the LiDAR frame.
   void AddFrame(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
                 std::int64_t frame);
-  // Exchanges the clusters that a frame added before, one to a leaf, when it has moved; their counts
-  // stay. Those without a leaf, kNoNode, are passed over.
+  // Exchanges the clusters that a frame added before, one to a leaf, when it has moved; their
+  // counts stay. Those without a leaf, kNoNode, are passed over.
   void ReplaceWindow(const std::vector<NodeId>& leaves, const std::vector<PointCluster>& before,
                      const std::vector<PointCluster>& after);
   // Marginalisation: a cluster that was added to the window part leaves it and joins the fixed
@@ -294,7 +294,10 @@ class VoxelMap {
   void TouchTile(VoxelKey tile, std::int64_t change);
   void RemoveRoot(NodeId root);
   // Before anything of a root changes that a snapshot would show, and marks it.
-  void Mark(NodeId root);
+  void Mark(NodeId root) {
+    snapshot_.BeforeChange(root, &trees_);
+    if (trees_.root(root).marked == 0) MarkLoaded(root);
+  }
   void MarkLoaded(NodeId root);
   // A record's root, neither linked nor marked; kNoNode if it is there already.
   NodeId LoadRoot(StateArchive& a);
@@ -304,6 +307,8 @@ class VoxelMap {
   // since.
   std::size_t EvictFor(double reserve, std::uint64_t last_touch);
 
+  // That a frame adds to the window part of a leaf. Returns its root.
+  NodeId CountInWindow(NodeId leaf, std::int64_t frame);
   // Adds to a leaf's fixed part and caps its weight.
   void JoinFixed(NodeId leaf, const PointCluster& cluster);
   // What a refresh finds of a node, where more than its own members has to change for it.

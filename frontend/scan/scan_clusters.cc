@@ -120,10 +120,12 @@ void SumByVoxel(const std::vector<TimedPoint>& points, double leaf_size_m,
 
 // The first and the last instant of a scan that is not empty.
 std::pair<double, double> SpanOf(const std::vector<TimedCluster>& clusters) {
-  const auto [first, last] = std::minmax_element(
-      clusters.begin(), clusters.end(),
-      [](const TimedCluster& a, const TimedCluster& b) { return a.mean_time_s < b.mean_time_s; });
-  return {first->mean_time_s, last->mean_time_s};
+  double first_s = clusters.front().mean_time_s, last_s = first_s;
+  for (const TimedCluster& cluster : clusters) {
+    first_s = std::min(first_s, cluster.mean_time_s);
+    last_s = std::max(last_s, cluster.mean_time_s);
+  }
+  return {first_s, last_s};
 }
 
 // The sensor's poses at evenly spread instants of a scan, made once: the exponential of a twist for
