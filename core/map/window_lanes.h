@@ -1,4 +1,5 @@
 // Clusters that join the window parts of the map's leaves or are exchanged there, four at a time.
+// Private to core/map.
 #pragma once
 
 #include <cstddef>

@@ -2,6 +2,7 @@
 // clusters at a time.
 //
 // What comes out of a cluster does not depend on which others it is taken with.
+// Private to frontend/matching.
 #pragma once
 
 #include <Eigen/Core>
