@@ -26,8 +26,8 @@ struct BackendOptions {
   int keyframe_after_frames = 100;
   // A pose is final when so many scans have come after it, wherever the window stands.
   int final_after_frames = 300;
-  // Lost for so many frames in a row: the next one begins a piece of its own, at its predicted
-  // pose.
+  // Lost for so many frames in a row, if the last ones agree with one another or more are lost than
+  // were ever tracked: the next one begins a piece of its own, at its predicted pose.
   int restart_after_lost_frames = 20;
   // So does one that is less certain than this against what was mapped before a stretch of
   // degenerate scans, once scans determine all directions again (degenerate_stretch.h), and one

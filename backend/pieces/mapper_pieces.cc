@@ -20,7 +20,8 @@ PieceEnd Mapper::EndOfPiece(const MapperScan& scan, const OdometryFrame& frame, 
   }
   if (frame.status != OdometryFrame::Status::kLost) return PieceEnd::kNone;
   tracker_.Lose(frame, *scan.clusters);
-  return may_restart && tracker_.MayRestart(matched_) ? PieceEnd::kUnconnected : PieceEnd::kNone;
+  const bool restarts = tracker_.MayRestart(matched_) || tracker_.LostLongerThanTracked();
+  return may_restart && restarts ? PieceEnd::kUnconnected : PieceEnd::kNone;
 }
 
 bool Mapper::EndsInOpen(bool may_restart) {

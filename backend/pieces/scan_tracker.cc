@@ -60,6 +60,7 @@ OdometryFrame ScanTracker::FindAgain(StampNs stamp_ns, const std::vector<TimedCl
 
 void ScanTracker::Accept(const OdometryFrame& frame) {
   lost_in_a_row_ = 0;
+  ++tracked_;
   odometry_.Accept(frame);
   if (lost_track_.scans() > 1) odometry_.Assume(lost_track_.Twist(), lost_track_.TwistOverS());
   lost_track_.Clear();
@@ -75,13 +76,20 @@ bool ScanTracker::MayRestart(bool matched) const {
   // After spray or a gap a few scans are needed to be found again; then the map does not have them.
   constexpr int kAgreeing = 5;
   const int after = restart_after_lost_frames_;
+  // Nothing is given up with a map of one scan, in which no other was found: not even if those
+  // others do not agree, as of a sensor that is shaken. Another first scan may be bent less.
+  if (!matched) return lost_in_a_row_ >= std::min(kAgreeing, after);
   if (lost_track_.scans() < std::min(kAgreeing, after)) return false;
-  // Nothing is given up with a map of one scan, in which no other was found.
-  if (!matched) return true;
   if (pieces_are_found_ && !odometry_.InReach(lost_track_.first_stamp_ns())) return true;
   return lost_in_a_row_ > after;
 }
 
-void ScanTracker::Archive(StateArchive& a) { a(&odometry_, &lost_track_, &lost_in_a_row_); }
+bool ScanTracker::LostLongerThanTracked() const {
+  return lost_in_a_row_ > std::max<std::int64_t>(restart_after_lost_frames_, tracked_);
+}
+
+void ScanTracker::Archive(StateArchive& a) {
+  a(&odometry_, &lost_track_, &lost_in_a_row_, &tracked_);
+}
 
 }  // namespace lamina

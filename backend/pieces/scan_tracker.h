@@ -68,6 +68,9 @@ class ScanTracker {
   // Whether a lost scan is to begin a piece of its own. `matched`: a scan was ever tracked in the
   // map.
   bool MayRestart(bool matched) const;
+  // Whether more scans in a row are lost than were ever tracked, and so many that this may be: a
+  // map of a few scans is no reason to wait for longer, though those that are lost do not agree.
+  bool LostLongerThanTracked() const;
 
   Odometry& odometry() { return odometry_; }
   // Forgets all that it knows of the way.
@@ -85,6 +88,7 @@ class ScanTracker {
   int restart_after_lost_frames_;
   bool pieces_are_found_;
   int lost_in_a_row_ = 0;
+  std::int64_t tracked_ = 0;
 };
 
 }  // namespace lamina
