@@ -34,11 +34,9 @@ bool ClearlyBetter(const Explanation& ours, const Explanation& theirs,
   // not have a hand-held sensor's scan gains 0.01, at most 0.06, and in a room of a dozen blocks
   // the votes, being those of the clusters that were fitted, come to 3 standard deviations at most.
   constexpr double kLeastGain = 0.05, kLeastSigmas = 3.0;
-  const PlaneScore our_score(ours.T_world_lidar, map, scale_m);
-  const PlaneScore their_score(theirs.T_world_lidar, map, scale_m);
-  const auto evidence = [](double fit) {
-    return fit > PlaneScore::kNone ? fit - MatchResult::kChanceFit : 0.0;
-  };
+  const PlaneScore our_score(ours.T_world_lidar, map, scale_m, MatchResult::kChanceFit);
+  const PlaneScore their_score(theirs.T_world_lidar, map, scale_m, MatchResult::kChanceFit);
+  const auto evidence = [](double fit) { return fit > PlaneScore::kNone ? fit : 0.0; };
   BlockDifferences differences;
   double sum = 0.0;
   int met = 0;
