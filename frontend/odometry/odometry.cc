@@ -104,6 +104,7 @@ OdometryFrame Odometry::RegisterDeskewed(StampNs stamp_ns,
   frame.match = passes > 0 ? matcher_.MatchPose(deskewed, prediction, map)
                            : matcher_.Match(deskewed, prediction, map);
   if (!lost_ && Surprising(frame.match, prediction)) SettleSurprise(&attempt);
+  if (MayBeTurned(frame.match, prediction)) SettleTurn(&attempt);
   PoseHypotheses hypotheses;
   if (options_.search.enabled && (map_is_older || NeedsSearch(frame.match, prediction))) {
     hypotheses = Hypotheses(prediction, map_is_older);

@@ -27,14 +27,21 @@ bool Odometry::Surprising(const MatchResult& match, const PosePrediction& predic
   return off > std::max(kLeastSurpriseM, options_.max_prediction_sigmas * SigmaM(prediction));
 }
 
+bool Odometry::Deeper(const MatchResult& other, const MatchResult& match,
+                      const PosePrediction& prediction) const {
+  if (other.status == MatchResult::Status::kTooFewMatches) return false;
+  const double more = other.evidence() - match.evidence();
+  return more > kAlike ||
+         (more > -kAlike && Surprising(match, prediction) && !Surprising(other, prediction));
+}
+
 void Odometry::SettleSurprise(Attempt* attempt) const {
   const PosePrediction& prediction = attempt->prediction;
   MatchResult* const match = &attempt->frame.match;
   const auto take = [&](const MatchResult& other) {
-    const double more = other.evidence() - match->evidence();
-    if (more <= -kAlike || (more <= kAlike && Surprising(other, prediction))) return false;
-    *match = other;
-    return true;
+    const bool deeper = Deeper(other, *match, prediction);
+    if (deeper) *match = other;
+    return deeper;
   };
   const auto from = [&](const SE3& T) {
     return narrow_matcher_.Match(attempt->deskewed, prediction, T, attempt->map);
@@ -46,6 +53,37 @@ void Odometry::SettleSurprise(Attempt* attempt) const {
   bool pose_only = take(narrow_matcher_.MatchPose(attempt->deskewed, prediction, attempt->map));
   if (Surprising(*match, prediction) && take(from(turned))) pose_only = false;
   if (pose_only && attempt->passes == 0) *match = from(match->T_world_lidar);
+}
+
+bool Odometry::MayBeTurned(const MatchResult& match, const PosePrediction& prediction) const {
+  // A voxel aside at 20 and at 40 m; and what a scan says as a rule at the deepest minimum, at one
+  // beside it among trees 0.76 to 0.91 of that of the scans before.
+  constexpr double kTurnedRad = Radians(3.0), kDoubtfulRad = Radians(1.5);
+  constexpr double kNearlyAsUsual = 0.97, kLess = 0.92;
+  if (!options_.search.enabled || lost_ || !motion_.moving_known()) return false;
+  if (match.status == MatchResult::Status::kTooFewMatches) return false;
+  const double off_rad = RotationAngle(match.T_world_lidar, prediction.T_world_lidar);
+  const double fit = MedianOf(recent_fits_);
+  const double usual = fit > 0.0 ? RecentInliers() * (1.0 - MatchResult::kChanceFit / fit) : 0.0;
+  return (off_rad > kTurnedRad && match.evidence() < kNearlyAsUsual * usual) ||
+         (off_rad > kDoubtfulRad && match.evidence() < kLess * usual);
+}
+
+void Odometry::SettleTurn(Attempt* attempt) const {
+  const PosePrediction& prediction = attempt->prediction;
+  MatchResult* const match = &attempt->frame.match;
+  PoseHypotheses turns;
+  // It is off by about as much as it turns beside the prediction.
+  PoseSearchOptions reach = options_.search;
+  reach.range_deg = std::min(
+      reach.range_deg, 0.5 * reach.step_deg +
+                           Degrees(RotationAngle(match->T_world_lidar, prediction.T_world_lidar)));
+  turns.coarse = TurnsAboutAxes(reach, match->T_world_lidar);
+  turns.coarse.emplace_back(motion_.T_world_last().q, prediction.T_world_lidar.t);
+  const SearchedScan scan{attempt->deskewed, prediction, attempt->map};
+  const MatchResult other = search_.Best(scan, &turns, *match);
+  if (!Deeper(other, *match, prediction)) return;
+  *match = narrow_matcher_.Match(attempt->deskewed, prediction, other.T_world_lidar, attempt->map);
 }
 
 void Odometry::SettleSweepSurprise(Attempt* attempt) const {

@@ -209,6 +209,13 @@ std::vector<StartTrack::Hypothesis> StartTrack::Follow(const Hypothesis& hypothe
   for (const SE3& minimum : Minima(clusters, poses.back(), map, 0.0, kReachM)) {
     if ((minimum.t - starts.front().t).norm() > kSameWayM) starts.push_back(minimum);
   }
+  // Odometry may have found the way on where the motion so far does not lead.
+  std::vector<SE3> own = scans_.OwnPoses();
+  const SE3 own_end = own.back();
+  own.pop_back();
+  constexpr double kTurnedRad = Radians(1.5);
+  if (RotationAngle(own_end, starts.front()) > kTurnedRad && SameWay(hypothesis.poses, own))
+    starts.push_back(own_end);
   std::vector<Hypothesis> followed;
   for (const SE3& start : starts) {
     Hypothesis next = hypothesis;
