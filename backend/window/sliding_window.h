@@ -148,8 +148,9 @@ class SlidingWindow {
   // and nothing else would keep the window from sliding as a whole.
   void HoldFirst(BundleProblem* problem) const;
   RelativePrior MotionPrior(std::size_t i) const;
-  // The clusters of a frame as they stand in the map when it is at T.
+  // Adds frame->in_map, and notes its leaves.
   void AddToMap(WindowFrame* frame);
+  // The clusters of a frame as they stand in the map when it is at T.
   void MoveIntoMap(const WindowFrame& frame, const SE3& T, std::vector<PointCluster>* in_map) const;
   // Has the processor fetch what a loop over the clusters of a frame, now at i, is soon to change.
   void PrefetchLeaves(const WindowFrame& frame, std::size_t i) const;

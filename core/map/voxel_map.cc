@@ -8,6 +8,7 @@
 #include "core/map/window_lanes.h"
 
 namespace lamina {
+
 void VoxelMapOptions::Visit(OptionVisitor& v) {
   v.Number("root_size_m", &root_size_m, 0.05, 20.0);
   v.Integer("depth", &depth, 0, 4);

@@ -165,13 +165,14 @@ class DirectionProfile::MovedCluster {
 
   // Where it is moved to this leaf: the plane around it, or null.
   const ProfilePlane* MoveTo(const DirectionProfile& profile, const LeafPlace& leaf) {
-    if (leaf == leaf_) return is_plane_ ? &plane_ : nullptr;
-    leaf_ = leaf;
-    const WeightedPlane met =
-        PlaneOf(profile.map_, profile.map_.FindSurface(leaf), profile.instead_);
-    is_plane_ = met.plane != nullptr;
-    if (!is_plane_) return nullptr;
-    const Surface& surface = *met.plane;
+    const bool is_new = around_.MoveTo(leaf, profile.map_, profile.instead_);
+    if (around_.plane() == nullptr) return nullptr;
+    if (is_new) Meet(*around_.plane());
+    return &plane_;
+  }
+
+ private:
+  void Meet(const Surface& surface) {
     for (int k = 0; k < 3; ++k) {
       plane_.normal[k] = static_cast<double>(surface.normal[k]);
       plane_.mean[k] = surface.mean[k];
@@ -179,14 +180,11 @@ class DirectionProfile::MovedCluster {
     plane_.leak2 = Leak2(surface);
     plane_.variance = static_cast<double>(surface.variance);
     plane_.flatness = static_cast<double>(surface.flatness);
-    plane_.weight = met.weight;
-    return &plane_;
+    plane_.weight = around_.weight();
   }
 
- private:
   std::size_t block_;
-  LeafPlace leaf_;  // at first nowhere
-  bool is_plane_ = false;
+  PlaneAround around_;
   ProfilePlane plane_;
 };
 

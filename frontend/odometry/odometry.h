@@ -185,6 +185,10 @@ class Odometry {
   // Puts a match near the prediction in the place of such a one if planes say as much for it, and
   // one from another start if they say more.
   void SettleSurprise(Attempt* attempt) const;
+  // The same once the motion during the scan is known: descends from the prediction with what that
+  // motion is besides the way since the last scan. Each match of a shaken scan is deskewed for the
+  // pose that the one before it found, and no descent leaves a minimum for which it is deskewed.
+  void SettleSweepSurprise(Attempt* attempt) const;
   // Whether the match turns by what a prediction from the turn before does not foresee, as of a
   // sensor that is shaken: a descent may have ended beside a deeper minimum, among trees some
   // degrees away.
@@ -194,10 +198,6 @@ class Odometry {
   // Whether planes say more for `other`, or as much, and it is not surprising and `match` is.
   bool Deeper(const MatchResult& other, const MatchResult& match,
               const PosePrediction& prediction) const;
-  // The same once the motion during the scan is known: descends from the prediction with what that
-  // motion is besides the way since the last scan. Each match of a shaken scan is deskewed for the
-  // pose that the one before it found, and no descent leaves a minimum for which it is deskewed.
-  void SettleSweepSurprise(Attempt* attempt) const;
   // Takes back a search that led to a place that is not believed, and that planes say no more for
   // than for a match near the prediction that is as expected: such as the place where an earlier
   // visit lies in the map, which has drifted since.

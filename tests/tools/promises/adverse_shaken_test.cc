@@ -3,11 +3,20 @@
 #include <gtest/gtest.h>
 
 #include <functional>
+#include <string>
 
 #include "tests/support/promises.h"
 
 namespace lamina {
 namespace {
+
+// On foot, by a sensor that is shaken by 1.5 deg at 5 Hz.
+Verdict InAForest(const std::string& sensor) {
+  Promise promise;
+  promise.config = "handheld";
+  promise.synth = {"--scene forest --profile shake", sensor};
+  return Tried(promise, 1);
+}
 
 // A turn that was not foreseen lets the next row of cars, or the vans, fit first.
 TEST(AdverseCarPark, IsTrackedWhereTheSensorShakes) {
@@ -99,11 +108,8 @@ TEST(AdverseShake, WhatVibratesIsMappedAsPreciselyAsWhatDoesNot) {
 // A prediction from the turn before is wrong by twice what a shaken sensor turns: of scans without
 // times as well, whose descents end beside the deepest minimum, among trees some degrees away.
 TEST(AdverseShake, ATurnThatIsNotForeseenIsFoundAmongTrees) {
-  Promise promise;
-  promise.config = "handheld";
-  promise.synth = {"--scene forest --sensor scattered --rings 128 --points 19200 --noise 0.03",
-                   "--profile shake --frames 100 --seed 405564"};
-  const Verdict verdict = Tried(promise, 1);
+  const Verdict verdict = InAForest(
+      "--sensor scattered --rings 128 --points 19200 --noise 0.03 --frames 100 --seed 405564");
   EXPECT_LT(verdict.worst_m, 0.02) << verdict.broken;
   EXPECT_LT(verdict.worst_deg, 0.2) << verdict.broken;
   EXPECT_GE(verdict.judged, 97u) << verdict.broken;
@@ -112,11 +118,8 @@ TEST(AdverseShake, ATurnThatIsNotForeseenIsFoundAmongTrees) {
 // The first two of scans that are bent to either side agree with nothing if little of a forest is
 // planar: what they lie on better deskewed, they do by the votes of most blocks.
 TEST(AdverseShake, AStartAmongTreesIsTracked) {
-  Promise promise;
-  promise.config = "handheld";
-  promise.synth = {"--scene forest --sensor os1_128 --sweep --noise 0.005 --profile shake",
-                   "--frames 12 --seed 357606"};
-  const Verdict verdict = Tried(promise, 1);
+  const Verdict verdict =
+      InAForest("--sensor os1_128 --sweep --noise 0.005 --frames 12 --seed 357606");
   EXPECT_LT(verdict.worst_m, 0.05) << verdict.broken;
   EXPECT_EQ(verdict.judged, 12u) << verdict.broken;
 }
@@ -124,11 +127,8 @@ TEST(AdverseShake, AStartAmongTreesIsTracked) {
 // To a sensor of few rings two scans of a forest fit no better than chance, though they lie right:
 // the first is given up soon, and a later one is a better start.
 TEST(AdverseShake, AStartThatNothingAgreesWithIsGivenUp) {
-  Promise promise;
-  promise.config = "handheld";
-  promise.synth = {"--scene forest --sensor spinning --rings 16 --points 66604 --noise 0.01",
-                   "--profile shake --frames 100 --seed 906908"};
-  const Verdict verdict = Tried(promise, 1);
+  const Verdict verdict = InAForest(
+      "--sensor spinning --rings 16 --points 66604 --noise 0.01 --frames 100 --seed 906908");
   EXPECT_LT(verdict.worst_m, 0.05) << verdict.broken;
   EXPECT_GE(verdict.judged, 40u) << verdict.broken;
 }
