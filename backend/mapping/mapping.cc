@@ -284,6 +284,7 @@ RegisteredScan Mapping::Register(Recording* recording, MappedScan* report,
     report->began_piece = true;
     frame = recording->Process(scan, false);
   }
+  if (frame.start_uncertain) GiveUpStart(recording);
   report->odometry_ms = watch.Milliseconds();
   return frame;
 }

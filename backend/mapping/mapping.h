@@ -187,7 +187,8 @@ class Mapping {
   void EndLongestSilent(std::size_t scan);
   // Nothing more comes of this recording in its piece.
   void End(Recording* recording, std::size_t scan);
-  // The scans of its piece were a start that is given up now: their poses are not certain.
+  // The scans of its piece so far were a start that is given up now, or of which nothing tells the
+  // way: their poses are not certain.
   void GiveUpStart(Recording* recording);
   // Skips a scan whose stamp is not after that of the last one, unless so many of those before were
   // skipped for it that the clock was set.

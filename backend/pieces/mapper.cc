@@ -37,7 +37,7 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   SettleFirst();
   result.odometry = Register(scan);
   OdometryFrame& frame = result.odometry;
-  const bool started_over = start_.open() && FollowStart(scan, &frame);
+  const bool started_over = start_.open() && FollowStart(scan, &result);
   result.ends = EndOfPiece(scan, frame, may_restart);
   if (result.ends == PieceEnd::kNone) {
     if (frame.status != OdometryFrame::Status::kLost) {
@@ -63,7 +63,8 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   return result;
 }
 
-bool Mapper::FollowStart(const MapperScan& scan, OdometryFrame* frame) {
+bool Mapper::FollowStart(const MapperScan& scan, RegisteredScan* result) {
+  OdometryFrame* const frame = &result->odometry;
   // Only as long as all that the scans have left can be taken back.
   const bool whole = !window_.full() && open_.size() == start_.scans().size();
   if (!whole) start_.Clear();
@@ -71,6 +72,7 @@ bool Mapper::FollowStart(const MapperScan& scan, OdometryFrame* frame) {
   start_.Add(*frame, scan.stamp_made_up, *scan.clusters);
   if (!window_.frames().empty()) start_.ShakeFirst(window_.frames().front().sweep);
   const bool overruled = start_.overruled();
+  result->start_uncertain = start_.stands();
   if (overruled) {
     StartOver(frame);
     start_.Clear();

@@ -115,9 +115,9 @@ class Mapper {
   void PopOldest();
   bool IsKeyframe(const SE3& T_world_lidar) const;
   void AddKeyframe(const OdometryFrame& frame, std::vector<TimedCluster> clusters);
-  // While the first scans have several explanations. *frame is what odometry made of this one. True
-  // if they are taken again under another explanation.
-  bool FollowStart(const MapperScan& scan, OdometryFrame* frame);
+  // While the first scans have several explanations. *result has what odometry made of this one.
+  // True if they are taken again under another explanation.
+  bool FollowStart(const MapperScan& scan, RegisteredScan* result);
   // Pieces that follow begin where that velocity is none of theirs.
   bool StartsMoving() const { return piece_ == 0 && options_.start_velocity.has_value(); }
   // Takes back all scans so far and takes them again as start_ has them; *frame is of the newest.

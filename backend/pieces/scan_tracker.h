@@ -41,6 +41,7 @@ struct RegisteredScan {
   OdometryFrame odometry;
   bool keyframe = false;
   PieceEnd ends = PieceEnd::kNone;
+  bool start_uncertain = false;  // nothing tells the way of this piece's scans so far
 };
 
 // Not thread-safe; deterministic.

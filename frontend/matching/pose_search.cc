@@ -214,6 +214,9 @@ bool PoseSearch::Beats(const SearchedScan& scan, const MatchResult& r,
   // prediction. A place that planes hold is better than one that the prediction holds.
   const bool held_by_planes = best.degenerate > 0 && r.worst_sigma_m < 0.5 * best.worst_sigma_m;
   if (held_by_planes && r.evidence() > best.evidence()) return true;
+  // In a map of one scan, clusters that lie by chance on its few planes may be a majority of those
+  // that make a difference, where all together say nothing.
+  if (scan.starting && r.evidence() <= best.evidence()) return false;
   constexpr double kBetterSigmas = 1.5;
   return Better(kBetterSigmas, scan, r, best);
 }

@@ -43,7 +43,7 @@ void StartTrack::Clear() {
   state_ = State::kKept;
   seen_ = Seen();
   own_way_ = OwnWay::kHeld;
-  refuted_ = false;
+  refuted_ = stands_ = false;
   scans_.Clear();
   hypotheses_.clear();
 }
@@ -289,12 +289,18 @@ void StartTrack::Decide() {
   }
   if (way_open && many) {
     if (TakeSteady()) return;
-    if (refuted_ && last) return GiveUp();
-    if (refuted_) return;
+    if (refuted_ && !last) return;
+    if (refuted_) {
+      if (!TakeStanding(open_along_.normalized())) GiveUp();
+      return;
+    }
   }
-  // Where planes leave the way open by themselves, as in a tunnel, poses are called degenerate, and
-  // another start would be no better.
-  if (way_open && last && 2 * seen_.without_planes >= scans_.size()) return Clear();
+  // Where planes leave the way open by themselves, poses are called degenerate, and another start
+  // would be no better.
+  if (way_open && last && 2 * seen_.without_planes >= scans_.size()) {
+    if (!TakeStanding(open_along_.normalized())) Clear();
+    return;
+  }
   if (way_open && last && SettingOff(scans_.OwnPoses())) return CheckSettingOff(scans_.OwnPoses());
   if (hypotheses_.empty()) {
     // Steps that no clock tells may be uneven, and then no steady motion explains them.
@@ -324,6 +330,10 @@ void StartTrack::Decide() {
 
 void StartTrack::TakeBest() {
   const Hypothesis best = hypotheses_.front();
+  if (!IsFaced(u_, best.poses)) {
+    if (!TakeStanding(u_)) Clear();
+    return;
+  }
   // By what its first scans were drawn aside before it parted from others, the later ones show.
   std::vector<SE3> poses = best.poses;
   MatchResult match = best.match;

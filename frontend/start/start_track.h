@@ -38,6 +38,12 @@
 // are. There a steady motion only speaks against odometry's way where it makes a sharper map, as of
 // a sensor that the sheets of its own rings hold where it stood; otherwise that way is kept.
 //
+// Along a corridor and through a tunnel nothing faces the way. Then lines of the rings on floor and
+// walls come to lie beside one another by chance, at some speed more sharply than at others, and
+// say nothing: a way is none if nothing faces it in the map that it makes. If neither odometry's
+// way is one nor another that refutes it, and the scans meet one another all the same, they are
+// explained by the least, a sensor that stands, and are called degenerate.
+//
 // Where everything about sets off together with the sensor, all of that may be held for what
 // stands: two scans have no other minimum, and each scan more is held where the ones before were.
 // So the way of a sensor that stands or sets off is asked about once more when all scans are there,
@@ -130,6 +136,8 @@ class StartTrack {
   bool told_by_all() const { return state_ == State::kToldByAll; }
   static constexpr double kToldM = 0.05;
   bool given_up() const { return state_ == State::kGivenUp; }
+  // Whether it is overruled by the least that explains the scans, where nothing tells their way.
+  bool stands() const { return overruled() && stands_; }
   // Whether nothing so far tells the way along the direction that a match left open: odometry's
   // poses may be chance; or whether another way than theirs is the best so far.
   bool unsettled() const;
@@ -216,7 +224,14 @@ class StartTrack {
   // Closes with the best hypothesis. Where steady motions doubt one that is slow, more scans are
   // waited for, and the last closes with a motion that refutes it, or gives up.
   void CheckBest();
-  // Closes with the best hypothesis.
+  // Whether nothing faces a way, neither under odometry's motion nor under a steady one that
+  // refutes it. Another start would be no better.
+  bool IsTunnel(const Eigen::Vector3d& along) const;
+  // Closes as if the sensor stood along that way. False if something faces it, or if the scans meet
+  // little of one another.
+  bool TakeStanding(const Eigen::Vector3d& along);
+  // Closes with the best hypothesis; as if the sensor stood, or with odometry's way, if nothing
+  // faces u.
   void TakeBest();
   void GiveUp();
   // Puts the scans where the steady motion has them under which they make the sharpest map: along
@@ -235,6 +250,9 @@ class StartTrack {
   // may (direction_profile.h). False if it meets too little of it.
   bool SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::vector<SE3>* poses,
                     MatchResult* match) const;
+  // Whether anything faces u: by poses that are right, the map that all others make has some blocks
+  // of 4 m that do (DirectionProfile::Blocks), the mean over the scans.
+  bool IsFaced(const Eigen::Vector3d& u, const std::vector<SE3>& poses) const;
   // Whether the velocity changes at once by what no sensor does.
   bool Leaps(const std::vector<SE3>& poses) const;
   // Whether the second scan meets few planes of the first, and repeats few of its rays: rings that
@@ -324,6 +342,7 @@ class StartTrack {
   bool refuted_ = false;
   double open_m_ = 0.0;
   Eigen::Vector3d open_along_ = Eigen::Vector3d::Zero();
+  bool stands_ = false;
   StartScans scans_;  // under the hypothesis that is left, once overruled
   std::vector<Hypothesis> hypotheses_;
   MatchResult match_;

@@ -1,0 +1,47 @@
+// The start of a sensor in a corridor or a tunnel, where nothing faces the way.
+#include <vector>
+
+#include "frontend/matching/direction_profile.h"
+#include "frontend/start/start_track.h"
+
+namespace lamina {
+
+bool StartTrack::IsFaced(const Eigen::Vector3d& u, const std::vector<SE3>& poses) const {
+  // In corridors and tunnels it is 0 to 0.8, in streets 5 to 15, of few rays 1.1 and more.
+  constexpr double kLeastBlocks = 1.0;
+  Vector6d along = Vector6d::Zero();
+  along.tail<3>() = u;
+  double blocks = 0.0;
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    const VoxelMap map = scans_.MapOf(poses, poses.size(), k);
+    const std::vector<PointCluster> clusters = scans_.Deskewed(k, poses);
+    blocks += DirectionProfile(clusters, map, poses[k], along, steady_.noise_m).Blocks();
+  }
+  return blocks >= kLeastBlocks * static_cast<double>(poses.size());
+}
+
+bool StartTrack::IsTunnel(const Eigen::Vector3d& along) const {
+  const std::vector<SE3> own = scans_.OwnPoses();
+  if (IsFaced(along, own)) return false;
+  const SteadyAlong steady = FindAlong(own, along, steady_.noise_m, OpenSpeed::kIfRefutes);
+  return !steady.refutes || !IsFaced(along, steady.poses);
+}
+
+bool StartTrack::TakeStanding(const Eigen::Vector3d& along) {
+  // Scans that meet less of one another are not of one place.
+  constexpr double kLeastOverlap = 0.5;
+  if (!IsTunnel(along)) return false;
+  std::vector<SE3> poses = scans_.OwnPoses();
+  for (SE3& T : poses) T.t -= along.dot(T.t - poses.front().t) * along;
+  MatchResult match;
+  if (!SettleBeside(poses.size() - 1, along, &poses, &match)) return false;
+  if (match.overlap() < kLeastOverlap) return false;
+  Vector6d direction = Vector6d::Zero();
+  direction.tail<3>() = along;
+  match.MakeDegenerate(direction);
+  u_ = along;
+  Overrule(poses, poses, match);
+  return stands_ = true;
+}
+
+}  // namespace lamina
