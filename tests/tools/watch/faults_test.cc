@@ -49,16 +49,20 @@ class WatchFaultsTest : public WatchTest {
     std::ofstream(path, std::ios::binary) << bytes;
   }
 
-  // A session of the first `scans` of the street, stopped; all 40 are in the inbox then, and the
-  // folder "whole" has an undisturbed session of them.
-  void MakeHalfSession(std::size_t scans, const Arguments& options) {
-    DropScans(Street(40), 0, 40);
+  static constexpr std::size_t kScans = 26;
+
+  // A session of the first 18 scans of the street, stopped; all of them are in the inbox then, and
+  // the folder "whole" has an undisturbed session of them.
+  void MakeHalfSession(const Arguments& options) {
+    constexpr std::size_t kFirst = 18;
+    const Recording street = Street(kScans);
+    DropScans(street, 0, kScans);
     Once({options.begin(), options.begin() + 2}, 0, "whole");
     fs::remove_all(Path("in"));
     fs::create_directories(Path("in/velodyne"));
-    DropScans(Street(40), 0, scans);
+    DropScans(street, 0, kFirst);
     Once(options);
-    DropScans(Street(40), scans, 40);
+    DropScans(street, kFirst, kScans);
   }
 };
 
@@ -93,17 +97,17 @@ TEST_F(WatchFaultsTest, AReadOnlySessionIsAClearError) {
 
 TEST_F(WatchFaultsTest, WithAFullDiskItWaitsAndGoesOnByItself) {
   const Arguments often{"--set", "session.checkpoint_every_scans=5"};
-  DropScans(Street(40), 0, 6);
+  DropScans(Street(kScans), 0, 6);
   const SmallDisk disk(Path("session"), 64 << 20);
   if (!disk.mounted()) GTEST_SKIP() << "only root can mount";
   const pid_t daemon = StartWatch(often);
   ASSERT_TRUE(WaitForScans(daemon, 6));
   disk.Fill();
-  DropScans(Street(40), 6, 40);
+  DropScans(Street(kScans), 6, kScans);
   ASSERT_TRUE(WaitUntil(daemon, [&] { return Said("the disk is full"); }));
   EXPECT_THAT(Bytes(Path("stderr")), AllOf(HasSubstr("bytes are free"), HasSubstr("are needed")));
   disk.Empty();
-  ASSERT_TRUE(WaitForScans(daemon, 40));
+  ASSERT_TRUE(WaitForScans(daemon, kScans));
   Terminate(daemon);
   Once(often, 0, "whole");
   ExpectSameResults("session", "whole");
@@ -149,7 +153,7 @@ TEST_F(WatchFaultsTest, WhereverTheDiskFillsUpTheResultIsTheSame) {
   const Arguments often{"--set",  "session.checkpoint_every_scans=4",
                         "--set",  "session.trajectory_period_s=0.05",
                         "--done", "move"};
-  DropScans(Street(40), 0, 40);
+  DropScans(Street(kScans), 0, kScans);
   const std::string inbox = Path("in");
   fs::copy(inbox, Path("kept"), fs::copy_options::recursive);
   Once({often.begin(), often.begin() + 4}, 0, "whole");
@@ -161,7 +165,7 @@ TEST_F(WatchFaultsTest, WhereverTheDiskFillsUpTheResultIsTheSame) {
     const SmallDisk disk(Path("session"), 256 << 20);
     if (!disk.mounted()) GTEST_SKIP() << "only root can mount";
     const pid_t daemon = StartWatch(often);
-    ASSERT_TRUE(WaitForScans(daemon, 1 + i * 39 / points));
+    ASSERT_TRUE(WaitForScans(daemon, 1 + i * static_cast<int>(kScans - 1) / points));
     disk.Fill();
     ASSERT_TRUE(WaitUntil(daemon, [&] { return Said("the disk is full"); }));
     for (const std::string& name : FilesIn("session")) {
@@ -171,7 +175,7 @@ TEST_F(WatchFaultsTest, WhereverTheDiskFillsUpTheResultIsTheSame) {
       EXPECT_TRUE(WaitUntil(daemon, [&] { return !fs::exists(Path("session/" + name)); })) << name;
     }
     disk.Empty();
-    ASSERT_TRUE(WaitForScans(daemon, 40));
+    ASSERT_TRUE(WaitForScans(daemon, kScans));
     Terminate(daemon);
     EXPECT_THAT(FilesIn("session"), testing::Each(testing::Not(HasSubstr(".partial"))));
     ExpectSameResults("session", "whole");
@@ -180,7 +184,7 @@ TEST_F(WatchFaultsTest, WhereverTheDiskFillsUpTheResultIsTheSame) {
 
 TEST_F(WatchFaultsTest, ADamagedCheckpointLeadsToTheOneBefore) {
   const Arguments often{"--set", "session.checkpoint_every_scans=5", "--done", "delete"};
-  MakeHalfSession(23, often);
+  MakeHalfSession(often);
   const auto checkpoints = Checkpoints();
   ASSERT_GE(checkpoints.size(), 2U);
   Flip(checkpoints[0], 0.6);
@@ -192,7 +196,7 @@ TEST_F(WatchFaultsTest, ADamagedCheckpointLeadsToTheOneBefore) {
 
 TEST_F(WatchFaultsTest, WithoutAnyCheckpointAllIsMappedAgain) {
   const Arguments often{"--set", "session.checkpoint_every_scans=5"};
-  MakeHalfSession(23, often);
+  MakeHalfSession(often);
   for (const std::string& path : Checkpoints()) fs::resize_file(path, fs::file_size(path) / 2);
   EXPECT_THAT(Once(often).err, HasSubstr("all scans are mapped again"));
   ExpectSameResults("session", "whole");
@@ -200,8 +204,8 @@ TEST_F(WatchFaultsTest, WithoutAnyCheckpointAllIsMappedAgain) {
 
 TEST_F(WatchFaultsTest, ADamagedDatabaseLeadsToItsCopy) {
   const Arguments often{"--set", "session.checkpoint_every_scans=2", "--done", "delete"};
-  MakeHalfSession(23, often);
-  ASSERT_LT(FilesIn("in").size(), 41U) << "no file was deleted";
+  MakeHalfSession(often);
+  ASSERT_LT(FilesIn("in").size(), kScans + 1) << "no file was deleted";
   Write("session/session.db", std::string(100000, 'x'));
   const Outcome outcome = Once(often);
   EXPECT_THAT(outcome.err, AllOf(HasSubstr("session.db: is damaged"),

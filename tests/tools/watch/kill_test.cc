@@ -32,14 +32,14 @@ class WatchKillTest : public WatchTest {
 
   int Random(int below) { return std::uniform_int_distribution<int>(0, below - 1)(random_); }
 
-  // Drops in 45 scans of two drives, of which three are unusable.
+  // Drops in 31 scans of two drives, of which three are unusable.
   void DropTwoDrives() {
-    Recording street = Street(40);
-    street[8].bytes.resize(1000);
-    street[30].bytes.clear();
-    street[31].bytes.resize(17);
-    WriteRecording("in/a", {street.begin(), street.begin() + 25});
-    WriteRecording("in/b", {street.begin() + 20, street.end()});
+    Recording street = Street(28);
+    street[6].bytes.resize(1000);
+    street[22].bytes.clear();
+    street[23].bytes.resize(17);
+    WriteRecording("in/a", {street.begin(), street.begin() + 17});
+    WriteRecording("in/b", {street.begin() + 14, street.end()});
   }
 
   // What a power cut or a kill has left, looked at in a copy: looking may change it.
@@ -99,7 +99,7 @@ TEST_F(WatchKillTest, KilledAtRandomMomentsItEndsAsIfNothingHadHappened) {
   Once(often);
   ExpectSameResults("session", "whole");
   const auto mapped = TimesMapped(Path("session/session.db"));
-  EXPECT_EQ(mapped.size(), 45U);
+  EXPECT_EQ(mapped.size(), 31U);
   for (const auto& [file, times] : mapped) EXPECT_EQ(times, 1) << file;
   EXPECT_EQ(mapped, TimesMapped(Path("whole/session.db")));
 }
@@ -153,14 +153,15 @@ TEST_F(WatchKillTest, TerminatedItContinuesToTheSame) {
 }
 
 TEST_F(WatchKillTest, FilesThatAreMovedOrDeletedAreNeverNeededAgain) {
-  const Recording street = Street(40);
+  const Recording street = Street(28);
+  WriteRecording("in", street);
+  const Arguments checkpoints{"--set", "session.checkpoint_every_scans=5"};
+  const int writes = WritesOf(checkpoints);
   for (const char* done : {"move", "delete"}) {
     fs::remove_all(Path("in"));
     fs::remove_all(Path("session"));
-    fs::remove_all(Path("whole"));
     WriteRecording("in", street);
-    Arguments often{"--set", "session.checkpoint_every_scans=5"};
-    const int writes = WritesOf(often);
+    Arguments often = checkpoints;
     often.insert(often.end(), {"--done", done});
     std::set<std::string> gone;
     for (int kills = 0; kills < 5; ++kills) {
