@@ -93,8 +93,11 @@ void SteadyMotionSearch::MakeGrids(const Eigen::Vector3d& axis) {
   axes.along = u_;
   axes.across = across.norm() > kAboutAxis ? across.normalized() : u_.unitOrthogonal();
   axes.up = axes.along.cross(axes.across);
+  grids_.reserve(kGrids);
+  const std::vector<SteadyMotionGrid::TurnedCluster> clusters =
+      SteadyMotionGrid::Turn(axes, scans_);
   for (const double* shift : kShifts) {
-    grids_.emplace_back(options_.voxel_size_m, options_.noise_m, axes, scans_, is_in_space,
+    grids_.emplace_back(options_.voxel_size_m, options_.noise_m, clusters, is_in_space,
                         Eigen::Vector3d(shift));
   }
 }
@@ -146,24 +149,25 @@ std::vector<double> SteadyMotionSearch::BlocksIn(const SteadyMotionSearch& place
                                                  const WayAlong& way, std::size_t grids,
                                                  Scratch* scratch) const {
   Evidence sums;
-  AddGrids(places, way, 0, grids, scratch, &sums);
+  AddGrids(places, way, 0, grids, Share::kAll, scratch, &sums);
   return places.Means(sums.blocks, grids);
 }
 
 void SteadyMotionSearch::AddGrids(const SteadyMotionSearch& places, const WayAlong& way,
-                                  std::size_t begin, std::size_t end, Scratch* scratch,
+                                  std::size_t begin, std::size_t end, Share share, Scratch* scratch,
                                   Evidence* sums) const {
   sums->blocks.resize(places.block_points_.size(), 0.0);
   for (std::size_t i = begin; i < end; ++i) {
     if (&places == this) {
-      grids_[i].AddSharpness(way, blocks_[i], few_, scratch, sums);
+      grids_[i].AddSharpness(way, blocks_[i], few_, share, scratch, sums);
     } else {
-      grids_[i].AddSharpness(way, grids_[i].InOrder(places.block_of_), places.few_, scratch, sums);
+      grids_[i].AddSharpness(way, grids_[i].InOrder(places.block_of_), places.few_, share, scratch,
+                             sums);
     }
   }
 }
 
-void SteadyMotionSearch::AddGrids(std::size_t begin, std::size_t end,
+void SteadyMotionSearch::AddGrids(std::size_t begin, std::size_t end, Share share,
                                   std::vector<Candidate>* candidates) const {
   // So many share scratch memory, which else goes back to the system each time.
   constexpr std::size_t kTogether = 8;
@@ -171,16 +175,16 @@ void SteadyMotionSearch::AddGrids(std::size_t begin, std::size_t end,
     Scratch scratch;
     for (std::size_t i = first; i < last; ++i) {
       Candidate& candidate = (*candidates)[i];
-      AddGrids(*this, WayUnder(candidate.motion), begin, end, &scratch, &candidate.sums);
+      AddGrids(*this, WayUnder(candidate.motion), begin, end, share, &scratch, &candidate.sums);
     }
   });
 }
 
-std::vector<double> SteadyMotionSearch::Means(const std::vector<double>& sums,
-                                              std::size_t grids) const {
+std::vector<double> SteadyMotionSearch::Means(const std::vector<double>& sums, std::size_t grids,
+                                              const std::vector<double>& points) {
   std::vector<double> means(sums.size());
   for (std::size_t b = 0; b < sums.size(); ++b)
-    means[b] = sums[b] / (static_cast<double>(grids) * (block_points_[b] + kHalfPoints));
+    means[b] = sums[b] / (static_cast<double>(grids) * (points[b] + kHalfPoints));
   return means;
 }
 
@@ -260,7 +264,8 @@ std::vector<SteadyMotionSearch::Candidate> SteadyMotionSearch::Candidates() cons
   return candidates;
 }
 
-std::size_t SteadyMotionSearch::Likeliest(std::size_t grids, double refuted_sigmas,
+std::size_t SteadyMotionSearch::Likeliest(std::size_t grids, const std::vector<double>& points,
+                                          double refuted_sigmas,
                                           std::vector<Candidate>* candidates) const {
   // Scans see mostly the same: a speed at which they have much less in common than at others is
   // none, though nothing that they see contradicts it.
@@ -276,7 +281,7 @@ std::size_t SteadyMotionSearch::Likeliest(std::size_t grids, double refuted_sigm
   double most = -std::numeric_limits<double>::infinity();
   std::vector<std::vector<double>> blocks;
   for (const Candidate& candidate : *candidates) {
-    blocks.push_back(Means(candidate.sums.blocks, grids));
+    blocks.push_back(Means(candidate.sums.blocks, grids, points));
     const double total = Total(candidate.motion, blocks.back());
     if (total <= most) continue;
     best = blocks.size() - 1;
@@ -294,14 +299,18 @@ std::size_t SteadyMotionSearch::Likeliest(std::size_t grids, double refuted_sigm
 }
 
 FoundMotion SteadyMotionSearch::Find() const {
-  // Most candidates are refuted so clearly that one grid suffices.
+  // Most candidates are refuted so clearly that a few columns of one grid suffice, or that grid.
   constexpr double kClearly = 2.0 * kOpenSigmas;
   std::vector<Candidate> candidates = Candidates();
-  AddGrids(0, 1, &candidates);
-  Likeliest(1, kClearly, &candidates);
-  AddGrids(1, kCoarseGrids, &candidates);
+  for (const Share share : {Share::kFew, Share::kOthers}) {
+    AddGrids(0, 1, share, &candidates);
+    const bool few = share == Share::kFew;
+    Likeliest(1, few ? grids_[0].PointsOf(share, blocks_[0], block_points_.size()) : block_points_,
+              kClearly, &candidates);
+  }
+  AddGrids(1, kCoarseGrids, Share::kAll, &candidates);
   const std::size_t best =
-      Likeliest(kCoarseGrids, std::numeric_limits<double>::infinity(), &candidates);
+      Likeliest(kCoarseGrids, block_points_, std::numeric_limits<double>::infinity(), &candidates);
   FoundMotion found = Climb(candidates[best].motion);
   for (const Candidate& candidate : candidates)
     found.rivals.push_back({candidate.motion, Means(candidate.sums.blocks, kCoarseGrids)});

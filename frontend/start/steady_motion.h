@@ -92,6 +92,7 @@ class SteadyMotionSearch {
  private:
   using Scratch = SteadyMotionGrid::Scratch;
   using Sparse = SteadyMotionGrid::Sparse;
+  using Share = SteadyMotionGrid::Share;
   using Evidence = SteadyMotionGrid::Evidence;
   // Keeps some of the clusters of scans that have very many. Those kept do not depend on poses.
   void ThinOut();
@@ -108,19 +109,26 @@ class SteadyMotionSearch {
     SteadyMotion motion;
     Evidence sums;
   };
-  // Adds what the grids [begin, end) say of each of them.
-  void AddGrids(std::size_t begin, std::size_t end, std::vector<Candidate>* candidates) const;
+  // Adds what a share of the columns of the grids [begin, end) says of each of them.
+  void AddGrids(std::size_t begin, std::size_t end, Share share,
+                std::vector<Candidate>* candidates) const;
   void AddGrids(const SteadyMotionSearch& places, const WayAlong& way, std::size_t begin,
-                std::size_t end, Scratch* scratch, Evidence* sums) const;
+                std::size_t end, Share share, Scratch* scratch, Evidence* sums) const;
   // L_b from the sums of so many grids.
-  std::vector<double> Means(const std::vector<double>& sums, std::size_t grids) const;
+  std::vector<double> Means(const std::vector<double>& sums, std::size_t grids) const {
+    return Means(sums, grids, block_points_);
+  }
+  // The same of so many points in each block.
+  static std::vector<double> Means(const std::vector<double>& sums, std::size_t grids,
+                                   const std::vector<double>& points);
   // L from that of its blocks.
   double Total(const SteadyMotion& motion, const std::vector<double>& blocks) const;
   // All that are looked for: steady, and from rest.
   std::vector<Candidate> Candidates() const;
-  // The likeliest of these by the sums of so many grids. Keeps of them those that are possible and
-  // that it does not refute; the likeliest one's place among them is given back.
-  std::size_t Likeliest(std::size_t grids, double refuted_sigmas,
+  // The likeliest of these by the sums of so many grids, of so many points in each block. Keeps of
+  // them those that are possible and that it does not refute; the likeliest one's place among them
+  // is given back.
+  std::size_t Likeliest(std::size_t grids, const std::vector<double>& points, double refuted_sigmas,
                         std::vector<Candidate>* candidates) const;
   // From a motion to the maximum near by.
   FoundMotion Climb(const SteadyMotion& start) const;

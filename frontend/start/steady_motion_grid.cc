@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <utility>
 
 #include "core/base/processor.h"
 #include "core/map/voxel_key.h"
@@ -57,75 +58,106 @@ void Grow(std::size_t size, std::vector<T>* values) {
 
 }  // namespace
 
+std::vector<SteadyMotionGrid::TurnedCluster> SteadyMotionGrid::Turn(
+    const SteadyMotionAxes& axes, const std::vector<SteadyScan>& scans) {
+  Eigen::Matrix3d frame;
+  frame << axes.along.transpose(), axes.across.transpose(), axes.up.transpose();
+  std::vector<TurnedCluster> turned;
+  for (std::size_t k = 0; k < scans.size(); ++k) {
+    const SteadyScan& scan = scans[k];
+    for (std::size_t i = 0; i < scan.clusters.size(); ++i) {
+      const PointCluster& cluster = scan.clusters[i];
+      TurnedCluster& to = turned.emplace_back();
+      to.mean = frame * cluster.mean;
+      to.covariance = (frame * cluster.Covariance().Dense() * frame.transpose()).cast<float>();
+      to.points = static_cast<float>(cluster.count);
+      if (!scan.cluster_times_s.empty()) to.time_s = static_cast<float>(scan.cluster_times_s[i]);
+      to.scan = static_cast<std::int32_t>(k);
+    }
+  }
+  return turned;
+}
+
 SteadyMotionGrid::SteadyMotionGrid(double voxel_size_m, double noise_m,
-                                   const SteadyMotionAxes& axes,
-                                   const std::vector<SteadyScan>& scans,
+                                   const std::vector<TurnedCluster>& clusters,
                                    const std::vector<char>& is_in_space,
                                    const Eigen::Vector3d& shift)
     : voxel_size_m_(static_cast<float>(voxel_size_m)),
       inverse_size_(static_cast<float>(1.0 / voxel_size_m)),
       noise2_(noise_m * noise_m) {
-  Eigen::Matrix3d frame;
-  frame << axes.along.transpose(), axes.across.transpose(), axes.up.transpose();
-  struct Place {
-    VoxelKey column;
-    std::int32_t cluster, scan;
-    std::size_t in_scan;
-    Eigen::Vector3d p;
+  std::vector<std::pair<VoxelKey, std::int32_t>> places;  // columns, and who is in them
+  places.reserve(clusters.size());
+  for (std::size_t i = 0; i < clusters.size(); ++i) {
+    const Eigen::Vector3d p = clusters[i].mean + voxel_size_m * shift;
+    const Eigen::Vector3d across(is_in_space[i] != 0 ? voxel_size_m : 0.0, p.y(), p.z());
+    places.emplace_back(VoxelKeyOf(across, 1.0 / voxel_size_m), static_cast<std::int32_t>(i));
+  }
+  std::sort(places.begin(), places.end());
+  std::vector<std::int32_t> of;
+  std::vector<std::size_t> begins;  // of the columns, and the end
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    if (i == 0 || places[i].first != places[i - 1].first) begins.push_back(i);
+    of.push_back(places[i].second);
+  }
+  const std::size_t columns = begins.size();
+  begins.push_back(places.size());
+  // One in so many is of the few, which come first.
+  constexpr std::size_t kEvery = 4;
+  const auto add = [&](std::size_t c) {
+    const std::size_t at = begins[c];
+    const bool in_space = is_in_space[static_cast<std::size_t>(of[at])] != 0;
+    columns_.push_back({members_.size(), members_.size() + begins[c + 1] - at, in_space});
+    AddMembers(clusters, of.data() + at, begins[c + 1] - at,
+               VoxelCentre(places[at].first, voxel_size_m), voxel_size_m * shift);
   };
-  std::vector<Place> places;
-  for (std::size_t k = 0; k < scans.size(); ++k) {
-    for (std::size_t i = 0; i < scans[k].clusters.size(); ++i) {
-      const Eigen::Vector3d p = frame * scans[k].clusters[i].mean + voxel_size_m * shift;
-      const bool in_space = is_in_space[places.size()] != 0;
-      const VoxelKey column =
-          VoxelKeyOf({in_space ? voxel_size_m : 0.0, p.y(), p.z()}, 1.0 / voxel_size_m);
-      places.push_back(
-          {column, static_cast<std::int32_t>(places.size()), static_cast<std::int32_t>(k), i, p});
-    }
+  for (std::size_t c = 0; c < columns; c += kEvery) add(c);
+  const std::size_t few = columns_.size();
+  for (std::size_t c = 0; c < columns; ++c) {
+    if (c % kEvery != 0) add(c);
   }
-  std::stable_sort(places.begin(), places.end(),
-                   [](const Place& a, const Place& b) { return a.column < b.column; });
-  members_.reserve(places.size());
-  heights_.reserve(places.size());
-  for (const Place& place : places) {
-    const SteadyScan& scan = scans[static_cast<std::size_t>(place.scan)];
-    const std::size_t at = members_.size();
-    if (at == 0 || place.column != places[at - 1].column)
-      columns_.push_back({at, at, is_in_space[static_cast<std::size_t>(place.cluster)] != 0});
-    columns_.back().end = at + 1;
-    const Eigen::Vector3d middle = VoxelCentre(place.column, voxel_size_m);
-    const PointCluster& cluster = scan.clusters[place.in_scan];
-    const Eigen::Matrix3f c =
-        (frame * cluster.Covariance().Dense() * frame.transpose()).cast<float>();
-    const auto n = static_cast<float>(cluster.count);
-    const auto y = static_cast<float>(place.p.y() - middle.y());
-    const auto z = static_cast<float>(place.p.z() - middle.z());
-    members_.push_back({n, 0.0F, n * y, n * c(0, 0), n * c(0, 1), n * (c(1, 1) + y * y)});
-    cluster_.push_back(place.cluster);
-    heights_.push_back({n * z, n * c(0, 2), n * (c(1, 2) + y * z), n * (c(2, 2) + z * z)});
-    x_m_.push_back(static_cast<float>(place.p.x()));
-    time_s_.push_back(scan.cluster_times_s.empty()
-                          ? 0.0F
-                          : static_cast<float>(scan.cluster_times_s[place.in_scan]));
-    scan_.push_back(place.scan);
-  }
-  MakeBatches();
+  MakeBatches(few);
 }
 
-void SteadyMotionGrid::MakeBatches() {
+void SteadyMotionGrid::AddMembers(const std::vector<TurnedCluster>& clusters,
+                                  const std::int32_t* of, std::size_t count,
+                                  const Eigen::Vector3d& middle, const Eigen::Vector3d& shift_m) {
+  for (std::size_t i = 0; i < count; ++i) {
+    const TurnedCluster& cluster = clusters[static_cast<std::size_t>(of[i])];
+    const Eigen::Vector3d p = cluster.mean + shift_m;
+    const Eigen::Matrix3f& c = cluster.covariance;
+    const float n = cluster.points;
+    const auto y = static_cast<float>(p.y() - middle.y());
+    const auto z = static_cast<float>(p.z() - middle.z());
+    members_.push_back({n, 0.0F, n * y, n * c(0, 0), n * c(0, 1), n * (c(1, 1) + y * y)});
+    cluster_.push_back(of[i]);
+    heights_.push_back({n * z, n * c(0, 2), n * (c(1, 2) + y * z), n * (c(2, 2) + z * z)});
+    x_m_.push_back(static_cast<float>(p.x()));
+    time_s_.push_back(cluster.time_s);
+    scan_.push_back(cluster.scan);
+  }
+}
+
+void SteadyMotionGrid::MakeBatches(std::size_t few) {
   // What is summed of so many stays in the nearest cache.
   constexpr std::size_t kMostMembers = 512;
   std::size_t members = 0;
   for (std::size_t c = 0; c < columns_.size(); ++c) {
     const Column& column = columns_[c];
     members += column.end - column.begin;
-    if (c == 0 || members > kMostMembers || column.in_space != columns_[c - 1].in_space) {
+    if (c == few) few_batches_ = batches_.size();
+    if (c == 0 || c == few || members > kMostMembers ||
+        column.in_space != columns_[c - 1].in_space) {
       batches_.push_back({c, c});
       members = column.end - column.begin;
     }
     batches_.back().end = c + 1;
   }
+  if (few == columns_.size()) few_batches_ = batches_.size();
+}
+
+SteadyMotionGrid::Batch SteadyMotionGrid::BatchesOf(Share share) const {
+  return {share == Share::kOthers ? few_batches_ : 0,
+          share == Share::kFew ? few_batches_ : batches_.size()};
 }
 
 std::vector<std::int32_t> SteadyMotionGrid::InOrder(
@@ -137,16 +169,28 @@ std::vector<std::int32_t> SteadyMotionGrid::InOrder(
   return of_members;
 }
 
+std::vector<double> SteadyMotionGrid::PointsOf(Share share, const std::vector<std::int32_t>& blocks,
+                                               std::size_t count) const {
+  std::vector<double> points(count, 0.0);
+  const Batch all = BatchesOf(share);
+  if (all.begin == all.end) return points;
+  for (std::size_t i = Begin(batches_[all.begin]); i < End(batches_[all.end - 1]); ++i)
+    points[static_cast<std::size_t>(blocks[i])] += static_cast<double>(members_[i].n);
+  return points;
+}
+
 LAMINA_FOR_EACH_PROCESSOR
-std::size_t SteadyMotionGrid::FindAlong(const WayAlong& way, Scratch* scratch) const {
-  const std::size_t count = members_.size();
+std::size_t SteadyMotionGrid::FindAlong(const WayAlong& way, std::size_t begin, std::size_t end,
+                                        Scratch* scratch) const {
+  const std::size_t count = end - begin;
   const std::vector<float> ways_m(way.positions_m.begin(), way.positions_m.end());
   const std::vector<float> speeds_m_s(way.speeds_m_s.begin(), way.speeds_m_s.end());
-  scratch->x_m.resize(count);
-  scratch->along.resize(count);
-  std::int32_t* const along = scratch->along.data();
-  FindVoxels({x_m_.data(), time_s_.data(), scan_.data(), count}, ways_m.data(), speeds_m_s.data(),
-             voxel_size_m_, inverse_size_, along, scratch->x_m.data());
+  scratch->x_m.resize(members_.size());
+  scratch->along.resize(members_.size());
+  std::int32_t* const along = scratch->along.data() + begin;
+  FindVoxels({x_m_.data() + begin, time_s_.data() + begin, scan_.data() + begin, count},
+             ways_m.data(), speeds_m_s.data(), voxel_size_m_, inverse_size_, along,
+             scratch->x_m.data() + begin);
   std::int32_t first = std::numeric_limits<std::int32_t>::max();
   std::int32_t last = std::numeric_limits<std::int32_t>::min();
   for (std::size_t i = 0; i < count; ++i) {
@@ -236,15 +280,21 @@ void SteadyMotionGrid::Sharpen(std::size_t voxels, bool in_space, float sparse, 
 }
 
 void SteadyMotionGrid::AddSharpness(const WayAlong& way, const std::vector<std::int32_t>& blocks,
-                                    Sparse few, Scratch* scratch, Evidence* sums) const {
+                                    Sparse few, Share share, Scratch* scratch,
+                                    Evidence* sums) const {
+  const Batch all = BatchesOf(share);
+  if (all.begin == all.end) return;
+
   const auto sparse = static_cast<float>(
       few == Sparse::kBlurred ? 0.0 : -0.5 * std::log(kUnknownM * kUnknownM + noise2_));
-  scratch->place_at.assign(FindAlong(way, scratch), -1);
+  scratch->place_at.assign(
+      FindAlong(way, Begin(batches_[all.begin]), End(batches_[all.end - 1]), scratch), -1);
   const VoxelPlan* const members = members_.data();
   const std::int32_t* const block = blocks.data();
   double* const of_blocks = sums->blocks.data();
   std::int32_t before = 0;
-  for (const Batch& batch : batches_) {
+  for (std::size_t b = all.begin; b < all.end; ++b) {
+    const Batch& batch = batches_[b];
     const std::size_t voxels = SumVoxels(batch, before, scratch);
     before += static_cast<std::int32_t>(voxels);
     if (InSpace(batch)) AddHeights(batch, voxels, scratch);
@@ -258,7 +308,7 @@ void SteadyMotionGrid::AddSharpness(const WayAlong& way, const std::vector<std::
 }
 
 double SteadyMotionGrid::SparsePoints(const WayAlong& way, Scratch* scratch) const {
-  scratch->place_at.assign(FindAlong(way, scratch), -1);
+  scratch->place_at.assign(FindAlong(way, 0, members_.size(), scratch), -1);
   double points = 0.0;
   std::int32_t before = 0;
   for (const Batch& batch : batches_) {
