@@ -330,7 +330,7 @@ void StartTrack::Decide() {
 
 void StartTrack::TakeBest() {
   const Hypothesis best = hypotheses_.front();
-  if (!IsFaced(u_, best.poses)) {
+  if (!IsFaced(u_, best.poses, kBestBlocks)) {
     if (!TakeStanding(u_)) Clear();
     return;
   }

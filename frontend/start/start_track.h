@@ -252,7 +252,11 @@ class StartTrack {
                     MatchResult* match) const;
   // Whether anything faces u: by poses that are right, the map that all others make has some blocks
   // of 4 m that do (DirectionProfile::Blocks), the mean over the scans.
-  bool IsFaced(const Eigen::Vector3d& u, const std::vector<SE3>& poses) const;
+  bool IsFaced(const Eigen::Vector3d& u, const std::vector<SE3>& poses, double least_blocks) const;
+  // So many under a steady motion: in corridors and tunnels it is 0 to 0.8, in streets 5 to 15, of
+  // few rays 1.1 and more. Under the best of several hypotheses, each of which fits as well as it
+  // can where it is, rings in corridors make 2.5, and what stands among traffic 8 and more.
+  static constexpr double kSteadyBlocks = 1.0, kBestBlocks = 4.0;
   // Whether the velocity changes at once by what no sensor does.
   bool Leaps(const std::vector<SE3>& poses) const;
   // Whether the second scan meets few planes of the first, and repeats few of its rays: rings that

@@ -181,7 +181,7 @@ bool StartTrack::TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& ste
       if (Apart(before, poses) < kSettledM) break;
     }
   }
-  if (Leaps(poses) || !IsFaced(u, poses)) return false;
+  if (Leaps(poses) || !IsFaced(u, poses, kSteadyBlocks)) return false;
   u_ = u;
   // Twists of a steady motion are steadier than those from pose to pose.
   Overrule(poses, steady, match);

@@ -6,9 +6,8 @@
 
 namespace lamina {
 
-bool StartTrack::IsFaced(const Eigen::Vector3d& u, const std::vector<SE3>& poses) const {
-  // In corridors and tunnels it is 0 to 0.8, in streets 5 to 15, of few rays 1.1 and more.
-  constexpr double kLeastBlocks = 1.0;
+bool StartTrack::IsFaced(const Eigen::Vector3d& u, const std::vector<SE3>& poses,
+                         double least_blocks) const {
   Vector6d along = Vector6d::Zero();
   along.tail<3>() = u;
   double blocks = 0.0;
@@ -17,14 +16,14 @@ bool StartTrack::IsFaced(const Eigen::Vector3d& u, const std::vector<SE3>& poses
     const std::vector<PointCluster> clusters = scans_.Deskewed(k, poses);
     blocks += DirectionProfile(clusters, map, poses[k], along, steady_.noise_m).Blocks();
   }
-  return blocks >= kLeastBlocks * static_cast<double>(poses.size());
+  return blocks >= least_blocks * static_cast<double>(poses.size());
 }
 
 bool StartTrack::IsTunnel(const Eigen::Vector3d& along) const {
   const std::vector<SE3> own = scans_.OwnPoses();
-  if (IsFaced(along, own)) return false;
+  if (IsFaced(along, own, kSteadyBlocks)) return false;
   const SteadyAlong steady = FindAlong(own, along, steady_.noise_m, OpenSpeed::kIfRefutes);
-  return !steady.refutes || !IsFaced(along, steady.poses);
+  return !steady.refutes || !IsFaced(along, steady.poses, kSteadyBlocks);
 }
 
 bool StartTrack::TakeStanding(const Eigen::Vector3d& along) {
