@@ -40,7 +40,8 @@ bool StartTrack::TakeStanding(const Eigen::Vector3d& along) {
   match.MakeDegenerate(direction);
   u_ = along;
   Overrule(poses, poses, match);
-  return stands_ = true;
+  stands_ = true;
+  return true;
 }
 
 }  // namespace lamina

@@ -85,7 +85,7 @@ SteadyMotionGrid::SteadyMotionGrid(double voxel_size_m, double noise_m,
     : voxel_size_m_(static_cast<float>(voxel_size_m)),
       inverse_size_(static_cast<float>(1.0 / voxel_size_m)),
       noise2_(noise_m * noise_m) {
-  std::vector<std::pair<VoxelKey, std::int32_t>> places;  // columns, and who is in them
+  std::vector<std::pair<VoxelKey, std::int32_t>> places;  // column, cluster in it
   places.reserve(clusters.size());
   for (std::size_t i = 0; i < clusters.size(); ++i) {
     const Eigen::Vector3d p = clusters[i].mean + voxel_size_m * shift;
