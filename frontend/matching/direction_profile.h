@@ -41,6 +41,14 @@
 
 namespace lamina {
 
+// Straight on along a unit vector of the world, without a turn: a unit vector of the scaled
+// tangent.
+inline Vector6d StraightAlong(const Eigen::Vector3d& u) {
+  Vector6d v = Vector6d::Zero();
+  v.tail<3>() = u;
+  return v;
+}
+
 // Refers to its arguments, which must not change. Thread-safe, as far as `instead` is.
 class DirectionProfile {
  public:

@@ -37,6 +37,8 @@ class PlaneScore {
     const Surface* plane = map_.PlaneAt(p);
     return plane == nullptr ? kNone : Fit(*plane, p);
   }
+  // That, where a cluster without a plane says nothing.
+  static double OrNothing(double fit) { return fit > kNone ? fit : 0.0; }
   // Calls visit with that of every `stride`-th one of many clusters, in their order.
   template <typename Visit>
   void OfEach(const std::vector<PointCluster>& clusters, std::size_t stride,

@@ -209,14 +209,15 @@ bool PoseSearch::Beats(const SearchedScan& scan, const MatchResult& r,
   constexpr double kLeastOverlap = 0.1;
   if (r.overlap() < kLeastOverlap) return false;
   if (best.overlap() < kLeastOverlap) return true;
-  if (!Apart(r.T_world_lidar, best.T_world_lidar)) return r.evidence() > best.evidence();
+  const bool says_more = r.evidence() > best.evidence();
+  if (!Apart(r.T_world_lidar, best.T_world_lidar)) return says_more;
   // Where one place is as good as another, along a corridor, the one met first stays: that of the
   // prediction. A place that planes hold is better than one that the prediction holds.
   const bool held_by_planes = best.degenerate > 0 && r.worst_sigma_m < 0.5 * best.worst_sigma_m;
-  if (held_by_planes && r.evidence() > best.evidence()) return true;
+  if (held_by_planes && says_more) return true;
   // In a map of one scan, clusters that lie by chance on its few planes may be a majority of those
   // that make a difference, where all together say nothing.
-  if (scan.starting && r.evidence() <= best.evidence()) return false;
+  if (scan.starting && !says_more) return false;
   constexpr double kBetterSigmas = 1.5;
   return Better(kBetterSigmas, scan, r, best);
 }

@@ -362,7 +362,7 @@ double ScanMatcher::Score(const std::vector<PointCluster>& clusters, const SE3& 
   std::size_t visited = 0;
   score.OfEach(clusters, stride, [&](double fit) {
     ++visited;
-    if (fit > PlaneScore::kNone) sum += fit;
+    sum += PlaneScore::OrNothing(fit);
   });
   return visited == 0 ? 0.0 : sum / static_cast<double>(visited);
 }
@@ -374,8 +374,8 @@ FitDifference ScanMatcher::Compare(const std::vector<PointCluster>& clusters, co
   const PlaneScore their_score(theirs, map, scale_m, kChance);
   double our_votes = 0.0, their_votes = 0.0, sum = 0.0, squares = 0.0;
   for (const PointCluster& cluster : clusters) {
-    const double a = our_score.Of(cluster), b = their_score.Of(cluster);
-    const double evidence = (a > PlaneScore::kNone ? a : 0.0) - (b > PlaneScore::kNone ? b : 0.0);
+    const double evidence = PlaneScore::OrNothing(our_score.Of(cluster)) -
+                            PlaneScore::OrNothing(their_score.Of(cluster));
     our_votes += evidence > kDecisive ? 1.0 : 0.0;
     their_votes += evidence < -kDecisive ? 1.0 : 0.0;
     sum += evidence;

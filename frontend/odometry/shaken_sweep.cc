@@ -36,14 +36,13 @@ bool ClearlyBetter(const Explanation& ours, const Explanation& theirs,
   constexpr double kLeastGain = 0.05, kLeastSigmas = 3.0;
   const PlaneScore our_score(ours.T_world_lidar, map, scale_m, MatchResult::kChanceFit);
   const PlaneScore their_score(theirs.T_world_lidar, map, scale_m, MatchResult::kChanceFit);
-  const auto evidence = [](double fit) { return fit > PlaneScore::kNone ? fit : 0.0; };
   BlockDifferences differences;
   double sum = 0.0;
   int met = 0;
   for (std::size_t i = 0; i < timed.size(); ++i) {
     const double a = our_score.Of(ours.deskewed[i]), b = their_score.Of(theirs.deskewed[i]);
     if (!(std::max(a, b) > PlaneScore::kNone)) continue;
-    const double difference = evidence(a) - evidence(b);
+    const double difference = PlaneScore::OrNothing(a) - PlaneScore::OrNothing(b);
     differences.Add(timed[i].points.mean, difference);
     sum += difference;
     ++met;

@@ -63,13 +63,6 @@ double SwayM(const UnsteadyMotion& last, double gap_s, const Vector6d& v) {
   return off.head<3>().norm() * v.head<3>().norm() + off.tail<3>().norm() * v.tail<3>().norm();
 }
 
-// A unit vector of the scaled tangent.
-Vector6d DirectionOf(const BlockStep& step) {
-  Vector6d v = Vector6d::Zero();
-  v.tail<3>() = step.step_m.normalized();
-  return v;
-}
-
 // Along a unit vector of the scaled tangent, of a covariance that is not scaled.
 double SigmaAlong(const Matrix6d& covariance, const Vector6d& v) {
   return std::sqrt(std::max(0.0, v.dot(TimesArm(covariance) * v)));
@@ -97,7 +90,8 @@ void Odometry::SettleWeakest(Attempt* attempt) const {
       (!setting_off && !divided && match.worst_sigma_m < kWellKnownM) || dt <= 0.0 ||
       (dt > options_.vouched_gap_s && Unbridged(prediction, match)))
     return;
-  const Vector6d v = divided ? DirectionOf(match.block_step) : match.weakest_direction;
+  const Vector6d v =
+      divided ? StraightAlong(match.block_step.step_m.normalized()) : match.weakest_direction;
   const Vector6d off = TimesArm(LocalDelta(match.T_world_lidar, prediction.T_world_lidar));
   const double doubtful_m = options_.matcher.max_direction_sigma_m;
   const bool open = Unbridged(prediction, match);

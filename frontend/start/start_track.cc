@@ -43,7 +43,7 @@ void StartTrack::Clear() {
   state_ = State::kKept;
   seen_ = Seen();
   own_way_ = OwnWay::kHeld;
-  refuted_ = stands_ = false;
+  refuted_ = false;
   scans_.Clear();
   hypotheses_.clear();
 }
@@ -210,12 +210,10 @@ std::vector<StartTrack::Hypothesis> StartTrack::Follow(const Hypothesis& hypothe
     if ((minimum.t - starts.front().t).norm() > kSameWayM) starts.push_back(minimum);
   }
   // Odometry may have found the way on where the motion so far does not lead.
-  std::vector<SE3> own = scans_.OwnPoses();
-  const SE3 own_end = own.back();
-  own.pop_back();
+  const std::vector<SE3> own = scans_.OwnPoses();
   constexpr double kTurnedRad = Radians(1.5);
-  if (RotationAngle(own_end, starts.front()) > kTurnedRad && SameWay(hypothesis.poses, own))
-    starts.push_back(own_end);
+  if (RotationAngle(own.back(), starts.front()) > kTurnedRad && SameWay(hypothesis.poses, own))
+    starts.push_back(own.back());
   std::vector<Hypothesis> followed;
   for (const SE3& start : starts) {
     Hypothesis next = hypothesis;
@@ -289,9 +287,8 @@ void StartTrack::Decide() {
   }
   if (way_open && many) {
     if (TakeSteady()) return;
-    if (refuted_ && !last) return;
     if (refuted_) {
-      if (!TakeStanding(open_along_.normalized())) GiveUp();
+      if (last && !TakeStanding(open_along_.normalized())) GiveUp();
       return;
     }
   }

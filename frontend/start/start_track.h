@@ -103,6 +103,7 @@ class StartTrack {
     kKept,       // odometry's way is kept, or may not be doubted any more
     kOverruled,  // another hypothesis than odometry's way is left
     kToldByAll,  // overruled by the one motion that all scans together explain
+    kStands,     // overruled by the least that explains the scans, where nothing tells their way
     kGivenUp,    // no way explains the scans: what they made of a map is of no use
   };
   // From the first scan on until one hypothesis is left or taken.
@@ -131,13 +132,12 @@ class StartTrack {
   // Whether scans() has all scans so far under another hypothesis than odometry's, the first one
   // where odometry has it, with their motions, and match() is that of the newest. What holds it
   // along the way (MatchResult::degenerate_information), if anything, is to hold all.
-  bool overruled() const { return state_ == State::kOverruled || told_by_all(); }
+  bool overruled() const { return state_ == State::kOverruled || told_by_all() || stands(); }
   // That leaves kToldM open of each pose, a standard deviation.
   bool told_by_all() const { return state_ == State::kToldByAll; }
   static constexpr double kToldM = 0.05;
   bool given_up() const { return state_ == State::kGivenUp; }
-  // Whether it is overruled by the least that explains the scans, where nothing tells their way.
-  bool stands() const { return overruled() && stands_; }
+  bool stands() const { return state_ == State::kStands; }
   // Whether nothing so far tells the way along the direction that a match left open: odometry's
   // poses may be chance; or whether another way than theirs is the best so far.
   bool unsettled() const;
@@ -346,7 +346,6 @@ class StartTrack {
   bool refuted_ = false;
   double open_m_ = 0.0;
   Eigen::Vector3d open_along_ = Eigen::Vector3d::Zero();
-  bool stands_ = false;
   StartScans scans_;  // under the hypothesis that is left, once overruled
   std::vector<Hypothesis> hypotheses_;
   MatchResult match_;

@@ -215,8 +215,7 @@ bool StartTrack::SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::v
   const VoxelMap map = scans_.MapOf(*poses, poses->size(), scan);
   const std::vector<PointCluster> clusters = scans_.Deskewed(scan, *poses);
   SE3& T = (*poses)[scan];
-  Vector6d along = Vector6d::Zero();
-  along.tail<3>() = u;
+  const Vector6d along = StraightAlong(u);
   const DirectionProfile profile(clusters, map, T, along, steady_.noise_m);
   const DirectionProfile::Posterior posterior = profile.With(0.0, kToldM);
   PosePrediction prediction;

@@ -8,15 +8,15 @@ namespace lamina {
 
 bool StartTrack::IsFaced(const Eigen::Vector3d& u, const std::vector<SE3>& poses,
                          double least_blocks) const {
-  Vector6d along = Vector6d::Zero();
-  along.tail<3>() = u;
+  // Blocks are never negative: where the first scans have enough, the others need no map.
+  const double least = least_blocks * static_cast<double>(poses.size());
   double blocks = 0.0;
-  for (std::size_t k = 0; k < poses.size(); ++k) {
+  for (std::size_t k = 0; blocks < least && k < poses.size(); ++k) {
     const VoxelMap map = scans_.MapOf(poses, poses.size(), k);
     const std::vector<PointCluster> clusters = scans_.Deskewed(k, poses);
-    blocks += DirectionProfile(clusters, map, poses[k], along, steady_.noise_m).Blocks();
+    blocks += DirectionProfile(clusters, map, poses[k], StraightAlong(u), steady_.noise_m).Blocks();
   }
-  return blocks >= least_blocks * static_cast<double>(poses.size());
+  return blocks >= least;
 }
 
 bool StartTrack::IsTunnel(const Eigen::Vector3d& along) const {
@@ -35,12 +35,10 @@ bool StartTrack::TakeStanding(const Eigen::Vector3d& along) {
   MatchResult match;
   if (!SettleBeside(poses.size() - 1, along, &poses, &match)) return false;
   if (match.overlap() < kLeastOverlap) return false;
-  Vector6d direction = Vector6d::Zero();
-  direction.tail<3>() = along;
-  match.MakeDegenerate(direction);
+  match.MakeDegenerate(StraightAlong(along));
   u_ = along;
   Overrule(poses, poses, match);
-  stands_ = true;
+  state_ = State::kStands;
   return true;
 }
 

@@ -302,12 +302,11 @@ FoundMotion SteadyMotionSearch::Find() const {
   // Most candidates are refuted so clearly that a few columns of one grid suffice, or that grid.
   constexpr double kClearly = 2.0 * kOpenSigmas;
   std::vector<Candidate> candidates = Candidates();
-  for (const Share share : {Share::kFew, Share::kOthers}) {
-    AddGrids(0, 1, share, &candidates);
-    const bool few = share == Share::kFew;
-    Likeliest(1, few ? grids_[0].PointsOf(share, blocks_[0], block_points_.size()) : block_points_,
-              kClearly, &candidates);
-  }
+  AddGrids(0, 1, Share::kFew, &candidates);
+  Likeliest(1, grids_[0].PointsOf(Share::kFew, blocks_[0], block_points_.size()), kClearly,
+            &candidates);
+  AddGrids(0, 1, Share::kOthers, &candidates);
+  Likeliest(1, block_points_, kClearly, &candidates);
   AddGrids(1, kCoarseGrids, Share::kAll, &candidates);
   const std::size_t best =
       Likeliest(kCoarseGrids, block_points_, std::numeric_limits<double>::infinity(), &candidates);

@@ -10,7 +10,6 @@
 #include <cstdint>
 #include <vector>
 
-#include "core/map/voxel_key.h"
 #include "frontend/start/steady_scan.h"
 #include "frontend/start/voxel_sharpness.h"
 
