@@ -66,6 +66,7 @@ class MinimaBeside {
 void DegenerateStretch::Begin(std::int64_t next_keyframe) {
   open_ = true;
   settled_ = 0;
+  told_ = 0;
   first_keyframe_ = next_keyframe;
   covariance_.setZero();
 }
@@ -82,7 +83,9 @@ void DegenerateStretch::Follow(const OdometryFrame& frame, const MotionModel& mo
     const bool determined = matched && frame.match.degenerate == 0;
     settled_ = determined ? settled_ + 1 : 0;
     if (settled_ == 1) settled_keyframe_ = next_keyframe;
-    if (determined && SigmaM() <= matcher_.options().max_direction_sigma_m) Forget();
+    const bool tells = determined && SigmaM() <= matcher_.options().max_direction_sigma_m;
+    told_ = tells ? told_ + 1 : 0;
+    if (told_ >= kTold) Forget();
   }
   any_ = true;
   stamp_ns_ = frame.stamp_ns;
@@ -169,11 +172,12 @@ double DegenerateStretch::SigmaM() const {
 void DegenerateStretch::Widen(MatchResult* match) const {
   if (!open_) return;
   match->covariance += DividedByArm(Matrix6d(covariance_.topLeftCorner<6, 6>()));
-  if (SigmaM() > matcher_.options().max_direction_sigma_m) match->MakeDegenerate();
+  match->MakeDegenerate();
 }
 
 void DegenerateStretch::Archive(StateArchive& a) {
-  a(&open_, &settled_, &settled_keyframe_, &first_keyframe_, &any_, &stamp_ns_, &T_world_lidar_);
+  a(&open_, &settled_, &told_, &settled_keyframe_, &first_keyframe_, &any_, &stamp_ns_,
+    &T_world_lidar_);
   a.Bytes(covariance_.data(), sizeof(double) * 144);
 }
 
