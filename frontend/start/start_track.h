@@ -63,9 +63,9 @@
 // narrow view: two scans show what stands as a second minimum only if the two lie far enough apart,
 // and if it is not much less. So that way is asked about as well, with few scans, with many and
 // with all: where a steady motion refutes it to the sensor's noise and to decimetres, it is
-// doubted, and with the last scan overruled. Another way than odometry's, the one left of several,
-// is doubted already where both find another motion likelier: that all others are refuted does not
-// say that it is right.
+// doubted, and with the last scan overruled; where with many scans it refutes all of these itself,
+// it is right. Another way than odometry's, the one left of several, is doubted already where both
+// find another motion likelier: that all others are refuted does not say that it is right.
 //
 // A sensor that is shaken has the motion during each scan from that scan (SweepMotion::of_scan).
 // Its poses lie beside a steady way by what it shakes, so that steps from scan to scan do not tell
@@ -278,18 +278,20 @@ class StartTrack {
     double sharper = 0.0;         // by so many standard deviations; negative if the poses' way is
     bool told = false;            // known well enough to be one, as far as that is asked
     bool refutes = false;         // the poses' way, clearly
+    bool refuted = false;         // rather, that way refutes all motions that are far from it
   };
   // Closes with that motion.
   bool TakeSettled(const SteadyAlong& steady) {
     return TakeSettled(steady.poses, steady.poses, steady.along);
   }
-  // Whether what is left open of the speed is asked for, too, which takes a while.
-  enum class OpenSpeed { kAlways, kIfRefutes };
+  // What is asked for, each taking longer than the one before: whether it refutes the poses' way,
+  // and if so, all of it; all but what is left open of the speed unless it refutes them; all.
+  enum class Asked { kIfRefutes, kOpenSpeedIfRefutes, kAll };
   SteadyAlong FindAlong(const std::vector<SE3>& from, const Eigen::Vector3d& u, double noise_m,
-                        OpenSpeed asked) const;
+                        Asked asked) const;
   // The same along the direction that the fewest planes face.
   SteadyAlong FindAhead(const std::vector<SE3>& from, double noise_m,
-                        OpenSpeed asked = OpenSpeed::kIfRefutes) const;
+                        Asked asked = Asked::kOpenSpeedIfRefutes) const;
   // By surfaces as sharp as the sensor's noise, and as sharp as decimetres: whether both say that
   // the poses' way is wrong, and agree on what it is instead.
   static bool Refute(const SteadyAlong& fine, const SteadyAlong& rough);

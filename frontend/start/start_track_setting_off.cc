@@ -46,16 +46,18 @@ bool StartTrack::SettingOff(const std::vector<SE3>& poses) const {
 }
 
 StartTrack::SteadyAlong StartTrack::FindAhead(const std::vector<SE3>& from, double noise_m,
-                                              OpenSpeed asked) const {
+                                              Asked asked) const {
   const Eigen::Vector3d u = LeastFaced(scans_.Faced(from, from.size() - 1));
   return FindAlong(from, u, noise_m, asked);
 }
 
 void StartTrack::CheckGoingAlong(const std::vector<SE3>& own, bool last) {
-  const SteadyAlong fine = FindAhead(own, steady_.noise_m);
+  const SteadyAlong fine = FindAhead(own, steady_.noise_m, Asked::kIfRefutes);
   // The rough search costs as much: it is made only where the fine one refutes.
   refuted_ = fine.told && fine.refutes && Refute(fine, FindAhead(own, kRoughM));
-  if (!last) return;
+  // What goes along with the sensor has left what stands behind by then, and that would refute it.
+  const bool told = fine.refuted && scans_.size() >= kManyScans && !SettingOff(own);
+  if (!last && !told) return;
   if (!refuted_) return Clear();
   if (!TakeSettled(fine)) GiveUp();
 }
@@ -87,7 +89,7 @@ bool StartTrack::Parted(const std::vector<SE3>& poses) const {
 
 void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
   const std::vector<SE3> own = scans_.OwnPoses();
-  const SteadyAlong fine = FindAhead(poses, steady_.noise_m, OpenSpeed::kAlways);
+  const SteadyAlong fine = FindAhead(poses, steady_.noise_m, Asked::kAll);
   const SteadyAlong rough = FindAhead(poses, kRoughM);
   // Of a way that is none to speak of all scans are of one place, whatever else moves.
   constexpr double kStandsM = 0.3;

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -56,7 +57,7 @@ std::vector<SteadyScan> StartTrack::WithoutWay(const std::vector<SE3>& poses,
 
 StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
                                               const Eigen::Vector3d& u, double noise_m,
-                                              OpenSpeed asked) const {
+                                              Asked asked) const {
   // A speed that is known worse, or at the end of what is looked for, may be any. So may one that
   // is told neither from standing nor from going the other way, where that makes a difference.
   constexpr double kMostOpenMS = 4.0, kMostOfReach = 0.8;
@@ -71,7 +72,11 @@ StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
   // The sheets of rings lie one above the other: raised from scan to scan, each is by itself, and
   // as thin as a wall. No motion along the axis is told by how sharp they are.
   if (IsAlong(u, axis) && search.rays_repeat()) return steady;
-  const FoundMotion found = search.Find();
+  const std::optional<FoundMotion> beside =
+      asked == Asked::kIfRefutes ? search.FindUnlessRefutedBy(own) : search.Find();
+  steady.refuted = !beside;
+  if (!beside) return steady;
+  const FoundMotion& found = *beside;
   const WayAlong way = search.WayUnder(found.motion);
   for (std::size_t k = 0; k < from.size(); ++k) {
     const double off_m = way.positions_m[k] - own.positions_m[k];
@@ -84,7 +89,7 @@ StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
   const bool standing = std::abs(way.positions_m.back()) < steady_.voxel_size_m;
   steady.sharper = search.Sharper(found, own);
   steady.refutes = !standing && steady.sharper > kRefutedSigmas;
-  steady.open_speed_m_s = asked == OpenSpeed::kAlways || steady.refutes
+  steady.open_speed_m_s = asked == Asked::kAll || steady.refutes
                               ? search.OpenSpeed(found)
                               : std::numeric_limits<double>::infinity();
   steady.told = steady.open_speed_m_s <= std::max(kKnownMS, steady.speed_m_s) &&
@@ -98,7 +103,7 @@ StartTrack::SteadyWay StartTrack::FindSteady(const std::vector<SE3>& from,
   SteadyWay way;
   way.poses = way.moving = from;
   for (const Eigen::Vector3d& u : directions) {
-    const SteadyAlong steady = FindAlong(way.poses, u, steady_.noise_m, OpenSpeed::kAlways);
+    const SteadyAlong steady = FindAlong(way.poses, u, steady_.noise_m, Asked::kAll);
     const bool agrees = steady.open_speed_m_s <= kKnownMS && steady.apart_m <= kAgreesM;
     way.refuted = way.refuted || (steady.refutes && !steady.told);
     way.doubted = way.doubted ||
@@ -126,7 +131,7 @@ bool StartTrack::FindStraight(const std::vector<SE3>& other, std::vector<SE3>* p
   const std::vector<SE3> resting(other.size(), other.front());
   const Eigen::Vector3d up = other.front().q * Eigen::Vector3d::UnitZ();
   const Eigen::Vector3d ahead = LeastAcross(scans_.Faced(resting, 1), up);
-  const SteadyAlong steady = FindAlong(resting, ahead, steady_.noise_m, OpenSpeed::kIfRefutes);
+  const SteadyAlong steady = FindAlong(resting, ahead, steady_.noise_m, Asked::kOpenSpeedIfRefutes);
   if (!steady.told || !steady.refutes || steady.open_speed_m_s > kMostOpenShare * steady.speed_m_s)
     return false;
   WayAlong straight, before;

@@ -22,7 +22,7 @@ bool StartTrack::IsFaced(const Eigen::Vector3d& u, const std::vector<SE3>& poses
 bool StartTrack::IsTunnel(const Eigen::Vector3d& along) const {
   const std::vector<SE3> own = scans_.OwnPoses();
   if (IsFaced(along, own, kSteadyBlocks)) return false;
-  const SteadyAlong steady = FindAlong(own, along, steady_.noise_m, OpenSpeed::kIfRefutes);
+  const SteadyAlong steady = FindAlong(own, along, steady_.noise_m, Asked::kIfRefutes);
   return !steady.refutes || !IsFaced(along, steady.poses, kSteadyBlocks);
 }
 

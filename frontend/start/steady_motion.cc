@@ -298,7 +298,12 @@ std::size_t SteadyMotionSearch::Likeliest(std::size_t grids, const std::vector<d
   return best_left;
 }
 
-FoundMotion SteadyMotionSearch::Find() const {
+bool SteadyMotionSearch::Refutes(const WayAlong& way, const Candidate& candidate) const {
+  Scratch scratch;
+  return Votes(BlocksOf(way, 1, &scratch), Means(candidate.sums.blocks, 1)) > kOpenSigmas;
+}
+
+std::optional<FoundMotion> SteadyMotionSearch::FindUnless(const WayAlong* refuted_by) const {
   // Most candidates are refuted so clearly that a few columns of one grid suffice, or that grid.
   constexpr double kClearly = 2.0 * kOpenSigmas;
   std::vector<Candidate> candidates = Candidates();
@@ -306,7 +311,8 @@ FoundMotion SteadyMotionSearch::Find() const {
   Likeliest(1, grids_[0].PointsOf(Share::kFew, blocks_[0], block_points_.size()), kClearly,
             &candidates);
   AddGrids(0, 1, Share::kOthers, &candidates);
-  Likeliest(1, block_points_, kClearly, &candidates);
+  const std::size_t likeliest = Likeliest(1, block_points_, kClearly, &candidates);
+  if (refuted_by != nullptr && Refutes(*refuted_by, candidates[likeliest])) return std::nullopt;
   AddGrids(1, kCoarseGrids, Share::kAll, &candidates);
   const std::size_t best =
       Likeliest(kCoarseGrids, block_points_, std::numeric_limits<double>::infinity(), &candidates);

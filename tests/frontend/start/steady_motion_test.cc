@@ -101,6 +101,19 @@ TEST(SteadyMotionTest, RefutesPosesThatScatter) {
             search.Sharper(search.WayUnder(found.motion), scattered));
 }
 
+TEST(SteadyMotionTest, IsNotLookedForWhereTheWayRefutesAllOthers) {
+  for (unsigned seed = 1; seed <= 3; ++seed) {
+    const SteadyMotionSearch search(SteadyMotionOptions(), Eigen::Vector3d::UnitX(),
+                                    Eigen::Vector3d::UnitZ(), InStreet(3.0, 2.0, 20000, seed));
+    EXPECT_FALSE(search.FindUnlessRefutedBy(search.WayUnder({3.0, 2.0}))) << seed;
+    for (const SteadyMotion wrong : {SteadyMotion{0.0, 0.0}, {15.0, 0.0}}) {
+      const auto found = search.FindUnlessRefutedBy(search.WayUnder(wrong));
+      ASSERT_TRUE(found) << seed;
+      EXPECT_EQ(found->motion.speed_m_s, search.Find().motion.speed_m_s) << seed;
+    }
+  }
+}
+
 TEST(SteadyMotionTest, ALorryAtTheSensorsSpeedDoesNotStopTheStreet) {
   std::vector<SteadyScan> scans = InStreet(15.0, 0.0, 3000, 3);
   Draws draws(7);
