@@ -61,7 +61,7 @@ class DegenerateStretch {
   std::int64_t settled_keyframe() const { return settled_keyframe_; }
   void Forget() { open_ = false; }
   // The match of the newest frame, as one with the map from before the stretch: with what that
-  // leaves unknown in its covariance, and degenerate where it is more than a direction may be.
+  // leaves unknown in its covariance, and degenerate as long as the stretch goes on.
   void Widen(MatchResult* match) const;
 
   void Archive(StateArchive& a);

@@ -52,6 +52,16 @@ TEST_F(StartTrackTest, AStreetWhereNothingMovesIsDecidedAtOnce) {
   EXPECT_FALSE(start.overruled());
 }
 
+// Its way refutes all others. Where it does not, all scans are waited for.
+TEST_F(StartTrackTest, AStreetWhereNothingMovesIsToldByEightScans) {
+  vans_.clear();
+  StartTrack start(options_, map_);
+  int scan = 0;
+  for (; start.open() && scan < 15; ++scan) start.Add(Matched(scan, 0.0), false, Scan(scan));
+  EXPECT_EQ(scan, 8);
+  EXPECT_FALSE(start.overruled());
+}
+
 TEST_F(StartTrackTest, WhatIsContestedIsUncertain) {
   StartTrack start(options_, map_);
   EXPECT_FALSE(start.contested());
