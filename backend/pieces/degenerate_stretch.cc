@@ -66,7 +66,7 @@ class MinimaBeside {
 void DegenerateStretch::Begin(std::int64_t next_keyframe) {
   open_ = true;
   settled_ = 0;
-  told_ = 0;
+  told_ = scans_ = 0;
   first_keyframe_ = next_keyframe;
   covariance_.setZero();
 }
@@ -85,7 +85,8 @@ void DegenerateStretch::Follow(const OdometryFrame& frame, const MotionModel& mo
     if (settled_ == 1) settled_keyframe_ = next_keyframe;
     const bool tells = determined && SigmaM() <= matcher_.options().max_direction_sigma_m;
     told_ = tells ? told_ + 1 : 0;
-    if (told_ >= kTold) Forget();
+    if (told_ >= (scans_ < kLong ? 1 : 2)) Forget();
+    ++scans_;
   }
   any_ = true;
   stamp_ns_ = frame.stamp_ns;
@@ -176,7 +177,7 @@ void DegenerateStretch::Widen(MatchResult* match) const {
 }
 
 void DegenerateStretch::Archive(StateArchive& a) {
-  a(&open_, &settled_, &told_, &settled_keyframe_, &first_keyframe_, &any_, &stamp_ns_,
+  a(&open_, &settled_, &told_, &scans_, &settled_keyframe_, &first_keyframe_, &any_, &stamp_ns_,
     &T_world_lidar_);
   a.Bytes(covariance_.data(), sizeof(double) * 144);
 }

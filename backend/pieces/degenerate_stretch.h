@@ -18,8 +18,9 @@
 // directions that what is older than the stretch determines (older_planes.h) it tells of x' as
 // well. Where x is open by more than a minimum is wide, the match may have found a wrong one: then
 // it tells of x' only if the profile (direction_profile.h) shows no other beside it, neither in the
-// map nor, where another is in reach, among the older planes alone. A stretch ends with the second
-// scan in a row that determines all directions with x known: until then scans stay degenerate.
+// map nor, where another is in reach, among the older planes alone. A stretch ends with a scan
+// that determines all directions with x known, or with the second one in a row if it is long: until
+// then scans stay degenerate.
 #pragma once
 
 #include <cstdint>
@@ -78,14 +79,15 @@ class DegenerateStretch {
 
   // Scans that must determine all directions in a row: the next one may see the map from before.
   static constexpr int kSettled = 5;
-  // One scan alone may determine by chance what the stretch left open: in adverse scenes the first
-  // one after it was wrong ten times as often as the sixth.
-  static constexpr int kTold = 2;
+  // A stretch of so many scans is long. After it one scan alone may be determined by chance: in
+  // adverse scenes the first one was wrong ten times as often as the sixth.
+  static constexpr int kLong = 2;
 
   ScanMatcher matcher_;
   bool open_ = false;
   int settled_ = 0;
-  int told_ = 0;
+  int told_ = 0;   // scans in a row that do
+  int scans_ = 0;  // before the newest
   std::int64_t settled_keyframe_ = 0;
   std::int64_t first_keyframe_ = 0;  // that may have entered the map in it
   // Of the last frame.
