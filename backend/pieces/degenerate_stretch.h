@@ -86,8 +86,8 @@ class DegenerateStretch {
   ScanMatcher matcher_;
   bool open_ = false;
   int settled_ = 0;
-  int told_ = 0;   // scans in a row that do
-  int scans_ = 0;  // before the newest
+  int told_ = 0;   // newest scans in a row that determine all directions with x known
+  int scans_ = 0;  // of the stretch so far
   std::int64_t settled_keyframe_ = 0;
   std::int64_t first_keyframe_ = 0;  // that may have entered the map in it
   // Of the last frame.
