@@ -25,6 +25,10 @@ if(LAMINA_BUILD_IO)
   install(DIRECTORY ${PROJECT_SOURCE_DIR}/backend/session COMPONENT development
     DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/lamina/backend FILES_MATCHING PATTERN "*.h")
 endif()
+if(LAMINA_BUILD_PROGRAM)
+  lamina_install_libraries(LaminaConfigurations config)
+  lamina_install_headers(config)
+endif()
 
 include(CMakePackageConfigHelpers)
 configure_package_config_file(${PROJECT_SOURCE_DIR}/config/LaminaConfig.cmake.in
@@ -35,18 +39,32 @@ write_basic_package_version_file(${PROJECT_BINARY_DIR}/LaminaConfigVersion.cmake
 install(FILES ${PROJECT_BINARY_DIR}/LaminaConfig.cmake ${PROJECT_BINARY_DIR}/LaminaConfigVersion.cmake
   DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/Lamina COMPONENT development)
 
+function(lamina_install_license package component)
+  install(FILES ${PROJECT_SOURCE_DIR}/LICENSE RENAME copyright COMPONENT ${component}
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package})
+endfunction()
+
+lamina_install_license(lamina-dev development)
 if(LAMINA_BUILD_PROGRAM)
+  lamina_install_license(lamina program)
   install(TARGETS lamina DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT program)
   if(LAMINA_BUILD_LAB)
     install(TARGETS lamina_lab_program DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT program)
   endif()
   install(DIRECTORY ${PROJECT_SOURCE_DIR}/config/ DESTINATION ${CMAKE_INSTALL_DATADIR}/lamina/config
-    COMPONENT program FILES_MATCHING PATTERN "*.yaml" PATTERN "*.service")
+    COMPONENT program FILES_MATCHING PATTERN "*.yaml")
+  # Where the program is installed is known then: a package is made for another prefix.
+  install(CODE "set(PROGRAM_DIR \${CMAKE_INSTALL_PREFIX}/${CMAKE_INSTALL_BINDIR})
+    configure_file(${PROJECT_SOURCE_DIR}/config/lamina-watch.service.in
+      ${PROJECT_BINARY_DIR}/lamina-watch.service @ONLY)" COMPONENT program)
+  install(FILES ${PROJECT_BINARY_DIR}/lamina-watch.service
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/lamina/config COMPONENT program)
   install(DIRECTORY ${PROJECT_SOURCE_DIR}/tools/web/ DESTINATION ${CMAKE_INSTALL_DATADIR}/lamina/web
     COMPONENT program)
 endif()
 
 if(TARGET lamina_python)
+  lamina_install_license(python3-lamina python)
   set(LAMINA_PYTHON_DIR lib/python3/dist-packages CACHE STRING "Where the Python module is installed")
   install(TARGETS lamina_python DESTINATION ${LAMINA_PYTHON_DIR}/lamina COMPONENT python)
   install(FILES ${PROJECT_BINARY_DIR}/python/lamina/__init__.pyi
@@ -85,6 +103,6 @@ set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "libjs-three, gnuplot-nox")
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME lamina-dev)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS "libeigen3-dev, libtbb-dev, libceres-dev, libsuitesparse-dev")
 string(CONCAT CPACK_DEBIAN_DEVELOPMENT_PACKAGE_RECOMMENDS
-  "libsqlitecpp-dev, libspdlog-dev, libfmt-dev, libdeflate-dev, "
+  "libsqlitecpp-dev, libspdlog-dev, libfmt-dev, libyaml-cpp-dev, libdeflate-dev, "
   "libbz2-dev, liblzf-dev, liblz4-dev, libzstd-dev, pkg-config")
 include(CPack)

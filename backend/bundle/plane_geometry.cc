@@ -164,7 +164,7 @@ double EigenvalueLowerBound(const BundleProblem& problem) {
   for (const Plane& plane : problem.planes) {
     for (int i = plane.first; i < plane.first + plane.count; ++i) {
       const PointCluster& c = problem.observations[static_cast<std::size_t>(i)].cluster;
-      bound += 0.5 * plane.weight * c.count * std::max(0.0, c.Eigen().l(2));
+      bound += 0.5 * plane.weight * c.count * std::max(0.0, c.EigenPairs().l(2));
     }
   }
   return bound;

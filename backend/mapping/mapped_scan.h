@@ -7,7 +7,7 @@
 #include <string>
 
 #include "core/geometry/scan.h"
-#include "frontend/odometry/odometry.h"
+#include "frontend/odometry/odometry_frame.h"
 
 namespace lamina {
 

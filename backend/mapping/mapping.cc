@@ -7,6 +7,8 @@
 
 #include "backend/localisation/lost_searches.h"
 #include "backend/localisation/piece_searches.h"
+#include "backend/loops/piece_loops.h"
+#include "backend/mapping/recording.h"
 #include "core/base/stopwatch.h"
 
 namespace lamina {
@@ -40,44 +42,23 @@ Mapping::Mapping(const MappingOptions& options, MappingCallbacks callbacks, Voxe
                  ByteStore* submaps)
     : options_(Together(options)),
       callbacks_(std::move(callbacks)),
-      map_(options.mapper.map, store) {
+      map_(options.mapper.map, store),
+      recordings_(std::make_unique<std::map<std::string, Recording>>()) {
   CheckOptions(options.preparation, "preparation");
-  CheckOptions(options.mapper.odometry, "frontend");
+  CheckOptions(options.mapper.frontend, "frontend");
   CheckOptions(options.mapper.backend, "backend");
   CheckOptions(options.pipeline, "pipeline");
   options.preparation.CheckTogether();
   options.mapper.backend.CheckTogether();
   if (options_.loops.enabled) {
     loops_ = std::make_unique<PieceLoops>(options_.loops, options_.mapper.map,
-                                          options_.mapper.odometry.matcher, submaps);
+                                          options_.mapper.frontend.matcher, submaps);
     lost_searches_ = std::make_unique<LostSearches>(
-        options_.loops, options_.mapper.odometry.matcher, options_.mapper.map);
+        options_.loops, options_.mapper.frontend.matcher, options_.mapper.map);
   }
 }
 
 Mapping::~Mapping() = default;
-
-RegisteredScan Mapping::Recording::Process(const MapperScan& scan, bool may_restart) {
-  return mapper != nullptr ? mapper->Process(scan, may_restart)
-                           : localiser->Process(scan, may_restart);
-}
-
-Trajectory Mapping::Recording::TakeFinal(std::int64_t before_scan) {
-  if (rests()) return {};
-  return mapper != nullptr ? mapper->mapper().TakeFinal(before_scan) : localiser->TakeFinal();
-}
-
-Trajectory Mapping::Recording::OpenPoses() const {
-  if (rests()) return {};
-  return mapper != nullptr ? mapper->mapper().OpenFrames() : localiser->final_poses();
-}
-
-Trajectory Mapping::Recording::LastPoses() const {
-  constexpr std::size_t kLast = 5;
-  Trajectory poses = OpenPoses();
-  if (poses.size() > kLast) poses.erase(poses.begin(), poses.end() - kLast);
-  return poses;
-}
 
 void Mapping::StartLocalising(const SE3& T_world_lidar) {
   localise_from_ = T_world_lidar;
@@ -85,7 +66,7 @@ void Mapping::StartLocalising(const SE3& T_world_lidar) {
 }
 
 void Mapping::StartLocalising(const std::vector<MapPlace>& places) {
-  searches_ = std::make_unique<PieceSearches>(options_.loops, options_.mapper.odometry.matcher,
+  searches_ = std::make_unique<PieceSearches>(options_.loops, options_.mapper.frontend.matcher,
                                               places, map_);
   counts_.pieces = static_cast<std::size_t>(map_.LastPiece() + 1);
   loops_.reset();
@@ -151,17 +132,17 @@ MappedScan Mapping::Add(DecodedScan scan) {
 }
 
 Mapping::Recording* Mapping::FindOrBegin(const MappedScan& report) {
-  auto found = recordings_.find(report.recording);
-  if (found == recordings_.end()) {
-    if (recordings_.size() >= static_cast<std::size_t>(options_.pipeline.max_recordings)) {
+  auto found = recordings_->find(report.recording);
+  if (found == recordings_->end()) {
+    if (recordings_->size() >= static_cast<std::size_t>(options_.pipeline.max_recordings)) {
       EndLongestSilent(report.index);
     }
     if (!localise_from_ && counts_.pieces > 0 && !map_.RoomForPiece()) return nullptr;
-    for (auto& [name, recording] : recordings_)
+    for (auto& [name, recording] : *recordings_)
       recording.over |= recording.any && IsLater(report.stamp_ns, recording.last_stamp_ns);
     Recording begun;
     BeginPiece(SE3(), &begun);
-    found = recordings_.emplace(report.recording, std::move(begun)).first;
+    found = recordings_->emplace(report.recording, std::move(begun)).first;
   }
   if (found->second.rests() && !report.skipped && !Wake(&found->second)) return nullptr;
   newest_ = report.recording;
@@ -215,11 +196,11 @@ void Mapping::CorrectMap(std::int64_t piece) {
 
 void Mapping::EndLongestSilent(std::size_t scan) {
   const auto silent = std::min_element(
-      recordings_.begin(), recordings_.end(),
+      recordings_->begin(), recordings_->end(),
       [](const auto& a, const auto& b) { return a.second.last_scan < b.second.last_scan; });
   End(&silent->second, scan);
   stamps_.erase(silent->first);
-  recordings_.erase(silent);
+  recordings_->erase(silent);
 }
 
 void Mapping::End(Recording* recording, std::size_t scan) {
@@ -251,7 +232,7 @@ void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedClu
   MatchResult& match = report->odometry.match;
   // Of what only lacks certainty no direction is held: the mapper takes it as it is.
   const bool tracked = frame.odometry.status == OdometryFrame::Status::kTracked;
-  if (tracked && match.worst_sigma_m > options_.mapper.odometry.max_tracked_sigma_m)
+  if (tracked && match.worst_sigma_m > options_.mapper.frontend.max_tracked_sigma_m)
     match.MakeDegenerate();
   const LoopTrack* const track = loops_ == nullptr ? nullptr : loops_->Find(recording->piece);
   if (track != nullptr) report->T_map_world = track->T_map_world();
@@ -311,7 +292,7 @@ void Mapping::BeginNextPiece(const RegisteredScan& last, std::size_t scan, Recor
 // A recording that has fallen silent gets the solve that ends it, before its poses are final by
 // age. It may go on all the same.
 void Mapping::SolveSilent(std::size_t scan) {
-  for (auto& [name, recording] : recordings_) {
+  for (auto& [name, recording] : *recordings_) {
     if (static_cast<std::int64_t>(scan) - recording.last_scan != SilentScans()) continue;
     TakeInDueSolves();
     if (recording.mapper == nullptr) continue;
@@ -338,7 +319,7 @@ void Mapping::CountSolves(std::vector<SolveReport> solves, std::size_t before_sc
 void Mapping::HandOnFinalPoses(std::size_t scan) {
   const std::int64_t before =
       static_cast<std::int64_t>(scan) + 1 - options_.mapper.backend.final_after_frames;
-  for (auto& [name, recording] : recordings_) {
+  for (auto& [name, recording] : *recordings_) {
     poses_.AddPoses(recording.TakeFinal(before), recording.stream);
   }
   poses_.HandOn(before, Visitor());
@@ -352,7 +333,7 @@ FinalPoses::Visit Mapping::Visitor() const {
 
 void Mapping::Finish() {
   if (std::exchange(finished_, true)) return;
-  for (auto& [name, recording] : recordings_) {
+  for (auto& [name, recording] : *recordings_) {
     if (recording.mapper == nullptr) continue;
     recording.mapper->FinishSolves();
     CountSolves(recording.mapper->TakeSolves(), counts_.scans);
@@ -364,18 +345,18 @@ void Mapping::Finish() {
 
 void Mapping::ShowOpenPoses(const FinalPoses::Visit& visit) const {
   std::map<FinalPoses::Stream, Trajectory> open;
-  for (const auto& [name, recording] : recordings_) open[recording.stream] = recording.OpenPoses();
+  for (const auto& [name, recording] : *recordings_) open[recording.stream] = recording.OpenPoses();
   poses_.ShowOpen(open, visit);
 }
 
 std::vector<Eigen::Vector3d> Mapping::NewestKeyframe() const {
-  const auto newest = recordings_.find(newest_);
-  if (newest == recordings_.end() || newest->second.mapper == nullptr) return {};
+  const auto newest = recordings_->find(newest_);
+  if (newest == recordings_->end() || newest->second.mapper == nullptr) return {};
   return newest->second.mapper->mapper().NewestKeyframe();
 }
 
 void Mapping::TakeInDueSolves() {
-  for (auto& [name, recording] : recordings_) {
+  for (auto& [name, recording] : *recordings_) {
     if (recording.mapper != nullptr) recording.mapper->TakeInDueSolve();
   }
 }

@@ -10,18 +10,17 @@
 //
 // What Add does with a scan, in this order:
 //
-//     decode    filter by range, time of each point, clusters by voxel     scan_decoder.h
-//     hand over what bundle adjustment found of earlier keyframes          piece_mapper.h
-//     register  predict, deskew, match to the map, search where       frontend/odometry/odometry.h
-//               that fails
-//     keyframe  into the sliding window, its clusters into the map         mapper.h
-//               (localising, neither: localiser.h)
-//     final     poses that have left the window are handed on, in order    final_poses.h
-//     correct   with loops.enabled: what loops found earlier takes backend/loops/loop_track.h
-//               effect
-//     solve     bundle adjustment of the window begins, if    backend/bundle/solver/adjuster.h
-//               it is due; it runs in the background and
-//               takes effect a fixed number of scans later
+//     decode     range filter, times of points, clusters by voxel         scan_decoder.h
+//     hand over  poses and planes of a bundle adjustment that is due      piece_mapper.h
+//     register   predict, deskew, match to the map, or search             odometry.h
+//     keyframe   into the sliding window, its clusters into the map       mapper.h
+//     final      poses that have left the window are handed on            final_poses.h
+//     correct    the map, by what loops have found                        loop_track.h
+//     find       where a piece of its own lies among older ones           place_search.h
+//     solve      bundle adjustment of the window begins, if it is due     adjuster.h
+//
+// Bundle adjustment runs in threads of TBB and takes effect a fixed number of scans later. A scan
+// that is localised leaves map and window as they are (localiser.h).
 //
 // Deterministic: the same scans and options give the same bits, however many threads there are
 // (tbb::global_control bounds them), whether scans come one by one or are decoded ahead
@@ -58,14 +57,11 @@
 #include <string>
 #include <vector>
 
-#include "backend/loops/piece_loops.h"
 #include "backend/mapping/final_poses.h"
 #include "backend/mapping/mapped_scan.h"
 #include "backend/mapping/options.h"
-#include "backend/mapping/piece_mapper.h"
 #include "backend/mapping/report.h"
 #include "backend/mapping/scan_decoder.h"
-#include "backend/pieces/localiser.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"
@@ -74,7 +70,12 @@ namespace lamina {
 
 struct MapPlace;
 struct FoundPlace;
+struct MapperScan;
+struct RegisteredScan;
+struct SolveReport;
 class LostSearches;
+class Mapper;
+class PieceLoops;
 class PieceSearches;
 class PlaceSearch;
 
@@ -118,7 +119,8 @@ class Mapping {
   const MappingCounts& counts() const { return counts_; }
   const VoxelMap& map() const { return map_; }
   VoxelMap& map() { return map_; }
-  // Submaps, loops and corrections. Null unless loops.enabled, and when localising.
+  // Submaps, loops and corrections (backend/loops/piece_loops.h). Null unless loops.enabled, and
+  // when localising.
   const PieceLoops* loops() const { return loops_.get(); }
   // Poses of the scans that are not final, as known now.
   void ShowOpenPoses(const FinalPoses::Visit& visit) const;
@@ -134,31 +136,7 @@ class Mapping {
   void Archive(StateArchive& a);
 
  private:
-  struct Recording {
-    bool any = false;  // scan that was not skipped
-    StampNs last_stamp_ns = 0;
-    std::string last_sensor;
-    // Scans in a row that were skipped as their stamps are not after that, and the stamp of the
-    // newest of them.
-    std::int64_t not_after = 0;
-    StampNs not_after_ns = 0;
-    std::int64_t last_scan = 0;  // skipped or not
-    bool over = false;           // by its stamps, when another one began; until it goes on
-    std::int64_t piece = 0;      // that its scans are matched to now
-    FinalPoses::Stream stream = 0;
-    std::size_t certain = 0;  // scans of this one that are tracked, not degenerate
-    Trajectory last;          // poses that tell how it moved when it fell silent
-    // One of these: the piece is being made, or stays as it is. None while it rests.
-    std::unique_ptr<PieceMapper> mapper;
-    std::unique_ptr<Localiser> localiser;
-
-    bool rests() const { return mapper == nullptr && localiser == nullptr; }
-    RegisteredScan Process(const MapperScan& scan, bool may_restart);
-    Trajectory TakeFinal(std::int64_t before_scan);
-    Trajectory OpenPoses() const;
-    // Of the open ones those that say how the sensor moves.
-    Trajectory LastPoses() const;
-  };
+  struct Recording;  // recording.h
 
   // Looks for the piece of a recording among the places of the map, or, while it maps, in older
   // pieces; once found, its scans are matched to that, or go on with it.
@@ -224,7 +202,7 @@ class Mapping {
   bool finished_ = false;
   std::unique_ptr<PieceLoops> loops_;
   std::unique_ptr<LostSearches> lost_searches_;  // with loops_
-  std::map<std::string, Recording> recordings_;
+  std::unique_ptr<std::map<std::string, Recording>> recordings_;
   // The last stamps of each recording that Add(Scan) has seen; they tell the period of a sweep.
   std::map<std::string, std::vector<StampNs>> stamps_;
 };

@@ -5,7 +5,9 @@
 
 #include "backend/localisation/lost_searches.h"
 #include "backend/localisation/piece_searches.h"
+#include "backend/loops/piece_loops.h"
 #include "backend/mapping/mapping.h"
+#include "backend/mapping/recording.h"
 
 namespace lamina {
 
@@ -32,7 +34,7 @@ void Mapping::ArchiveSearches(StateArchive& a) {
   a(&any);
   if (!any) return;
   if (a.reading()) {
-    searches_ = std::make_unique<PieceSearches>(options_.loops, options_.mapper.odometry.matcher,
+    searches_ = std::make_unique<PieceSearches>(options_.loops, options_.mapper.frontend.matcher,
                                                 options_.mapper.map.LeafSize());
   }
   searches_->Archive(a, map_);
@@ -46,10 +48,10 @@ void Mapping::Archive(StateArchive& a) {
   if (a.reading()) localise_from_ = localising ? std::make_optional(start) : std::nullopt;
   ArchiveSearches(a);
   std::vector<std::string> names;
-  for (const auto& [name, recording] : recordings_) names.push_back(name);
+  for (const auto& [name, recording] : *recordings_) names.push_back(name);
   a(&names);
-  if (a.reading()) recordings_.clear();
-  for (const std::string& name : names) ArchiveRecording(a, &recordings_[name]);
+  if (a.reading()) recordings_->clear();
+  for (const std::string& name : names) ArchiveRecording(a, &(*recordings_)[name]);
   if (localise_from_ || searches_ != nullptr) loops_.reset();
   if (loops_ == nullptr) return;
   lost_searches_->WaitForLooks();

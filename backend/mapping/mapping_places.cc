@@ -7,12 +7,14 @@
 
 #include "backend/localisation/lost_searches.h"
 #include "backend/localisation/piece_searches.h"
+#include "backend/loops/piece_loops.h"
 #include "backend/mapping/mapping.h"
+#include "backend/mapping/recording.h"
 
 namespace lamina {
 
 bool Mapping::IsMapped(std::int64_t piece) const {
-  return std::any_of(recordings_.begin(), recordings_.end(), [&](const auto& named) {
+  return std::any_of(recordings_->begin(), recordings_->end(), [&](const auto& named) {
     return named.second.piece == piece && named.second.mapper != nullptr;
   });
 }
@@ -23,7 +25,7 @@ bool Mapping::IsSilent(const Recording& recording, std::size_t scan) const {
 
 std::vector<std::int64_t> Mapping::SilentPiecesBefore(const MappedScan& scan) const {
   std::vector<std::int64_t> pieces = loops_->PiecesBefore(scan.piece, scan.stamp_ns);
-  for (const auto& [name, recording] : recordings_) {
+  for (const auto& [name, recording] : *recordings_) {
     if (recording.mapper == nullptr) continue;
     if (!IsSilent(recording, scan.index) || recording.last_stamp_ns >= scan.stamp_ns)
       pieces.erase(std::remove(pieces.begin(), pieces.end(), recording.piece), pieces.end());
@@ -32,7 +34,7 @@ std::vector<std::int64_t> Mapping::SilentPiecesBefore(const MappedScan& scan) co
 }
 
 void Mapping::Rest(const std::vector<std::int64_t>& pieces, std::size_t scan) {
-  for (auto& [name, recording] : recordings_) {
+  for (auto& [name, recording] : *recordings_) {
     const bool among = std::count(pieces.begin(), pieces.end(), recording.piece) > 0;
     if (!among || recording.mapper == nullptr) continue;
     recording.mapper->FinishSolves();

@@ -2,6 +2,7 @@
 #include <string>
 
 #include "backend/mapping/mapping.h"
+#include "backend/mapping/recording.h"
 
 namespace lamina {
 

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "backend/loops/loop_options.h"
-#include "backend/pieces/mapper.h"
+#include "backend/pieces/mapper_options.h"
 #include "core/options/options.h"
 #include "frontend/scan/scan_preparation.h"
 

@@ -2,6 +2,8 @@
 //
 // A solve starts after a frame and takes effect a fixed number of frames of the same piece later,
 // never "when it is ready": how fast threads are, and what other recordings do, decides nothing.
+//
+// Private to backend/mapping.
 #pragma once
 
 #include <atomic>

@@ -21,7 +21,8 @@
 #include "core/geometry/se3.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"
-#include "frontend/odometry/odometry.h"
+#include "frontend/odometry/motion_model.h"
+#include "frontend/odometry/odometry_frame.h"
 
 namespace lamina {
 

@@ -31,7 +31,9 @@
 #include "core/geometry/se3.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"
-#include "frontend/odometry/odometry.h"
+#include "frontend/odometry/motion_model.h"
+#include "frontend/odometry/odometry_frame.h"
+#include "frontend/odometry/odometry_options.h"
 
 namespace lamina {
 

@@ -15,7 +15,7 @@
 #include "backend/window/sliding_window.h"
 #include "core/geometry/se3.h"
 #include "core/map/voxel_map.h"
-#include "frontend/odometry/odometry.h"
+#include "frontend/odometry/odometry_options.h"
 
 namespace lamina {
 

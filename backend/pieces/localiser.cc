@@ -26,7 +26,7 @@ void LeaveSpeedOpen(const MotionOptions& motion, const MapperScan& scan, MatchRe
 }  // namespace
 
 Localiser::Localiser(const MapperOptions& options, VoxelMap* map, std::int64_t piece)
-    : map_(map), piece_(piece), tracker_(options), motion_(options.odometry.motion) {}
+    : map_(map), piece_(piece), tracker_(options), motion_(options.frontend.motion) {}
 
 void Localiser::Start(const SE3& T_world_lidar) {
   may_restart_ = false;

@@ -24,8 +24,8 @@ Mapper::Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
       T_world_start_(T_world_start),
       tracker_(options),
       window_(options.backend.window, map),
-      start_(options.odometry, options.map),
-      stretch_(options.odometry) {
+      start_(options.frontend, options.map),
+      stretch_(options.frontend) {
   CheckOptions(options.backend, "backend");
   options.backend.CheckTogether();
   if (StartsMoving()) start_.Clear();
@@ -336,7 +336,7 @@ void Mapper::SettleFirst() {
   // A first pose that is final already stays.
   if (!first.alone || open_.size() == 0 || open_.FirstMiddle().stamp_ns != first.stamp_ns) return;
   const std::vector<SE3> settled = FirstPosesByOthers(
-      window_.frames(), tracker_.odometry().RecentInliers(), options_.odometry, options_.map);
+      window_.frames(), tracker_.odometry().RecentInliers(), options_.frontend, options_.map);
   if (settled.empty()) return;
   // The first one stays where the piece begins, and the others move.
   const SE3 correction = first.T_world_lidar * settled.front().Inverse();

@@ -7,7 +7,7 @@
 #include "backend/window/sliding_window.h"
 #include "core/map/voxel_map.h"
 #include "core/options/options.h"
-#include "frontend/odometry/odometry.h"
+#include "frontend/odometry/odometry_options.h"
 
 namespace lamina {
 
@@ -48,7 +48,7 @@ struct BackendOptions {
 
 struct MapperOptions {
   VoxelMapOptions map;
-  OdometryOptions odometry;
+  OdometryOptions frontend;
   BackendOptions backend;
   // Pieces are looked for in one another: lost where no search for the expected pose reaches, scans
   // begin a piece as soon as they agree.

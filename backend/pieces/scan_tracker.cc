@@ -17,8 +17,8 @@ void RecallAround(const SE3& T_world_lidar, const std::vector<TimedCluster>& clu
 }  // namespace
 
 ScanTracker::ScanTracker(const MapperOptions& options)
-    : odometry_(options.odometry),
-      lost_track_(options.odometry, options.map),
+    : odometry_(options.frontend),
+      lost_track_(options.frontend, options.map),
       restart_after_lost_frames_(options.backend.restart_after_lost_frames),
       pieces_are_found_(options.pieces_are_found) {}
 

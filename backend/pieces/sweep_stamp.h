@@ -6,7 +6,7 @@
 
 #include "core/geometry/scan.h"
 #include "core/geometry/sweep_motion.h"
-#include "frontend/odometry/odometry.h"
+#include "frontend/odometry/odometry_frame.h"
 
 namespace lamina {
 

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "backend/loops/piece_loops.h"
 #include "backend/session/checkpoint.h"
 #include "backend/session/room.h"
 #include "core/base/error.h"

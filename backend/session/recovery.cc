@@ -15,6 +15,7 @@
 
 #include "backend/localisation/map_places.h"
 #include "backend/localisation/place_index.h"
+#include "backend/loops/piece_loops.h"
 #include "backend/session/checkpoint.h"
 #include "core/base/error.h"
 

@@ -43,7 +43,7 @@ std::vector<LeafPlane> LeafPlanes(const Submap& submap) {
     const SubmapLeaf& leaf = leaves[i];
     if (leaf.cluster.count < kMinCount) continue;
     const PointCluster cluster = submap.Cluster(leaf);
-    const Eigen3 eigen = cluster.Eigen();
+    const Eigen3 eigen = cluster.EigenPairs();
     if (eigen.l(2) > kMaxFlatness * eigen.l(1) || eigen.l(1) < kMinBreadth * eigen.l(0) ||
         eigen.l(2) > kMaxThicknessM * kMaxThicknessM)
       continue;

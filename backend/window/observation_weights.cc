@@ -104,7 +104,7 @@ void ObservationWeights::EstimateContested(const std::deque<WindowFrame>& frames
   for (std::size_t p = 0; p < planes_.size(); ++p) {
     if (!planes_[p].contested || sums[p].count < map_.options().min_points) continue;
     planes_[p].mean = sums[p].mean;
-    planes_[p].normal = sums[p].Eigen().u.col(2);
+    planes_[p].normal = sums[p].EigenPairs().u.col(2);
   }
   for (const auto& [f, i] : contested) {
     weights_[f][i] =

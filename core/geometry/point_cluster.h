@@ -32,7 +32,7 @@ struct PointCluster {
 
   bool Empty() const { return count <= 0.0; }
   Symmetric3 Covariance() const { return scatter * (1.0 / count); }
-  Eigen3 Eigen() const { return EigenDecompose(Covariance()); }
+  Eigen3 EigenPairs() const { return EigenDecompose(Covariance()); }
 
   void AddPoint(const Eigen::Vector3d& p) {
     const double n = count + 1.0;

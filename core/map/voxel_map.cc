@@ -310,7 +310,7 @@ void VoxelMap::VisitSurfaces(NodeId id, int min_frames, std::int64_t piece,
     // Below a planar node nothing is kept up to date: what it does not show, its children may not.
     if (n.frames < min_frames) return;
     const PointCluster cluster = Aggregate(id);
-    const Eigen3 eigen = cluster.Eigen();
+    const Eigen3 eigen = cluster.EigenPairs();
     Surfel surfel;
     surfel.centre = cluster.mean;
     surfel.normal = eigen.u.col(2).cast<float>();

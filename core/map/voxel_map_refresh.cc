@@ -53,7 +53,7 @@ void VoxelMap::FinishSurface(const Eigen3& eigen, Surface* surface) const {
 
 Surface VoxelMap::SurfaceOf(const PointCluster& cluster, int frames) const {
   Surface surface;
-  if (BeginSurface(cluster, frames, &surface)) FinishSurface(cluster.Eigen(), &surface);
+  if (BeginSurface(cluster, frames, &surface)) FinishSurface(cluster.EigenPairs(), &surface);
   return surface;
 }
 

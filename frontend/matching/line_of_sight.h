@@ -53,8 +53,8 @@ inline bool OnOneRing(const Symmetric3& scatter, const Eigen::Matrix3d& R,
          kNarrow2 * along.dot(scatter * along) * across.squaredNorm();
 }
 
-// The error of a normal of which nothing is known, rad^2: all that a row carries is then feigned
-// (degeneracy.h), as (x + y)^2 <= 2 (x^2 + y^2).
+// Squared error, rad^2, of a normal of which nothing is known: a row with it is evidence for no
+// direction (degeneracy.h), as (x + y)^2 <= 2 (x^2 + y^2).
 inline constexpr double kAnyNormal = 2.0;
 
 }  // namespace lamina

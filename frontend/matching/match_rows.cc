@@ -175,8 +175,8 @@ void MakePlaneRows(const PointCluster* const* clusters, const Surface* const* pl
     const Four variance = settings.floor2 + plane.variance + spread / cluster.count;
     const Four distance2 = row.distance * row.distance;
     // GemanMcClureWeight.
-    const Four e2 = 1.0 + distance2 / (variance * kernel_sigma * kernel_sigma);
-    const Four robust = 1.0 / (e2 * e2);
+    const Four one_and_e2 = 1.0 + distance2 / (variance * kernel_sigma * kernel_sigma);
+    const Four robust = 1.0 / (one_and_e2 * one_and_e2);
     // AlongSight and SightWeight.
     const Four along2 = along * along;
     row.young = (plane.frames < young_frames) & (along2 < kAlongSine * kAlongSine * sight2);

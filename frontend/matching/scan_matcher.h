@@ -9,7 +9,8 @@
 // (a bush before a wall) weighs little by itself. The cost is
 //
 //     sum_k  c_k min(n_k, max_cluster_weight) rho(e_k),    rho of core/geometry/robust_kernel.h,
-//     its scale graduated from wide to narrow, c_k in [0, 1] of frontend/matching/line_of_sight.h,
+//     its scale graduated from wide to narrow, c_k in [0, 1] of frontend/matching/line_of_sight.h
+//     and smaller for young planes (ScanMatcherOptions::young_frames),
 //
 // minimised by Gauss-Newton over the tangent [rotation; translation] of core/geometry/se3.h. Where
 // planes leave a direction open, rough leaves join with all three directions of their distribution
@@ -70,9 +71,9 @@ struct ScanMatcherOptions {
   double min_translation_step_m = 0.0005;
   // Standard deviation that no plane is believed to be better than.
   double noise_floor_m = 0.02;
-  // A plane that fewer frames have seen is young, and this is added to its variance, squared: the
-  // arc that a sweep draws across a corner looks like a plane, too, and moves along with the
-  // sensor.
+  // A plane along the line of sight that fewer frames have seen is young: the arc that a sweep
+  // draws across a corner looks like a plane, too, and moves along with the sensor. Its residuals
+  // weigh s^2 / (s^2 + young_sigma_m^2) of what others do.
   int young_frames = 3;
   double young_sigma_m = 0.1;
   // Points that a cluster weighs at most: dense surfaces nearby must not outvote the far ones.

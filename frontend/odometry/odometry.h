@@ -18,69 +18,18 @@
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"
-#include "core/options/options.h"
 #include "frontend/matching/direction_profile.h"
 #include "frontend/matching/pose_search.h"
 #include "frontend/matching/scan_matcher.h"
 #include "frontend/odometry/lost_track.h"
 #include "frontend/odometry/motion_model.h"
+#include "frontend/odometry/odometry_frame.h"
+#include "frontend/odometry/odometry_options.h"
 #include "frontend/odometry/shaken_sweep.h"
 #include "frontend/odometry/sweep_acceleration.h"
 #include "frontend/scan/scan_clusters.h"
 
 namespace lamina {
-
-struct OdometryOptions {
-  // Deskew and match again so often with the motion just found.
-  int deskew_passes = 1;
-  // Lost when, after a search too, the share of inliers is below this part of its recent median ...
-  double lost_inlier_ratio = 0.35;
-  // ... or, where the prediction does not vouch for the match, if what meets a plane at all fits it
-  // worse than this part of the recent median.
-  double doubtful_fit_ratio = 0.85;
-  // Standard deviations from the prediction beyond which it does not, and beyond which a match is
-  // degenerate along the direction that it knows least.
-  double max_prediction_sigmas = 4.5;
-  // After a gap longer than this it does not, either, ...
-  double vouched_gap_s = 0.5;
-  // ... and no direction may be known worse than this.
-  double max_sigma_m = 0.3;
-  // A scan is called tracked if planes know no direction of its pose worse than this; else it is
-  // called degenerate, whether the prediction takes part or not. Of a pose that is to be within
-  // 0.1 m it is a third: three standard deviations.
-  double max_tracked_sigma_m = 0.033;
-  MotionOptions motion;
-  ScanMatcherOptions matcher;
-  PoseSearchOptions search;
-
-  void Visit(OptionVisitor& v);
-};
-
-struct OdometryFrame {
-  enum class Status {
-    kFirst,  // nothing to match against yet: the pose is the start
-    kTracked,
-    kLost,  // no match to be trusted: the pose is the prediction, and must not enter a map
-  };
-  Status status = Status::kFirst;
-  StampNs stamp_ns = 0;
-  SE3 T_world_lidar;
-  SE3 T_world_predicted;
-  SweepMotion sweep;               // during the scan
-  SweepAcceleration acceleration;  // of it, where it was estimated
-  MatchResult match;
-  bool searched = false;  // a search ran
-  // Standard deviation along the direction that the match knows least, where few surfaces face it
-  // and the motion before tells no more (direction_profile.h); 0 elsewhere.
-  double open_m = 0.0;
-  // How far the match has left its prediction along that direction, where this is more than both
-  // explain; 0 elsewhere.
-  double surprise_m = 0.0;
-  // Where another place explains the scan about as well (PoseSearch::Elsewhere), or no scan has
-  // been told from all others since one of which that is true: tangent from the pose to that place.
-  // Zero where there is none.
-  Vector6d elsewhere = Vector6d::Zero();
-};
 
 // At a start, scans farther apart leave more open than matching from a prediction can bridge.
 inline constexpr double kMostStartGapS = 0.25;
@@ -247,8 +196,8 @@ class Odometry {
   // What a search has found there where few surfaces face it.
   void DoubtUnbridged(const PosePrediction& prediction, const std::vector<PointCluster>& deskewed,
                       const VoxelMap& map, OdometryFrame* frame) const;
-  // The same while the motion before it is as unsure: the match stays, with what else it may be
-  // along the direction in its covariance. Degenerate where that is much.
+  // As SettleWeakest, where the motion before is as unsure: the match stays, with what else it may
+  // be along the direction in its covariance. Degenerate where that is much.
   void DoubtWeakest(const DirectionProfile& profile, const Vector6d& direction,
                     OdometryFrame* frame) const;
   // A match that has left a prediction along the direction that it knows least by more than both

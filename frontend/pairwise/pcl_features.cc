@@ -67,7 +67,7 @@ void AddNeighbourhoods(int neighbours, PairwiseCloud* cloud) {
     for (std::size_t i = begin; i < end; ++i) {
       const Eigen::Vector3f& p = cloud->points[i];
       tree.nearestKSearch(pcl::PointXYZ(p.x(), p.y(), p.z()), neighbours, indices, distances);
-      const Eigen3 eigen = ClusterOf(cloud->points, indices).Eigen();
+      const Eigen3 eigen = ClusterOf(cloud->points, indices).EigenPairs();
       const Eigen::Vector3d normal = eigen.u.col(2);
       cloud->normals[i] = normal.cast<float>();
       // u diag(1, 1, 1e-3) u'.
@@ -92,7 +92,7 @@ double AddFeatures(const PairwiseOptions& options, PairwiseCloud* cloud) {
   for (std::size_t i = 0; i < all.size(); ++i) {
     tree->radiusSearch(static_cast<int>(i), options.normal_radius_voxels * voxel, indices,
                        distances);
-    Eigen::Vector3d n = ClusterOf(all, indices).Eigen().u.col(2);
+    Eigen::Vector3d n = ClusterOf(all, indices).EigenPairs().u.col(2);
     if (n.dot(all[i].cast<double>()) > 0.0) n = -n;
     normals->push_back(pcl::Normal(static_cast<float>(n.x()), static_cast<float>(n.y()),
                                    static_cast<float>(n.z())));

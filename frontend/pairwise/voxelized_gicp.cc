@@ -86,7 +86,7 @@ class VoxelizedGicp final : public PairwiseMethod {
     std::vector<Symmetric3> of_voxels;
     for (const PointCluster& cluster : grid.clusters) {
       Symmetric3 c{1.0, 0.0, 0.0, 1.0, 0.0, 1.0};
-      if (cluster.count >= kFewestPoints) c.AddOuter(1e-3 - 1.0, cluster.Eigen().u.col(2));
+      if (cluster.count >= kFewestPoints) c.AddOuter(1e-3 - 1.0, cluster.EigenPairs().u.col(2));
       of_voxels.push_back(c);
     }
     cloud->covariances.assign(cloud->points.size(), {1.0, 0.0, 0.0, 1.0, 0.0, 1.0});

@@ -31,9 +31,8 @@ std::vector<std::vector<TimedPoint>> GroupByCluster(const std::vector<TimedPoint
 // All clusters in the LiDAR frame at the instant from which their times count, tau = 0, for a
 // sensor that moves like this during the scan. result[i] belongs to clusters[i]. With the sensor's
 // twist [w; v] and pose T at an instant, the change [a; b] of the twist, s = tau - that instant and
-// c = w x mu
-// + v,
 //
+//     c = w x mu + v,
 //     p' = T (p + s (w x p + v) + s^2/2 (w x (w x p + v) + a x p + b) + ...)
 //
 // The scatter is that of the right side to first order in s. The mean is carried further, since

@@ -91,6 +91,7 @@ class Inbox::Impl final : public InboxWatcher::Events {
   void ScanEnds() override;
 
   void RecordingSeen(const std::string& name, How how);
+  void SeenAgain(const std::string& name, How how);
   void LinkSeen(const std::string& name);
   void Follow(const ArrivingFiles::Verdict& verdict, InboxSequence* sequence,
               const std::string& file);
@@ -111,7 +112,8 @@ class Inbox::Impl final : public InboxWatcher::Events {
   const std::function<Clock::time_point()> now_;
   InboxWatcher watcher_;
   ArrivingFiles arriving_;
-  NameSet seen_;  // known, handed out, set aside or refused
+  NameSet seen_;           // known, handed out, set aside or refused
+  NameSet written_again_;  // of those, as it was told
   bool drained_ = false;
   // By the caller: the watcher is interrupted as well when a recording has been opened.
   std::atomic<bool> interrupted_{false};
@@ -120,6 +122,15 @@ class Inbox::Impl final : public InboxWatcher::Events {
   InboxSequences sequences_;
   InboxRecordings recordings_;
 };
+
+// A file stays where it is when it is kept. Made or written anew it has what no run will map.
+void Inbox::Impl::SeenAgain(const std::string& name, How how) {
+  if (how == How::kFound || LookAtFile(root_, name).what != FileLook::What::kFile) return;
+  if (how != How::kWritten) return Refuse(name, "a file of this name was taken before");
+  if (written_again_.Contains(name)) return;
+  written_again_.Insert(name);
+  Refuse(name, "was written to after it was taken; what it held then counts");
+}
 
 // A link whose name is no scan's matters only if it leads to a folder elsewhere: the user may
 // believe that its files are seen.
@@ -139,14 +150,7 @@ void Inbox::Impl::FileSeen(const std::string& folder, const std::string& file, H
   const std::string name = folder.empty() ? file : folder + "/" + file;
   const bool recording = IsRecordingFile(file);
   if (!recording && KindOfName(file) == ScanName::kNone) return LinkSeen(name);
-  if (seen_.Contains(name)) {
-    // It stays where it is when it is kept; made again, it is another file that no run will map.
-    const bool made = how == How::kCreated || how == How::kMovedIn;
-    if (made && LookAtFile(root_, name).what == FileLook::What::kFile) {
-      Refuse(name, "a file of this name was taken before");
-    }
-    return;
-  }
+  if (seen_.Contains(name)) return SeenAgain(name, how);
   if (recording) return RecordingSeen(name, how);
   InboxSequence* sequence = sequences_.Of(folder);
   if (sequence->Has(file)) {

@@ -129,7 +129,8 @@ class Inbox {
   // Recordings of which all scans were handed out since the last call.
   std::vector<InboxNotice> TakeEnded();
   // Files refused since the last call: links out of the inbox, no regular files, files without a
-  // stamp among others with one, names that were taken before. Folders that cannot be read, too.
+  // stamp among others with one, names that were taken before, files that were written to after
+  // that (once for each, and where inotify sees it). Folders that cannot be read, too.
   std::vector<InboxNotice> TakeRefused();
 
   // From now on nothing more arrives: what is there is complete, and no file waits for another.

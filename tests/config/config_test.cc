@@ -253,7 +253,7 @@ TEST_F(Config, MappingOptionsAreThoseOfTheGroups) {
                       "preparation.max_range_m=50", "pipeline.lookahead_scans=9"})
           .Mapping();
   EXPECT_EQ(options.mapper.map.depth, 4);
-  EXPECT_EQ(options.mapper.odometry.deskew_passes, 3);
+  EXPECT_EQ(options.mapper.frontend.deskew_passes, 3);
   EXPECT_EQ(options.mapper.backend.window.frames, 7);
   EXPECT_EQ(options.preparation.max_range_m, 50.0);
   EXPECT_EQ(options.pipeline.lookahead_scans, 9);

@@ -70,8 +70,19 @@ TEST_F(PackagesTest, ListNamesEachPackageOnce) {
   const std::vector<std::string> names = LinesOf("out");
   EXPECT_THAT(names, testing::IsSupersetOf({"g++", "libceres-dev", "gnuplot-nox"}));
   EXPECT_THAT(std::set<std::string>(names.begin(), names.end()), SizeIs(names.size()));
+  EXPECT_THAT(names, testing::IsSupersetOf({"libgtest-dev", "libopenmpi-dev", "chromium"}));
   EXPECT_EQ(Run("", "", "--install"), 2);
   EXPECT_THAT(Bytes(Path("err")), HasSubstr("usage: tools/packages"));
+}
+
+TEST_F(PackagesTest, TheProgramAloneNeedsNoTests) {
+  EXPECT_EQ(Run("", "", "--program --list"), 0);
+  const std::vector<std::string> names = LinesOf("out");
+  EXPECT_THAT(names, testing::IsSupersetOf({"g++", "libceres-dev", "gnuplot-nox"}));
+  for (const char* other : {"libgtest-dev", "libopenmpi-dev", "chromium", "pybind11-dev"})
+    EXPECT_THAT(names, Not(testing::Contains(other)));
+  EXPECT_EQ(Run("libceres-dev gnuplot-nox chromium", "", "--program"), 0);
+  EXPECT_THAT(LinesOf("calls"), ElementsAre(" apt-get update -q", kInstall));
 }
 
 TEST_F(PackagesTest, NothingMissingIsSilent) {

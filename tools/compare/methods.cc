@@ -152,7 +152,7 @@ void RunBundleJob(const std::string& name, CompareInput input,
                   const std::function<void(CompareRow)>& on_row) {
   const Formulation& formulation = FindFormulation(name);
   RegistrationOptions& options = input.config.lamina.registration;
-  if (formulation.creeps) options.solver.max_iterations *= 4;
+  if (formulation.converges_slowly) options.solver.max_iterations *= 4;
   if (input.max_iterations > 0) options.solver.max_iterations = input.max_iterations;
   Charge charge;
   const std::vector<BatchFrame> frames = ReadFrames(input, formulation, progress, &charge);

@@ -11,6 +11,7 @@
 
 #include "backend/localisation/map_places.h"
 #include "backend/localisation/place_index.h"
+#include "backend/loops/piece_loops.h"
 #include "backend/mapping/mapping.h"
 #include "config/config.h"
 #include "core/base/angle.h"

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <map>
 
+#include "backend/loops/piece_loops.h"
 #include "io/file/file_writer.h"
 #include "io/map/trajectory_io.h"
 #include "io/store/tile_store.h"

@@ -130,7 +130,7 @@ std::vector<VoxelFigures> FiguresOfVoxels(const VoxelClusters& map,
   std::vector<VoxelFigures> figures;
   for (const Voxel& voxel : map.voxels()) {
     if (voxel.points.count < options.min_points || voxel.frames < options.min_frames) continue;
-    const Eigen::Vector3d l = voxel.points.Eigen().l.cwiseMax(kMinEigenvalueM2);
+    const Eigen::Vector3d l = voxel.points.EigenPairs().l.cwiseMax(kMinEigenvalueM2);
     const double entropy = 0.5 * (3.0 * std::log(2.0 * M_PI * M_E) + l.array().log().sum());
     figures.push_back({voxel.key, entropy, 1e3 * std::sqrt(l(2)), l(2) / l(1) < kPlanarRatio});
   }

@@ -64,7 +64,7 @@ class MappedScan:
         """Root mean square distance of these from the planes of the map."""
     @property
     def unobservable_directions(self) -> int:
-        """Directions of motion, of 6, that nothing in the scan tells of."""
+        """Degenerate directions of the pose, of 6; 1 as well where it is only uncertain or ambiguous."""
     @property
     def keyframe(self) -> bool:
         """Whether it takes part in bundle adjustment and becomes part of the map."""

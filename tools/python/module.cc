@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "backend/loops/piece_loops.h"
 #include "backend/mapping/mapping.h"
 #include "backend/mapping/pipeline.h"
 #include "config/config.h"

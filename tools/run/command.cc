@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "backend/calibration/opening_calibration.h"
+#include "backend/loops/piece_loops.h"
 #include "backend/mapping/mapping.h"
 #include "backend/opening/map_thickness.h"
 #include "backend/session/scan_record.h"
@@ -119,7 +120,7 @@ class CorrectedMap {
 // All that comes of mapping the recording once, with these options.
 struct Attempt {
   Attempt(const RunArguments& arguments, const MappingOptions& options, const FrameRange& range)
-      : output(arguments.out, options.mapper.odometry.matcher.max_iterations),
+      : output(arguments.out, options.mapper.frontend.matcher.max_iterations),
         progress(ProgressMode(arguments.progress), range.end - range.begin),
         tiles(output.Path("map_tiles.scratch"), TileStore::Lifetime::kScratch),
         submaps(output.Path("submaps.scratch"), ByteFile::Lifetime::kScratch),

@@ -10,7 +10,7 @@ std::string ThickPlanesWarning(const MapThickness& map, const MappingOptions& op
   // recordings. The noise floor of matching is 20 mm.
   constexpr double kAllowedShare = 0.7;
   constexpr std::size_t kLeastPlanes = 200;
-  const double allowed_m = kAllowedShare * options.mapper.odometry.matcher.noise_floor_m;
+  const double allowed_m = kAllowedShare * options.mapper.frontend.matcher.noise_floor_m;
   if (map.planes < kLeastPlanes || map.thin_m <= allowed_m) return "";
   return fmt::format(
       "planes are thicker than the sensor's noise allows: three quarters of them more than "

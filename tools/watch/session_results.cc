@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <set>
 
+#include "backend/loops/piece_loops.h"
 #include "tools/cli/common.h"
 #include "tools/results/piece_trajectories.h"
 #include "tools/results/submap_file.h"

@@ -131,10 +131,10 @@ double EigenFactorsCost::ValueAndGradient(const std::vector<SE3>& poses,
 
 const Formulation& EigenFactorsLmFormulation() {
   static constexpr Formulation kFormulation = {
-      "eigen_factors_lm",     "Eigen-Factors, least squares", "Ferrer 2019",
+      "eigen_factors_lm",        "Eigen-Factors, least squares", "Ferrer 2019",
       /*needs_points=*/false,
       /*takes_priors=*/false,
-      /*creeps=*/true,        MakeCost<EigenFactorsCost>};
+      /*converges_slowly=*/true, MakeCost<EigenFactorsCost>};
   return kFormulation;
 }
 

@@ -106,7 +106,7 @@ const Formulation& Evm1Formulation() {
                                                "Liu and Zhang 2021",
                                                /*needs_points=*/true,
                                                /*takes_priors=*/true,
-                                               /*creeps=*/false,
+                                               /*converges_slowly=*/false,
                                                MakeCost<Evm1Cost>};
   return kFormulation;
 }

@@ -48,7 +48,7 @@ const Formulation& Evm2Formulation() {
                                                "Liu et al. 2022",
                                                /*needs_points=*/false,
                                                /*takes_priors=*/true,
-                                               /*creeps=*/false,
+                                               /*converges_slowly=*/false,
                                                MakeCost<Evm2Cost>};
   return kFormulation;
 }

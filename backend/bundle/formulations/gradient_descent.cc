@@ -121,10 +121,10 @@ BundleResult DescendEigenFactors(const BundleProblem& problem, const BundleAdjus
 
 const Formulation& EigenFactorsFormulation() {
   static constexpr Formulation kFormulation = {
-      "eigen_factors",        "Eigen-Factors", "Ferrer 2019",
+      "eigen_factors",           "Eigen-Factors", "Ferrer 2019",
       /*needs_points=*/false,
       /*takes_priors=*/false,
-      /*creeps=*/true,        nullptr,         DescendEigenFactors};
+      /*converges_slowly=*/true, nullptr,         DescendEigenFactors};
   return kFormulation;
 }
 

@@ -11,7 +11,7 @@ HuangCost::HuangCost(const BundleProblem& problem)
     : problem_(problem), index_(problem), axes_(problem.observations.size()) {
   for (std::size_t i = 0; i < axes_.size(); ++i) {
     const PointCluster& c = problem.observations[i].cluster;
-    const Eigen3 eigen = c.Eigen();
+    const Eigen3 eigen = c.EigenPairs();
     for (int k = 0; k < 2; ++k) {
       axes_[i].col(k) = std::sqrt(c.count * std::max(0.0, eigen.l(k))) * eigen.u.col(k);
     }
@@ -64,7 +64,7 @@ const Formulation& HuangFormulation() {
                                                "Huang et al. 2021",
                                                /*needs_points=*/false,
                                                /*takes_priors=*/false,
-                                               /*creeps=*/true,
+                                               /*converges_slowly=*/true,
                                                MakeCost<HuangCost>};
   return kFormulation;
 }

@@ -28,7 +28,7 @@ SE3 FromBlock(const PoseBlock& x) {
 // cluster, in the LiDAR frame.
 struct PlaneMeasurement {
   PlaneMeasurement(const PointCluster& cluster, double weight) {
-    const Eigen3 eigen = cluster.Eigen();
+    const Eigen3 eigen = cluster.EigenPairs();
     anchor = cluster.mean - eigen.u.col(2);
     closest = eigen.u.col(2);
     const Eigen::Vector3d information(std::max(0.0, eigen.l(0)), std::max(0.0, eigen.l(1)), 1.0);
@@ -117,8 +117,8 @@ Eigen::Vector3d MeanNormal(const BundleProblem& problem, const Plane& plane,
   Symmetric3 outer;
   for (int i = plane.first; i < plane.first + plane.count; ++i) {
     const PlaneObservation& o = problem.observations[static_cast<std::size_t>(i)];
-    outer.AddOuter(o.cluster.count,
-                   problem.poses[static_cast<std::size_t>(o.frame)].q * o.cluster.Eigen().u.col(2));
+    outer.AddOuter(o.cluster.count, problem.poses[static_cast<std::size_t>(o.frame)].q *
+                                        o.cluster.EigenPairs().u.col(2));
   }
   return plane.count > 0 ? Eigen::Vector3d(EigenDecompose(outer).u.col(0)) : fallback;
 }
@@ -274,10 +274,10 @@ BundleResult SolvePlaneLandmarks(const BundleProblem& problem, const BundleAdjus
 
 const Formulation& PlaneLandmarksFormulation() {
   static constexpr Formulation kFormulation = {
-      "plane_landmarks",      "Plane landmarks", "Geneva et al. 2018",
+      "plane_landmarks",          "Plane landmarks", "Geneva et al. 2018",
       /*needs_points=*/false,
       /*takes_priors=*/false,
-      /*creeps=*/false,       nullptr,           SolvePlaneLandmarks};
+      /*converges_slowly=*/false, nullptr,           SolvePlaneLandmarks};
   return kFormulation;
 }
 

@@ -18,9 +18,13 @@ bool StartsFinite(const std::vector<SE3>& poses) {
   return true;
 }
 
-constexpr Formulation kCondensed = {
-    "condensed",           "Lamina",         "this project",         /*needs_points=*/false,
-    /*takes_priors=*/true, /*creeps=*/false, MakeCost<CondensedCost>};
+constexpr Formulation kCondensed = {"condensed",
+                                    "Lamina",
+                                    "this project",
+                                    /*needs_points=*/false,
+                                    /*takes_priors=*/true,
+                                    /*converges_slowly=*/false,
+                                    MakeCost<CondensedCost>};
 
 }  // namespace
 

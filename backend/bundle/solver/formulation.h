@@ -18,12 +18,12 @@
 namespace lamina {
 
 struct Formulation {
-  const char* name;           // in options and in results
-  const char* title;          // of its paper
-  const char* source;         // authors and year
-  bool needs_points = false;  // BundleProblem::points
-  bool takes_priors = false;  // BundleProblem::priors
-  bool creeps = false;        // converges slowly by nature: needs several times the steps of others
+  const char* name;               // in options and in results
+  const char* title;              // of its paper
+  const char* source;             // authors and year
+  bool needs_points = false;      // BundleProblem::points
+  bool takes_priors = false;      // BundleProblem::priors
+  bool converges_slowly = false;  // by nature: needs several times the steps of others
   // Exactly one of the two. A cost keeps a reference to the problem.
   std::unique_ptr<BundleCost> (*make_cost)(const BundleProblem& problem) = nullptr;
   BundleResult (*solve)(const BundleProblem& problem, const BundleAdjusterOptions& options,

@@ -8,7 +8,6 @@
 //
 // (Madsen, Nielsen, Tingleff: Methods for Non-Linear Least Squares Problems, 2004). A Hessian that
 // is not positive definite with its damping counts as a rejected step.
-//
 #pragma once
 
 #include <Eigen/Core>

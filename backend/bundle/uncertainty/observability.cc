@@ -27,7 +27,7 @@ struct ScaledRows {
 
 ScaledRows RowsOf(const PlaneObservation& o, const SE3& T, const Eigen::Vector3d& normal) {
   const Eigen::Vector3d m = T.q.conjugate() * normal;
-  const Eigen3 eigen = o.cluster.Eigen();
+  const Eigen3 eigen = o.cluster.EigenPairs();
   const double root = std::sqrt(o.cluster.count);
   ScaledRows s;
   s.rows.row(0) << root * o.cluster.mean.cross(m).transpose() / kRotationArmM,

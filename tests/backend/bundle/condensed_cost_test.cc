@@ -186,11 +186,11 @@ TEST(CondensedCost, EqualsThePapersSumWithExactWeights) {
     double sum = 0.0;
     for (const Plane& plane : scene.problem.planes) {
       const PointCluster all = AggregatePlane(scene.problem, plane, poses);
-      const Eigen::Vector3d normal = all.Eigen().u.col(2);
+      const Eigen::Vector3d normal = all.EigenPairs().u.col(2);
       for (int o = plane.first; o < plane.first + plane.count; ++o) {
         const PlaneObservation& seen = scene.problem.observations[static_cast<std::size_t>(o)];
         const SE3& T = poses[static_cast<std::size_t>(seen.frame)];
-        const Eigen3 e = seen.cluster.Eigen();
+        const Eigen3 e = seen.cluster.EigenPairs();
         const Eigen::Vector3d along = e.u.transpose() * (T.R().transpose() * normal);
         const double to_mean = normal.dot(T * seen.cluster.mean - all.mean);
         // Eq. 10 with (l1 - l3, l2 - l3) in place of (l1, l2).

@@ -6,6 +6,7 @@
 #include <memory>
 #include <vector>
 
+#include "backend/loops/piece_loops.h"
 #include "tests/support/scenes/submap_town.h"
 
 namespace lamina {

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "backend/loops/piece_loops.h"
 #include "backend/mapping/mapping.h"
 #include "core/base/parallel.h"
 #include "tests/support/memory_byte_store.h"

@@ -122,7 +122,7 @@ TEST(Mapping, CallsScansTrackedThatAreKnownWellEnough) {
   for (const MappedScan& scan : mapped) sigmas_m.push_back(scan.odometry.match.worst_sigma_m);
   std::sort(sigmas_m.begin(), sigmas_m.end());
   MappingOptions options = WalkOptions();
-  options.mapper.odometry.max_tracked_sigma_m = sigmas_m[kWalkScans / 2];
+  options.mapper.frontend.max_tracked_sigma_m = sigmas_m[kWalkScans / 2];
   const MappedTotals strict = TotalsOf(add_scans, options);
   for (std::size_t i = 1; i < mapped.size(); ++i) {
     const bool known = mapped[i].odometry.match.worst_sigma_m <= sigmas_m[kWalkScans / 2];

@@ -1,6 +1,7 @@
 // Sessions that localise in the map of another one without being told where they begin.
 #include <gtest/gtest.h>
 
+#include "backend/loops/piece_loops.h"
 #include "tests/support/program/session_scenes.h"
 #include "tests/support/scenes/drifting_drive.h"
 

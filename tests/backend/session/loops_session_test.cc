@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "backend/loops/piece_loops.h"
 #include "tests/support/program/session_scenes.h"
 #include "tests/support/scenes/drifting_drive.h"
 

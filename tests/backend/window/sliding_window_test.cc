@@ -233,7 +233,7 @@ TEST(SlidingWindow, WhatStoodBeforeAWallDoesNotMoveItsAnchor) {
     const PointCluster fixed = map.FixedAggregate(leaf);
     EXPECT_GT(fixed.count, 5.0);
     EXPECT_LT(std::abs(wall.Normal().dot(fixed.mean - wall.centre)), 0.005) << stay << " frames";
-    EXPECT_LT(std::sqrt(fixed.Eigen().l(2)), 0.02) << stay << " frames";
+    EXPECT_LT(std::sqrt(fixed.EigenPairs().l(2)), 0.02) << stay << " frames";
   }
 }
 
@@ -258,7 +258,8 @@ TEST(SlidingWindow, PlanesMuchThickerThanTheOthersWeighFarLess) {
   const double floor2 = options.noise_floor_m * options.noise_floor_m;
   std::size_t distrusted = 0;
   for (const Plane& plane : problem.planes) {
-    const double variance = AggregatePlane(problem, plane, problem.poses).Eigen().l(2) + floor2;
+    const double variance =
+        AggregatePlane(problem, plane, problem.poses).EigenPairs().l(2) + floor2;
     if (variance < 2.0 * floor2) {
       EXPECT_NEAR(plane.weight * variance, 1.0, 0.1);
     } else {

@@ -57,7 +57,8 @@ TEST(ClusterMoments, AThinPlaneStaysThin) {
     moments -= ClusterMoments::Of(last, origin);
     last = next;
   }
-  EXPECT_NEAR(moments.Cluster(origin).Eigen().l(2), last.Eigen().l(2), 1e-3 * last.Eigen().l(2));
+  EXPECT_NEAR(moments.Cluster(origin).EigenPairs().l(2), last.EigenPairs().l(2),
+              1e-3 * last.EigenPairs().l(2));
 }
 
 TEST(ClusterMoments, OfAPackedClusterAreThoseOfTheUnpackedOne) {

@@ -41,7 +41,7 @@ TEST(PackedCluster, AThinPlaneStaysThin) {
     PointCluster cluster;
     for (int i = 0; i < 200; ++i) cluster.AddPoint(patch.Point(0.4, 1e-4, &draws));
     const PointCluster unpacked = PackedCluster::Of(cluster, patch.centre).Unpacked(patch.centre);
-    EXPECT_NEAR(std::sqrt(unpacked.Eigen().l(2)), std::sqrt(cluster.Eigen().l(2)), 2e-5);
+    EXPECT_NEAR(std::sqrt(unpacked.EigenPairs().l(2)), std::sqrt(cluster.EigenPairs().l(2)), 2e-5);
   }
 }
 

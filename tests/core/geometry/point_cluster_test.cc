@@ -147,7 +147,7 @@ TEST(PointCluster, PlanesStayFlatFarFromTheOrigin) {
       for (int p = 0; p < 20; ++p) seen.push_back(T_lidar_patch * patch.Point(1.0, 0.0, &draws));
       sum += ClusterOf(seen).Moved(T_world_lidar);
     }
-    const Eigen3 eigen = sum.Eigen();
+    const Eigen3 eigen = sum.EigenPairs();
     EXPECT_GT(eigen.l(1), 0.1);
     EXPECT_LT(std::abs(eigen.l(2)), 1e-9);
     EXPECT_GT(std::abs(eigen.u.col(2).dot(patch.Normal())), 1.0 - 1e-9);

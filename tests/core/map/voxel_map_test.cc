@@ -153,7 +153,7 @@ TEST(VoxelMap, AClusterIsAPlaneByItsEigenvaluesAlone) {
     cluster.count = 100.0;
     cluster.scatter = Symmetric3::FromDense(
         cluster.count * (R * Eigen::Vector3d(l1, l2, l3).asDiagonal() * R.transpose()));
-    const Eigen::Vector3d l = cluster.Eigen().l;
+    const Eigen::Vector3d l = cluster.EigenPairs().l;
     const bool plane = l(2) <= options.max_thickness_m * options.max_thickness_m &&
                        l(2) <= options.max_flatness * l(1) && l(1) >= options.min_breadth * l(0);
     ASSERT_EQ(map.SurfaceOf(cluster, 1).kind, plane ? Kind::kPlane : Kind::kRough) << l.transpose();
@@ -176,7 +176,7 @@ TEST(VoxelMap, AParentIsTheSumOfItsChildren) {
     EXPECT_GT(map.nodes(), 50U);
     const NodeId root = map.FindSurface(points[0]);
     ExpectSame(map.Aggregate(root), ClusterOf(points));
-    const Eigen3 eigen = ClusterOf(points).Eigen();
+    const Eigen3 eigen = ClusterOf(points).EigenPairs();
     EXPECT_NEAR(map.plane(root).flatness, eigen.l(2) / eigen.l(1), 1e-5);
   }
 }

@@ -221,7 +221,7 @@ TEST(Evm1Cost, HessianIsThatOfThePointsWithLinearMotion) {
           sum.AddPoint(T * point.p + T.R() * turned + d.tail<3>());
         }
       }
-      value += 0.5 * plane.weight * sum.count * sum.Eigen().l(2);
+      value += 0.5 * plane.weight * sum.count * sum.EigenPairs().l(2);
     }
     return value;
   };
@@ -257,11 +257,11 @@ TEST(HuangCost, IsThePapersSumAndItsMatrixTheGaussNewtonOne) {
     std::vector<double> r;
     for (const Plane& plane : problem.planes) {
       const PointCluster all = AggregatePlane(problem, plane, problem.poses);
-      const Eigen::Vector3d normal = all.Eigen().u.col(2);
+      const Eigen::Vector3d normal = all.EigenPairs().u.col(2);
       for (int i = plane.first; i < plane.first + plane.count; ++i) {
         const PlaneObservation& o = problem.observations[static_cast<std::size_t>(i)];
         const SE3& T = poses[static_cast<std::size_t>(o.frame)];
-        const Eigen3 e = o.cluster.Eigen();
+        const Eigen3 e = o.cluster.EigenPairs();
         for (int k = 0; k < 2; ++k) {
           r.push_back(std::sqrt(plane.weight * o.cluster.count * e.l(k)) *
                       normal.dot(T.q * e.u.col(k)));

@@ -1,0 +1,46 @@
+// One recording of those that a mapping has under way: how far it has come, and what maps or
+// localises its scans.
+//
+// Private to backend/mapping.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "backend/mapping/final_poses.h"
+#include "backend/mapping/mapping.h"
+#include "backend/mapping/piece_mapper.h"
+#include "backend/pieces/localiser.h"
+#include "core/geometry/scan.h"
+
+namespace lamina {
+
+struct Mapping::Recording {
+  bool any = false;  // scan that was not skipped
+  StampNs last_stamp_ns = 0;
+  std::string last_sensor;
+  // Scans in a row that were skipped as their stamps are not after that, and the stamp of the
+  // newest of them.
+  std::int64_t not_after = 0;
+  StampNs not_after_ns = 0;
+  std::int64_t last_scan = 0;  // skipped or not
+  bool over = false;           // by its stamps, when another one began; until it goes on
+  std::int64_t piece = 0;      // that its scans are matched to now
+  FinalPoses::Stream stream = 0;
+  std::size_t certain = 0;  // scans of this one that are tracked, not degenerate
+  Trajectory last;          // poses that tell how it moved when it fell silent
+  // One of these: the piece is being made, or stays as it is. None while it rests.
+  std::unique_ptr<PieceMapper> mapper;
+  std::unique_ptr<Localiser> localiser;
+
+  bool rests() const { return mapper == nullptr && localiser == nullptr; }
+  RegisteredScan Process(const MapperScan& scan, bool may_restart);
+  Trajectory TakeFinal(std::int64_t before_scan);
+  Trajectory OpenPoses() const;
+  // Of the open ones those that say how the sensor moves.
+  Trajectory LastPoses() const;
+};
+
+}  // namespace lamina
