@@ -7,6 +7,7 @@
 #include <yaml-cpp/yaml.h>
 
 #include <string>
+#include <vector>
 
 #include "core/base/error.h"
 
@@ -17,7 +18,13 @@ namespace lamina {
 template <typename Use>
 auto UseYaml(const std::string& path, const std::string& text, const Use& use) {
   try {
-    return use(YAML::Load(text));
+    const std::vector<YAML::Node> documents = YAML::LoadAll(text);
+    for (std::size_t i = 1; i < documents.size(); ++i) {
+      if (documents[i].IsNull()) continue;
+      throw OptionError(fmt::format("{}:{}: belongs to another document (---), must be one", path,
+                                    documents[i].Mark().line + 1));
+    }
+    return use(documents.empty() ? YAML::Node() : documents.front());
   } catch (const YAML::Exception& error) {
     throw OptionError(
         fmt::format("{}:{}: not valid YAML: {}", path, error.mark.line + 1, error.msg));

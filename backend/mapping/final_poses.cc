@@ -7,7 +7,7 @@ namespace lamina {
 
 void FinalPoses::AddScan(std::size_t scan, StampNs stamp_ns, bool skipped, Stream stream,
                          std::int64_t piece) {
-  open_.push_back({scan, stamp_ns, skipped, stream, piece, false, SE3(), false});
+  open_.push_back({scan, stamp_ns, skipped, stream, piece, false, SE3(), false, false});
   ++past_[stream].open;
 }
 
@@ -18,6 +18,11 @@ void FinalPoses::AddPoses(const Trajectory& poses, Stream stream) {
     scan->posed = true;
     scan->T = pose.T_world_lidar;
   }
+}
+
+void FinalPoses::Disown(Stream stream, StampNs from_ns) {
+  for (Scan& scan : open_)
+    scan.disowned = scan.disowned || (scan.stream == stream && scan.stamp_ns >= from_ns);
 }
 
 void FinalPoses::GiveUp(Stream stream) {
@@ -64,11 +69,13 @@ void FinalPoses::HandOn(std::int64_t before_scan, const Visit& visit) {
          PoseFirst(static_cast<std::int64_t>(open_.front().number) < before_scan)) {
     const Scan scan = open_.front();
     open_.pop_front();
-    const StampedPose pose{scan.stamp_ns, scan.T};
-    visit({scan.number, pose, scan.skipped, scan.piece, scan.given_up});
     const auto past = past_.find(scan.stream);
-    if (!scan.skipped) past->second.last = pose;
-    past->second.any = past->second.any || !scan.skipped;
+    const bool own = !scan.skipped && !scan.disowned;
+    StampedPose pose{scan.stamp_ns, scan.T};
+    if (scan.disowned && past->second.any) pose.T_world_lidar = past->second.last.T_world_lidar;
+    visit({scan.number, pose, !own, scan.piece, scan.given_up});
+    if (own) past->second.last = pose;
+    past->second.any = past->second.any || own;
     if (--past->second.open == 0 && past->second.closed) past_.erase(past);
   }
 }
@@ -83,7 +90,7 @@ void FinalPoses::Archive(StateArchive& a) {
   open_.resize(a.Size(open_.size(), 1));
   for (Scan& scan : open_) {
     a(&scan.number, &scan.stamp_ns, &scan.skipped, &scan.stream, &scan.piece, &scan.posed, &scan.T,
-      &scan.given_up);
+      &scan.given_up, &scan.disowned);
   }
   std::vector<Stream> streams;
   for (const auto& [stream, past] : past_) streams.push_back(stream);

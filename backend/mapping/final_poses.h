@@ -40,6 +40,9 @@ class FinalPoses {
                std::int64_t piece = 0);
   // The next poses of a stream, of its scans that were not skipped.
   void AddPoses(const Trajectory& poses, Stream stream = 0);
+  // The scans of a stream that are not handed on and have this stamp or a later one had a stamp
+  // that was wrong: they count as skipped, with the pose before them.
+  void Disown(Stream stream, StampNs from_ns);
   // The scans of a stream that are not handed on were a start that was given up.
   void GiveUp(Stream stream);
   // No more scans and poses come in this stream.
@@ -62,6 +65,7 @@ class FinalPoses {
     bool posed = false;  // T is its own
     SE3 T;
     bool given_up = false;
+    bool disowned = false;
   };
   struct Past {
     bool any = false;

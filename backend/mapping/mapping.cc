@@ -110,7 +110,8 @@ MappedScan Mapping::Add(DecodedScan scan) {
                                                  ": the map holds " + std::to_string(kMostSlots) +
                                                  " pieces and no more");
   } else {
-    if (!report.skipped && recording->any) CheckStamp(recording, &report);
+    if (!report.skipped && recording->any)
+      CheckStamp(recording, SweepLength(scan.clusters), &report);
     if (!report.skipped) Map(recording, &report, &scan.clusters);
     report.piece = recording->piece;
   }
@@ -241,8 +242,12 @@ void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedClu
       report->began_piece || frame.odometry.status == OdometryFrame::Status::kFirst;
   ++counts_.frames;
   counts_.keyframes += frame.keyframe ? 1 : 0;
-  counts_.lost += frame.odometry.status == OdometryFrame::Status::kLost ? 1 : 0;
-  const bool degenerate = match.degenerate > 0;
+  const bool lost = frame.odometry.status == OdometryFrame::Status::kLost;
+  counts_.lost += lost ? 1 : 0;
+  if (!lost) recording->matched_stamp_ns = report->stamp_ns;
+  if (lost && !recording->lost) recording->lost_stamp_ns = report->stamp_ns;
+  recording->lost = lost;
+  const bool degenerate = tracked && match.degenerate > 0;
   counts_.degenerate += degenerate ? 1 : 0;
   recording->certain += tracked && !degenerate ? 1 : 0;
   counts_.searched += frame.odometry.searched ? 1 : 0;

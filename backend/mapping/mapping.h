@@ -169,9 +169,11 @@ class Mapping {
   // way: their poses are not certain.
   void GiveUpStart(Recording* recording);
   // Skips a scan whose stamp is not after that of the last one, unless so many of those before were
-  // skipped for it that the clock was set.
-  void CheckStamp(Recording* recording, MappedScan* report);
+  // skipped for it that the clock was set, and one that is of the same sweep as the last.
+  void CheckStamp(Recording* recording, double sweep_s, MappedScan* report);
   bool ClockWasSet(StampNs stamp_ns, Recording* recording) const;
+  // Whether the scans with later stamps that came before this one had wrong ones.
+  static bool WasAhead(StampNs stamp_ns, const Recording& recording);
   void Map(Recording* recording, MappedScan* report, std::vector<TimedCluster>* clusters);
   RegisteredScan Register(Recording* recording, MappedScan* report,
                           std::vector<TimedCluster>* clusters);

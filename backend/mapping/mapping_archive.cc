@@ -13,7 +13,8 @@ namespace lamina {
 
 void Mapping::ArchiveRecording(StateArchive& a, Recording* recording) {
   bool maps = recording->mapper != nullptr, rests = recording->rests();
-  a(&recording->any, &recording->last_stamp_ns, &recording->last_sensor, &recording->not_after,
+  a(&recording->any, &recording->last_stamp_ns, &recording->matched_stamp_ns,
+    &recording->lost_stamp_ns, &recording->lost, &recording->last_sensor, &recording->not_after,
     &recording->not_after_ns, &recording->last_scan, &recording->over, &recording->piece,
     &recording->stream, &recording->certain, &recording->last, &maps, &rests);
   if (rests) return;

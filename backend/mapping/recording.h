@@ -20,6 +20,9 @@ namespace lamina {
 struct Mapping::Recording {
   bool any = false;  // scan that was not skipped
   StampNs last_stamp_ns = 0;
+  // Of the last scan that was not lost, and of the first one that was lost after it.
+  StampNs matched_stamp_ns = 0, lost_stamp_ns = 0;
+  bool lost = false;
   std::string last_sensor;
   // Scans in a row that were skipped as their stamps are not after that, and the stamp of the
   // newest of them.

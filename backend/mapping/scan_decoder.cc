@@ -84,7 +84,8 @@ void ClusterScan(const Scan& scan, const std::string& name,
     report.Skip(SkipReason::kTooFewPoints,
                 name + ": " + std::to_string(report.points) + " usable points, at least " +
                     std::to_string(min_points) + " wanted (" + std::to_string(prepared.non_finite) +
-                    " not finite, " + std::to_string(prepared.out_of_range) + " out of range)");
+                    " not finite, " + std::to_string(prepared.out_of_range) + " out of range, " +
+                    std::to_string(prepared.out_of_time) + " of no time of the scan)");
     return;
   }
   decoded->clusters = BuildScanClusters(prepared.points, leaf_size_m);

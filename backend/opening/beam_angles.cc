@@ -16,26 +16,30 @@ namespace {
 // Angles counted in bins far narrower than beams are apart.
 class AngleHistogram {
  public:
+  explicit AngleHistogram(double bin_deg)
+      : bin_deg_(bin_deg), counts_(static_cast<std::size_t>(std::lround(360.0 / bin_deg)), 0) {}
+
   void Add(double angle_deg) {
     if (!std::isfinite(angle_deg)) return;  // of a point or a time that is none
-    const double bin = (std::remainder(angle_deg, 360.0) + 180.0) / kBinDeg;
-    ++counts_[static_cast<std::size_t>(std::clamp(bin, 0.0, kLast))];
+    const double bin = (std::remainder(angle_deg, 360.0) + 180.0) / bin_deg_;
+    ++counts_[std::min(static_cast<std::size_t>(std::max(bin, 0.0)), counts_.size() - 1)];
   }
-  // The probability that two angles are in one bin.
-  double Concentration() const {
-    double all = 0.0, squares = 0.0;
-    for (const int count : counts_) {
-      all += count;
-      squares += static_cast<double>(count) * count;
+  // The probability that two angles are in one bin, or with `beside` in two side by side: where the
+  // angle of a beam lies between two, as whole degrees do, rounding puts its points into either.
+  double Concentration(bool beside) const {
+    const double next_weight = beside ? 2.0 : 0.0;
+    double all = 0.0, pairs = 0.0;
+    for (std::size_t i = 0; i < counts_.size(); ++i) {
+      const double here = counts_[i], next = counts_[(i + 1) % counts_.size()];
+      all += here;
+      pairs += here * (here + next_weight * next);
     }
-    return all > 0.0 ? squares / (all * all) : 0.0;
+    return all > 0.0 ? pairs / (all * all) : 0.0;
   }
 
  private:
-  static constexpr double kBinDeg = 0.05;
-  static constexpr std::size_t kBins = 7200;
-  static constexpr double kLast = kBins - 1;
-  std::vector<int> counts_ = std::vector<int>(kBins, 0);
+  double bin_deg_;
+  std::vector<int> counts_;
 };
 
 // Of points of one scan.
@@ -51,14 +55,18 @@ class BeamHistograms {
     clockwise_.Add(azimuth + 360.0 * time_s / turn_s_);
     counterclockwise_.Add(azimuth - 360.0 * time_s / turn_s_);
   }
-  double Elevation() const { return elevation_.Concentration(); }
+  double Elevation() const { return elevation_.Concentration(true); }
   double Azimuth() const {
-    return std::max(clockwise_.Concentration(), counterclockwise_.Concentration());
+    return std::max(clockwise_.Concentration(false), counterclockwise_.Concentration(false));
   }
 
  private:
+  // Azimuths are as sharp as the times of points are, and lie anywhere.
+  static constexpr double kElevationBinDeg = 0.025, kAzimuthBinDeg = 0.05;
+
   double turn_s_;
-  AngleHistogram elevation_, clockwise_, counterclockwise_;
+  AngleHistogram elevation_{kElevationBinDeg};
+  AngleHistogram clockwise_{kAzimuthBinDeg}, counterclockwise_{kAzimuthBinDeg};
 };
 
 // To which moment points may have been moved: the first of a sweep, the middle, the last, the
@@ -89,7 +97,7 @@ void AddScan(const Scan& scan, const SweepMotion& motion, const SE3& T_vehicle_l
              BeamConcentrations* sums) {
   constexpr std::size_t kMostPoints = 20000;
   constexpr double kLeastRangeM = 2.0;
-  const TimeSpan span = SpanOfTimes(scan.time_s);
+  const TimeSpan span = UsualSpanOfTimes(scan.time_s);
   const std::array<SE3, kMoments> T_stamp_moment{motion.PoseAt(span.low_s),
                                                  motion.PoseAt(0.5 * (span.low_s + span.high_s)),
                                                  motion.PoseAt(span.high_s), SE3()};
@@ -152,23 +160,49 @@ bool ShowsInAzimuths(const SensorTurn& turn, const Trajectory& poses) {
          turned_deg > kTimesError * 360.0 * turn.error_s / turn.turn_s;
 }
 
+// A scan of a source, and how the sensor moved during it.
+struct MovedScan {
+  std::size_t scan = 0;
+  SweepMotion motion;
+
+  // Of a point at a usual distance, m/s.
+  double Speed() const {
+    constexpr double kDistanceM = 10.0;
+    return kDistanceM * motion.twist.head<3>().norm() + motion.twist.tail<3>().norm();
+  }
+};
+
+// Those that poses tell the motion of, the fastest first: of a sensor that stands nothing tells
+// whether its scans are compensated.
+std::vector<MovedScan> MostMoved(const ScanSource& source, std::size_t begin,
+                                 const Trajectory& poses) {
+  std::vector<MovedScan> scans;
+  std::size_t k = 0;
+  for (std::size_t i = begin; i < source.size() && k < poses.size(); ++i) {
+    if (source.Stamp(i) != poses[k].stamp_ns) continue;
+    MovedScan moved{i, {}};
+    if (MotionThrough(poses, k++, SlidingWindow::kMaxTwistGapS, &moved.motion))
+      scans.push_back(moved);
+  }
+  std::stable_sort(scans.begin(), scans.end(),
+                   [](const MovedScan& a, const MovedScan& b) { return a.Speed() > b.Speed(); });
+  return scans;
+}
+
 }  // namespace
 
 BeamAngles BeamAnglesOf(const ScanSource& source, std::size_t begin, const Trajectory& poses) {
-  constexpr int kScans = 6;
+  constexpr std::size_t kScans = 6;
   const SensorTurn turn = SensorTurnOf(source, begin);
   const double turn_s = ShowsInAzimuths(turn, poses) ? turn.turn_s : 0.0;
   BeamConcentrations sums;
-  int scans = 0;
-  std::size_t k = 0;
-  for (std::size_t i = begin; i < source.size() && scans < kScans && k < poses.size(); ++i) {
-    if (source.Stamp(i) != poses[k].stamp_ns) continue;
-    SweepMotion motion;
-    if (!MotionThrough(poses, k++, SlidingWindow::kMaxTwistGapS, &motion)) continue;
+  std::size_t scans = 0;
+  for (const MovedScan& moved : MostMoved(source, begin, poses)) {
+    if (scans >= kScans) break;
     try {
-      const Scan scan = source.Read(i);
+      const Scan scan = source.Read(moved.scan);
       if (scan.points.empty() || scan.time_s.empty()) continue;
-      AddScan(scan, motion, source.T_vehicle_lidar(i), turn_s, &sums);
+      AddScan(scan, moved.motion, source.T_vehicle_lidar(moved.scan), turn_s, &sums);
       ++scans;
     } catch (const InputError&) {
       // The next one may be readable.

@@ -101,8 +101,8 @@ PointTimes PointTimesOf(const ScanSource& source, std::size_t begin, std::size_t
   const auto times_of = [&](std::size_t i) {
     const std::vector<float> times = source.Read(i).time_s;
     if (times.empty()) return PointTimes::kNone;
-    return SpanOfTimes(times).length_s() < kMostPeriods * period_s ? PointTimes::kOfTheScan
-                                                                   : PointTimes::kLonger;
+    return UsualSpanOfTimes(times).length_s() < kMostPeriods * period_s ? PointTimes::kOfTheScan
+                                                                        : PointTimes::kLonger;
   };
   return FirstReadable(begin, end, times_of).value_or(PointTimes::kUnknown);
 }

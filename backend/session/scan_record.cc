@@ -1,6 +1,25 @@
 #include "backend/session/scan_record.h"
 
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+#include "frontend/matching/degeneracy.h"
+
 namespace lamina {
+namespace {
+
+// Along the direction that is known least: by planes alone, or, if that is more, by all that the
+// pose may be wrong by. At most MatchResult::kUnknownSigmaM.
+double WorstSigmaM(const MatchResult& match) {
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(TimesArm(match.covariance),
+                                                       Eigen::EigenvaluesOnly);
+  const double sigma_m = std::sqrt(std::max(0.0, solver.eigenvalues()(5)));
+  return std::max(match.worst_sigma_m, std::min(sigma_m, MatchResult::kUnknownSigmaM));
+}
+
+}  // namespace
+
 ScanRecord RecordOf(const MappedScan& report) {
   const MatchResult& match = report.odometry.match;
   ScanRecord s;
@@ -21,7 +40,7 @@ ScanRecord RecordOf(const MappedScan& report) {
   s.unobservable_directions = match.degenerate;
   s.inlier_share = match.inlier_share;
   s.residual_m = match.residual_rms_m;
-  s.worst_sigma_m = match.worst_sigma_m;
+  s.worst_sigma_m = WorstSigmaM(match);
   s.covariance = match.covariance;
   s.read_ms = report.read_ms;
   s.prepare_ms = report.prepare_ms;

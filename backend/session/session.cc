@@ -45,7 +45,7 @@ Session::Session(SessionSetup setup, SessionHooks hooks)
                      [this](const ScanRecord& scan) { to_repeat_.push_back(scan); });
   if (!to_repeat_.empty()) {
     spdlog::info(
-        "continuing after scan {}: {} scans were recorded since the last checkpoint and "
+        "going on from scan {}: {} scans were recorded since the last checkpoint and "
         "are mapped again",
         next_ - 1, to_repeat_.size());
   }

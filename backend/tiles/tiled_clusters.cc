@@ -6,6 +6,7 @@
 
 #include "core/base/parallel.h"
 #include "core/geometry/state_archive.h"
+#include "core/map/root_key.h"
 
 namespace lamina {
 namespace {
@@ -14,8 +15,6 @@ constexpr std::size_t kKeyframesAtOnce = 32;
 constexpr std::size_t kBufferBytes = std::size_t{64} << 20;
 // Keyframes that follow one another are read by one process; so many tiles are dealt out at a time.
 constexpr std::size_t kRun = 32, kTilesOfPart = 4;
-// Root voxels that a map can tell apart along an axis, to both sides.
-constexpr double kMostRoots = 1 << 20;
 
 // Calls work(keyframe, clusters, slot) for these keyframes, some at once, then take(keyframe, slot)
 // in their order.
@@ -68,8 +67,7 @@ TiledClusters::TiledClusters(const KeyframeSource& source, const std::vector<SE3
 bool TiledClusters::TileOf(const PackedCluster& cluster, const Eigen::Matrix3d& R,
                            const Eigen::Vector3d& t, TileXY* tile) const {
   const Eigen::Vector3d p = R * Eigen::Map<const Eigen::Vector3f>(cluster.mean).cast<double>() + t;
-  // False for NaN, too.
-  if (cluster.Empty() || !((p / root_size_m_).array().abs() < kMostRoots).all()) return false;
+  if (cluster.Empty() || !IsRootKeyInRange(p, 1.0 / root_size_m_)) return false;
   *tile = {static_cast<std::int32_t>(std::floor(p.x() / tile_m_)),
            static_cast<std::int32_t>(std::floor(p.y() / tile_m_))};
   return true;

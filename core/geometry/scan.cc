@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "core/base/median.h"
+#include "core/base/thinning.h"
 
 namespace lamina {
 
@@ -27,6 +28,17 @@ TimeSpan UsualSpanOfTimes(std::vector<float> times_s) {
   constexpr double kOutliers = 0.01;
   const auto low_s = static_cast<double>(Quantile(&times_s, kOutliers));
   return {low_s, static_cast<double>(Quantile(&times_s, 1.0 - kOutliers))};
+}
+
+TimeSpan PossibleTimes(const std::vector<float>& times_s, double sweep_s) {
+  // Of so many the quantiles are known well enough.
+  constexpr std::size_t kEnough = 4000;
+  std::vector<float> some;
+  const std::size_t stride = StrideToAtLeast(times_s.size(), kEnough);
+  for (std::size_t i = 0; i < times_s.size(); i += stride) some.push_back(times_s[i]);
+  const TimeSpan usual = UsualSpanOfTimes(std::move(some));
+  const double slack_s = std::max(sweep_s, 0.5 * usual.length_s());
+  return {usual.low_s - slack_s, usual.high_s + slack_s};
 }
 
 }  // namespace lamina

@@ -43,6 +43,9 @@ struct TimeSpan {
 TimeSpan SpanOfTimes(const std::vector<float>& times_s);
 // The same but for the hundredth at either end: single times may be damaged.
 TimeSpan UsualSpanOfTimes(std::vector<float> times_s);
+// From the earliest to the latest that may be of this scan, where sweeps take `sweep_s`: those
+// farther from the usual ones are damaged, whatever they say.
+TimeSpan PossibleTimes(const std::vector<float>& times_s, double sweep_s);
 
 struct StampedPose {
   StampNs stamp_ns = 0;

@@ -79,6 +79,9 @@ class ScanSource {
   // What was understood of the times of scan i's points. Reads it: throws InputError as Read does.
   virtual PointTimeField PointTimes(std::size_t) const { return {}; }
 
+  // Whether the recording itself says that its sensor turns, a ring for each beam.
+  virtual bool spins() const { return false; }
+
   // False if stamps are made up from frame_period_s.
   virtual bool recorded_stamps() const { return true; }
 

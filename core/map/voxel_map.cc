@@ -70,6 +70,9 @@ void VoxelMap::DropPiece(std::int64_t piece, const std::vector<VoxelKey>& roots)
 
 void VoxelMap::RemoveRoot(NodeId root) {
   snapshot_.BeforeMove(root, trees_);
+  // Rarely: what is removed has been refreshed since it changed.
+  if (trees_.root(root).marked != 0)
+    marked_.erase(std::remove(marked_.begin(), marked_.end(), root), marked_.end());
   trees_.RemoveRoot(root);
 }
 

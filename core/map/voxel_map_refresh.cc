@@ -41,11 +41,14 @@ bool VoxelMap::BeginSurface(const PointCluster& cluster, int frames, Surface* su
 
 void VoxelMap::FinishSurface(const Eigen3& eigen, Surface* surface) const {
   constexpr double kLeastVariance = 1e-8;  // m^2, so that the breadth follows from the flatness
+  // m^2: points nearer to one another than this have no direction of their own, as those of a scan
+  // that comes again and again without any noise.
+  constexpr double kLeastBreadth2 = 1e-6;
   surface->variance = static_cast<float>(std::max(kLeastVariance, eigen.l(2)));
   if (eigen.l(1) > 0.0) surface->flatness = surface->variance / static_cast<float>(eigen.l(1));
   surface->normal = eigen.u.col(2).cast<float>();
   if (eigen.l(2) <= options_.max_thickness_m * options_.max_thickness_m &&
-      eigen.l(2) <= options_.max_flatness * eigen.l(1) &&
+      eigen.l(2) <= options_.max_flatness * eigen.l(1) && eigen.l(1) > kLeastBreadth2 &&
       eigen.l(1) >= options_.min_breadth * eigen.l(0)) {
     surface->kind = Surface::Kind::kPlane;
   }

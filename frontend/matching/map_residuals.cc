@@ -4,6 +4,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "core/base/median.h"
 #include "core/base/parallel.h"
@@ -127,12 +128,15 @@ MetPlanes MapResiduals::Meet(const SE3& T, double kernel_sigma, const Vector6d& 
   directions.col(0) = direction;
   EvidenceSums says(directions);
   MetPlanes met{{}, BeamsOfScan(clusters_, T)};
+  VoxelIndex place_of(256);
   ForEachRows(0, clusters_.size(), SettingsAt(T, kernel_sigma),
               [&](const MatchRow* rows, const std::size_t* of, std::size_t count) {
                 for (std::size_t k = 0; k < count; ++k) {
                   if (rows[k].rough || rows[k].w == 0.0) continue;
                   const PointCluster& cluster = clusters_[of[k]];
-                  MetPlanes::Plane& plane = met.planes[surfaces_[of[k]]];
+                  const VoxelMap::NodeId id = surfaces_[of[k]];
+                  MetPlanes::Plane& plane = place_of.Gather(static_cast<VoxelKey>(id), &met.planes);
+                  plane.id = id;
                   plane.plane = planes_[of[k]];
                   plane.points += rows[k].robust * cluster.count;
                   plane.sums.Add(&rows[k], 1);

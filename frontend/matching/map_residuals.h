@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <map>
 #include <vector>
 
 #include "core/geometry/point_cluster.h"
@@ -45,15 +44,17 @@ struct NormalEquations {
   NormalEquations& operator+=(const NormalEquations& o);
 };
 
-// Planes that a scan meets at a pose, and whether they face a direction.
+// Planes that a scan meets at a pose, and whether they face a direction. In the order of the scan's
+// clusters: ids of nodes are others after a map was loaded, and so would be the sums of it.
 struct MetPlanes {
   struct Plane {
+    VoxelMap::NodeId id = VoxelMap::kNoNode;
     const Surface* plane = nullptr;
     bool faces = false;   // the direction
     double points = 0.0;  // of the scan, by the kernel's weight
     RowSums sums;
   };
-  std::map<VoxelMap::NodeId, Plane> planes;
+  std::vector<Plane> planes;
   BeamsOfScan beams;
 };
 

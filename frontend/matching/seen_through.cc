@@ -108,10 +108,10 @@ SeenThrough MapResiduals::FindSeenThrough(const MetPlanes& met, const Vector6d& 
   std::vector<Facing> facing;
   std::vector<std::size_t> most_first;
   double all = feigned;
-  for (const auto& [id, plane] : met.planes) {
+  for (const MetPlanes::Plane& plane : met.planes) {
     if (!plane.faces) continue;
     most_first.push_back(facing.size());
-    facing.push_back({id, &plane, unscaled.dot(plane.sums.H() * unscaled), false});
+    facing.push_back({plane.id, &plane, unscaled.dot(plane.sums.H() * unscaled), false});
     all += facing.back().information;
   }
   std::sort(most_first.begin(), most_first.end(), [&](std::size_t a, std::size_t b) {
@@ -139,11 +139,11 @@ bool MapResiduals::OfOneSensor(const MetPlanes& met) const {
   constexpr int kLeastOthers = 20;
   constexpr double kMostPassed = 0.02;
   const auto others = std::count_if(met.planes.begin(), met.planes.end(),
-                                    [](const auto& p) { return !p.second.faces; });
+                                    [](const auto& plane) { return !plane.faces; });
   if (others < kLeastOthers) return false;
   int through = 0;
-  for (const auto& [id, plane] : met.planes) {
-    if (plane.faces || !met.beams.SeeThrough(*plane.plane, map_.Aggregate(id), plane.points))
+  for (const MetPlanes::Plane& plane : met.planes) {
+    if (plane.faces || !met.beams.SeeThrough(*plane.plane, map_.Aggregate(plane.id), plane.points))
       continue;
     if (++through > kMostPassed * static_cast<double>(others)) return false;
   }

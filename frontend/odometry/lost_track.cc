@@ -19,7 +19,9 @@ void LostTrack::Add(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                     const Vector6d& twist, double usual_inliers) {
   Scan scan;
   scan.stamp_ns = stamp_ns;
-  if (scans_ > 0 && Agrees(stamp_ns, clusters, usual_inliers, &scan)) {
+  // One that is earlier shows that the stamps of those before were wrong.
+  const bool later = scans_ > 0 && stamp_ns > kept_.back().stamp_ns;
+  if (later && Agrees(stamp_ns, clusters, usual_inliers, &scan)) {
     motion_.Accept(stamp_ns, scan.T_first_lidar, true);
   } else {
     Clear();

@@ -12,6 +12,8 @@ namespace {
 constexpr double kHeldS = 0.3;
 constexpr double kTurnDecayS = 0.5, kWayDecayS = 10.0;
 constexpr double kUneven = 0.5;
+// With each scan that comes soon after another one.
+constexpr double kForgetGap = 0.8;
 
 // Seconds for which the velocity counts in a gap of dt.
 double Effective(double dt, double decay_s) {
@@ -144,6 +146,20 @@ Vector6d MotionModel::WithoutLeap(double dt, const Vector6d& velocity) const {
   return result;
 }
 
+bool MotionModel::IsShort(double dt) const {
+  // A velocity over longer ones is a mean, which says less.
+  constexpr double kShort = 0.3, kPeriodS = 0.1;
+  return moving_known() && dt < kShort * std::min(last_gap_s_, kPeriodS);
+}
+
+Vector6d MotionModel::Between(double dt, const Matrix6d& covariance,
+                              const Vector6d& velocity) const {
+  constexpr double kLeast = 1e-12;
+  const Matrix6d before = velocity_covariance_ + VelocityChange(dt) + kLeast * Matrix6d::Identity();
+  const Matrix6d measured = (covariance + pose_covariance_) / (dt * dt);
+  return velocity_ + before * Matrix6d(before + measured).inverse() * (velocity - velocity_);
+}
+
 void MotionModel::FollowSteps(StampNs stamp_ns, const SE3& T_world_lidar, bool follows) {
   constexpr double kForget = 0.9;  // of a long step, with each scan
   for (double* step : {&long_step_m_, &long_step_rad_, &uneven_m_, &uneven_rad_}) *step *= kForget;
@@ -163,10 +179,12 @@ void MotionModel::Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follow
                          const Matrix6d& covariance) {
   const double dt = Gap(stamp_ns);
   const bool moved = follows && dt > 0.0;
+  const bool short_gap = IsShort(dt);
   Vector6d velocity = Vector6d::Zero();
   if (moved) {
     velocity = TwistTo(T_world_lidar, dt);
     if (moving_known() && stamps_recorded_) velocity = WithoutLeap(dt, velocity);
+    if (short_gap) velocity = Between(dt, covariance, velocity);
     UpdateCovariances(dt, covariance);
   } else {
     velocity_covariance_.setZero();
@@ -175,7 +193,7 @@ void MotionModel::Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follow
   pose_covariance_ = covariance;
   velocity_known_ = moved;
   velocity_ = velocity;
-  if (velocity_known_) last_gap_s_ = dt;
+  if (velocity_known_) last_gap_s_ = short_gap ? kForgetGap * last_gap_s_ : dt;
   last_stamp_ns_ = stamp_ns;
   T_world_last_ = T_world_lidar;
   started_ = true;

@@ -103,6 +103,11 @@ class MotionModel {
   void Archive(StateArchive& a);
 
  private:
+  // Whether a gap is much shorter than those before: the errors of two poses make a velocity of
+  // their own.
+  bool IsShort(double dt) const;
+  // The velocity between the last one and this one, measured over dt, each by its covariance.
+  Vector6d Between(double dt, const Matrix6d& covariance, const Vector6d& velocity) const;
   // This velocity, over the last dt, as far as it may follow from the one before.
   Vector6d WithoutLeap(double dt, const Vector6d& velocity) const;
   void UpdateCovariances(double dt, const Matrix6d& covariance);

@@ -134,7 +134,11 @@ SweepMotion Odometry::SweepTo(const SE3& T_world_lidar, const Vector6d& accelera
 }
 
 int Odometry::DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const {
-  return AnyTimed(clusters) && motion_.TellsSweep(stamp_ns) ? options_.deskew_passes : 0;
+  // The way since a scan that was not over says little of the motion during this one: the poses'
+  // errors would be taken for it, many times over.
+  constexpr double kLeastSweeps = 0.3;
+  if (!AnyTimed(clusters) || !motion_.TellsSweep(stamp_ns)) return 0;
+  return motion_.Gap(stamp_ns) >= kLeastSweeps * SweepLength(clusters) ? options_.deskew_passes : 0;
 }
 
 void Odometry::MatchDeskewed(Attempt* attempt) const {
@@ -203,8 +207,7 @@ void Odometry::Rematch(const std::vector<TimedCluster>& clusters, const VoxelMap
   MatchDeskewed(&attempt);
   *frame = attempt.frame;
   if (frame->match.status == MatchResult::Status::kTooFewMatches) {
-    frame->status = OdometryFrame::Status::kLost;
-    frame->T_world_lidar = frame->T_world_predicted;
+    Lose(frame);
   } else {
     frame->T_world_lidar = frame->match.T_world_lidar;
   }
@@ -222,9 +225,16 @@ void Odometry::Judge(const SearchedScan& scan, const PoseHypotheses& hypotheses,
   if (Believed(*frame, scan, unique)) {
     frame->elsewhere = Elsewhere(scan, hypotheses, *frame, searched);
   } else {
-    frame->status = OdometryFrame::Status::kLost;
-    frame->T_world_lidar = frame->T_world_predicted;
+    Lose(frame);
   }
+}
+
+void Odometry::Lose(OdometryFrame* frame) const {
+  frame->status = OdometryFrame::Status::kLost;
+  frame->T_world_lidar = frame->T_world_predicted;
+  // What was found of the motion during the scan belongs to the match that is not believed.
+  frame->sweep = motion_.Twist(frame->stamp_ns);
+  frame->acceleration = SweepAcceleration();
 }
 
 double Odometry::RecentInliers() const { return MedianOf(recent_inliers_); }

@@ -215,6 +215,8 @@ class Odometry {
                                  const VoxelMap& map, bool map_is_older, int passes) const;
   // How often a scan is deskewed again.
   int DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const;
+  // No match of the frame is to be trusted: the prediction stands for its pose and its motion.
+  void Lose(OdometryFrame* frame) const;
   // Status and pose of a frame that was matched.
   void Judge(const SearchedScan& scan, const PoseHypotheses& hypotheses,
              OdometryFrame* frame) const;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <sstream>
 
 #include "core/base/angle.h"
@@ -108,10 +109,13 @@ void LengthenRays(float by_m, PointColumns* points) {
 // Takes points from *next on, until the columns are full, and counts those that it drops.
 class PointFilter {
  public:
-  PointFilter(const ScanPreparationOptions& options, bool timed)
+  // `times`: those that points may have, if they have times.
+  PointFilter(const ScanPreparationOptions& options, const std::optional<TimeSpan>& times)
       : min2_(static_cast<float>(options.min_range_m * options.min_range_m)),
         max2_(static_cast<float>(options.max_range_m * options.max_range_m)),
-        timed_(timed) {}
+        timed_(times.has_value()),
+        earliest_s_(times ? static_cast<float>(times->low_s) : 0.0F),
+        latest_s_(times ? static_cast<float>(times->high_s) : 0.0F) {}
 
   void Take(const Scan& scan, std::size_t* next, PointColumns* points, PreparedScan* result) const {
     points->count = 0;
@@ -146,8 +150,8 @@ class PointFilter {
       ++(finite ? result->out_of_range : result->non_finite);
       return;
     }
-    if (!std::isfinite(time_s)) {
-      ++result->non_finite;
+    if (timed_ && !(time_s >= earliest_s_ && time_s <= latest_s_)) {
+      ++result->out_of_time;
       return;
     }
     const std::size_t place = points->count++;
@@ -161,6 +165,7 @@ class PointFilter {
 
   float min2_, max2_;
   bool timed_;
+  float earliest_s_, latest_s_;
 };
 
 LAMINA_FOR_EACH_PROCESSOR
@@ -173,7 +178,7 @@ bool PointFilter::TakeTogether(const Scan& scan, std::size_t i, PointColumns* po
   for (std::size_t k = 0; k < kTogether; ++k) {
     x[k] = raw[k].x, y[k] = raw[k].y, z[k] = raw[k].z;
   }
-  const float min2 = min2_, max2 = max2_;
+  const float min2 = min2_, max2 = max2_, earliest_s = earliest_s_, latest_s = latest_s_;
   int taken = 0;
   for (std::size_t k = 0; k < kTogether; ++k) {
     flat2[k] = x[k] * x[k] + y[k] * y[k];
@@ -184,7 +189,7 @@ bool PointFilter::TakeTogether(const Scan& scan, std::size_t i, PointColumns* po
     time_s[k] = timed_ ? scan.time_s[i + k] : 0.0F;
   }
   for (std::size_t k = 0; timed_ && k < kTogether; ++k) {
-    taken -= std::isfinite(time_s[k]) ? 0 : 1;
+    taken -= time_s[k] >= earliest_s && time_s[k] <= latest_s ? 0 : 1;
   }
   return taken == static_cast<int>(kTogether);
 }
@@ -237,14 +242,16 @@ PreparedScan PrepareScan(const Scan& scan, const ScanPreparationOptions& options
   const bool from_azimuth = options.deskew == Deskew::kAzimuth;
   const bool from_file =
       !scan.time_s.empty() && (options.deskew == Deskew::kTime || options.deskew == Deskew::kAuto);
-  const AzimuthClock clock(options,
-                           options.sweep_period_s > 0.0 ? options.sweep_period_s : sweep_period_s);
   const double correction = Radians(options.vertical_correction_deg);
   const auto sine = static_cast<float>(std::sin(correction));
   const auto cosine = static_cast<float>(std::cos(correction));
   const auto range_offset = static_cast<float>(options.range_offset_m);
   const BeamTable beams(options.beams);
-  const PointFilter filter(options, from_file);
+  const double period_s = options.sweep_period_s > 0.0 ? options.sweep_period_s : sweep_period_s;
+  std::optional<TimeSpan> times;
+  if (from_file) times = PossibleTimes(scan.time_s, period_s);
+  const AzimuthClock clock(options, period_s);
+  const PointFilter filter(options, times);
 
   PreparedScan result;
   result.points.reserve(scan.points.size());

@@ -66,6 +66,7 @@ struct PreparedScan {
   std::vector<TimedPoint> points;
   std::size_t non_finite = 0;    // dropped: NaN or infinite
   std::size_t out_of_range = 0;  // dropped: nearer than min_range_m or farther than max_range_m
+  std::size_t out_of_time = 0;   // dropped: of a time that is none of this scan (PossibleTimes)
 };
 
 // Pure function of its arguments; thread-safe. `sweep_period_s` is the time between scans by their

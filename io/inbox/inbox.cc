@@ -112,8 +112,8 @@ class Inbox::Impl final : public InboxWatcher::Events {
   const std::function<Clock::time_point()> now_;
   InboxWatcher watcher_;
   ArrivingFiles arriving_;
-  NameSet seen_;           // known, handed out, set aside or refused
-  NameSet written_again_;  // of those, as it was told
+  NameSet seen_;        // known, handed out, set aside or refused
+  NameSet told_again_;  // of those, that they were made or written anew
   bool drained_ = false;
   // By the caller: the watcher is interrupted as well when a recording has been opened.
   std::atomic<bool> interrupted_{false};
@@ -126,10 +126,10 @@ class Inbox::Impl final : public InboxWatcher::Events {
 // A file stays where it is when it is kept. Made or written anew it has what no run will map.
 void Inbox::Impl::SeenAgain(const std::string& name, How how) {
   if (how == How::kFound || LookAtFile(root_, name).what != FileLook::What::kFile) return;
+  const bool told = told_again_.Contains(name);
+  if (!told) told_again_.Insert(name);
   if (how != How::kWritten) return Refuse(name, "a file of this name was taken before");
-  if (written_again_.Contains(name)) return;
-  written_again_.Insert(name);
-  Refuse(name, "was written to after it was taken; what it held then counts");
+  if (!told) Refuse(name, "was written to after it was taken; what it held then counts");
 }
 
 // A link whose name is no scan's matters only if it leads to a folder elsewhere: the user may

@@ -139,13 +139,6 @@ class CloudReader {
     return cells;
   }
 
-  // The number of the i-th of these cells among all.
-  std::size_t NumberOf(std::size_t i, const KeptCells& cells) const {
-    if (cells.all) return i;
-    const std::uint64_t at = cells.at[i], in_row = at % row_step_;
-    return static_cast<std::size_t>(at / row_step_ * layout_.width + in_row / layout_.point_step);
-  }
-
  private:
   void Check(const PointCloudField& field) const {
     if (field.datatype == 0 || field.datatype >= kBytesOf.size()) {
@@ -251,19 +244,6 @@ std::array<const PointCloudField*, 3> FindAxes(const CloudReader& cloud, const s
   return axes;
 }
 
-template <typename T>
-void CheckTimes(const std::vector<T>& times, const CloudReader& cloud, const KeptCells& cells,
-                const std::vector<ScanPoint>& points, const std::string& field) {
-  if constexpr (std::is_floating_point_v<T>) {
-    for (std::size_t i = 0; i < times.size(); ++i) {
-      const ScanPoint& p = points[i];
-      if (std::isfinite(times[i]) || !std::isfinite(p.x + p.y + p.z)) continue;
-      throw InputError(fmt::format("{}: point {} has a place but no finite '{}'", cloud.name(),
-                                   cloud.NumberOf(i, cells), field));
-    }
-  }
-}
-
 // What a driver writes as the time of a pulse without a return is none: zero, often, beside times
 // since an epoch. Those cells get none.
 template <typename T>
@@ -295,11 +275,11 @@ Scan ScanFromCloud(const PointCloudLayout& layout, std::string_view data, KeptPo
   const PointFields fields = {FindAxes(cloud, name),
                               cloud.Find({"intensity", "reflectivity", "i"})};
   const KeptCells cells = cloud.TakePoints(fields, kept, &scan.points);
-  const PointCloudField* time = cloud.Find({"t", "time", "timestamp", "time_stamp", "offset_time",
-                                            "time_offset", "point_time_offset", "ts"});
+  const PointCloudField* time =
+      cloud.Find({"t", "time", "timestamp", "time_stamp", "offset_time", "time_offset",
+                  "point_time_offset", "ts", "gps_time", "gpstime"});
   if (time == nullptr) return scan;
   cloud.UseColumn(*time, cells, [&](const auto& column) {
-    CheckTimes(column, cloud, cells, scan.points, time->name);
     PointTimes read =
         ReadTimes(column, scan.points, unit, fmt::format("{}: field '{}'", name, time->name));
     if (times != nullptr) {

@@ -126,7 +126,7 @@ std::vector<float> Seconds(const std::vector<T>& raw, const Range& range, T orig
     // The difference of others may not fit.
     const bool within = (raw[i] >= low) & (raw[i] <= high);
     const double s = static_cast<double>((within ? raw[i] : origin) - origin) / per_s + rest_s;
-    time_s[i] = within ? static_cast<float>(s) : IsFinite(raw[i]) ? kDamaged : 0.0F;
+    time_s[i] = within ? static_cast<float>(s) : kDamaged;
   }
   return time_s;
 }

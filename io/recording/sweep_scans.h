@@ -44,6 +44,7 @@ class SweepScans : public ScanSource {
   StampNs Stamp(std::size_t i) const final { return sweeps_.at(i).stamp_ns; }
   Scan Read(std::size_t i) const final;
   PointTimeField PointTimes(std::size_t) const final;
+  bool spins() const final { return true; }
   RecordingDescription Describe() const final { return described_; }
 
  protected:

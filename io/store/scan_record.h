@@ -26,7 +26,10 @@ struct ScanRecord {
   std::string detail;  // of a skip
   bool keyframe = false, searched = false;
   std::int64_t points = 0, clusters = 0, matched = 0, iterations = 0, unobservable_directions = 0;
-  double inlier_share = 0.0, residual_m = 0.0, worst_sigma_m = 0.0;
+  double inlier_share = 0.0, residual_m = 0.0;
+  // Standard deviation along the direction that is known least: by planes alone, or, if that is
+  // more, by the covariance.
+  double worst_sigma_m = 0.0;
   Matrix6d covariance = Matrix6d::Zero();
   double read_ms = 0, prepare_ms = 0, cluster_ms = 0, odometry_ms = 0, map_ms = 0, solve_ms = 0;
 

@@ -185,6 +185,9 @@ TEST_F(Config, WrongTypesAreRefused) {
   EXPECT_THAT(Complaint("map: 3\n"), HasSubstr("unknown option 'map'"));
   EXPECT_THAT(Complaint("- 3\n"), HasSubstr("must be a map"));
   EXPECT_THAT(Complaint("map: {depth: 1\n"), HasSubstr("not valid YAML"));
+  EXPECT_THAT(Complaint("map:\n  depth: 1\n---\nmap:\n  depht: 2\n"),
+              testing::AllOf(HasSubstr("bad.yaml:4"), HasSubstr("another document")));
+  EXPECT_EQ(Complaint("---\nmap:\n  depth: 1\n---\n"), "");
 }
 
 TEST_F(Config, OutOfRangeNamesValueRuleAndPlace) {

@@ -155,9 +155,12 @@ std::string DescribeCalibration(const RecordingCalibration& calibration,
            "a drive is needed on which flat ground or walls are seen from near and far: longer, or "
            "with calibration.frame_spacing_share lowered for one of a few metres";
   }
+  const double before_m = calibration.passes.front().map.median_m;
+  const double after_m = calibration.passes.back().map.median_m;
   text += fmt::format("planes of the map: {:.1f} mm thick before, {:.1f} mm after (median)\n",
-                      1e3 * calibration.passes.front().map.median_m,
-                      1e3 * calibration.passes.back().map.median_m);
+                      1e3 * before_m, 1e3 * after_m);
+  if (after_m >= before_m)
+    return text + "they are no thinner: the options are best left as they are\n";
   if (!calibration.settled) {
     text += "the last pass still changed the offsets by more than sigma: take them with care\n";
   }

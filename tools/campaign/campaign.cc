@@ -13,6 +13,7 @@
 #include "config/config.h"
 #include "config/yaml_options.h"
 #include "core/base/error.h"
+#include "core/base/printable_text.h"
 #include "core/base/stopwatch.h"
 #include "core/geometry/state_archive.h"
 #include "io/file/folder_writer.h"
@@ -151,6 +152,10 @@ class Campaign {
     if (HoldsText(drive / kMadeOf, made_of) &&
         (!ByKeyframes() || fs::exists(drive / kKeyframeFileName))) {
       return {Status::kThere, ""};
+    }
+    if (fs::exists(drive / kMadeOf)) {
+      spdlog::warn("{}: was made of other scans or with other options, and is made anew",
+                   Printable(drive.string()));
     }
     Stopwatch watch;
     FolderWriter folder = NewFolder(Drive(recording.name));

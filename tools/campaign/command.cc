@@ -42,7 +42,8 @@ void AddCampaignCommand(CLI::App* app, std::function<int()>* run) {
       ->required();
   command
       ->add_option("--out", arguments->out,
-                   "Folder for the results, seen by all processes; what is in it already is kept")
+                   "Folder for the results, seen by all processes; what is in it already, of the "
+                   "same scans and options, is kept")
       ->required();
   command
       ->add_option("--level", arguments->level,

@@ -12,6 +12,7 @@
 #include "tools/doctor/data.h"
 #include "tools/http/web_assets.h"
 #include "tools/report/page.h"
+#include "tools/results/output_folder.h"
 
 namespace lamina {
 namespace {
@@ -27,6 +28,7 @@ int ExamineRun(const DoctorArguments& arguments) {
       arguments.out.empty()
           ? (std::filesystem::path(arguments.source.folder) / "doctor.html").string()
           : arguments.out;
+  CheckReplacesNoResult("--out", page);
   WriteTextFile(page, ReportPage(FindWebFolders(), "doctor.html", DoctorData(findings)));
   fmt::print("{}", DoctorText(findings, page));
   return 0;

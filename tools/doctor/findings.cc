@@ -9,6 +9,7 @@
 #include "core/base/error.h"
 #include "core/base/printable_text.h"
 #include "io/recording/scan_source.h"
+#include "tools/results/recording_part.h"
 #include "tools/results/verdict/rules.h"
 
 namespace lamina {
@@ -32,6 +33,12 @@ std::map<StampNs, std::string> ReadFileNames(const DoctorSource& source, const R
   ScanSourceOptions options = table.config.scans;
   options.topic = source.topic.value_or(options.topic);
   const auto scans = OpenScans(path, options);
+  const auto part = ReadRecordingPart(table.folder);
+  if (part && part->scans != scans->size()) {
+    throw InputError(fmt::format(
+        "{} and {} do not belong together: the run is of a recording of {} scans, this one has {}",
+        table.folder, path, part->scans, scans->size()));
+  }
   std::map<StampNs, std::string> names;
   for (std::size_t i = 0; i < scans->size(); ++i) {
     names.emplace(scans->Stamp(i), std::filesystem::path(scans->Name(i)).filename().string());

@@ -239,7 +239,7 @@ class Adviser {
   }
 
   void OfDegenerate() {
-    const double limit_m = config_.frontend.matcher.max_direction_sigma_m;
+    const double limit_m = config_.frontend.max_tracked_sigma_m;
     if (FewPoints()) {
       return Say(fmt::format("with {:.0f} usable points a scan, too little faces that direction.",
                              figures_.points),
@@ -247,8 +247,7 @@ class Adviser {
     }
     std::vector<std::string> settings;
     if (place_.worst > limit_m && place_.worst < 2.0 * limit_m) {
-      settings.push_back(
-          fmt::format("frontend.matcher.max_direction_sigma_m={:.2g}", 2.0 * limit_m));
+      settings.push_back(fmt::format("frontend.max_tracked_sigma_m={:.2g}", 2.0 * limit_m));
     }
     Say("a corridor, a tunnel, an open field, or a wall that fills the view: nothing faces the "
         "direction that stays open, and motion along it is predicted.",

@@ -85,10 +85,9 @@ std::string DescribeFigure(const RunTable& table, const WeakPlaces& places,
       return fmt::format("{} matches stop at {} steps (frontend.matcher.max_iterations)",
                          place.count, table.config.frontend.matcher.max_iterations);
     case Symptom::kDegenerate:
-      return fmt::format(
-          "{} scans, {} up to {} at scan {} (frontend.matcher.max_direction_sigma_m="
-          "{:g})",
-          place.count, kind.figure, worst, at, table.config.frontend.matcher.max_direction_sigma_m);
+      return fmt::format("{} scans, {} up to {} at scan {} (frontend.max_tracked_sigma_m={:g})",
+                         place.count, kind.figure, worst, at,
+                         table.config.frontend.max_tracked_sigma_m);
     case Symptom::kGap:
       return fmt::format("{} to the scan before, where {:.3g} s are usual: about {:.0f} missing",
                          worst, usual_s, MissingScans(places, place));

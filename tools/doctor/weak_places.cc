@@ -47,7 +47,7 @@ Limits LimitOf(Symptom symptom, const LaminaConfig& config) {
     case Symptom::kTurnJump:
       return {rules::kMostDeg_S2, false};
     case Symptom::kDegenerate:
-      return {config.frontend.matcher.max_direction_sigma_m, false};
+      return {config.frontend.max_tracked_sigma_m, false};
     case Symptom::kResidual:
       return {rules::kMostResidualFloors * config.frontend.matcher.noise_floor_m, false};
     case Symptom::kOverBudget:

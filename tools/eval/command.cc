@@ -23,6 +23,7 @@
 #include "tools/metrics/match.h"
 #include "tools/metrics/trajectory_metrics.h"
 #include "tools/plot/gnuplot.h"
+#include "tools/results/output_folder.h"
 #include "tools/results/piece_poses.h"
 #include "tools/results/posed_scans.h"
 #include "tools/results/recording_part.h"
@@ -258,6 +259,7 @@ int RunEval(const EvalArguments& a) {
   const bool apart = pieces.size() > estimates.size();
   if (scans != nullptr) JudgeByMap(*scans, config, a.tolerance_s, pieces, apart, &json);
   if (!a.json.empty()) {
+    CheckReplacesNoResult("--json", a.json);
     FileWriter writer(a.json);
     writer.Write(json.dump(2) + "\n");
     writer.Commit();

@@ -34,7 +34,7 @@ struct ExportArguments {
   std::string format = "ply";
   std::string out;
   std::string trajectory;
-  std::optional<double> resolution_m;
+  double resolution_m = 0.1;
   ExportOptions options;
 };
 
@@ -76,6 +76,7 @@ void RequireSameRecording(const ScanSource& scans, const std::vector<PosedScan>&
 
 // What is written among the scans would be one of them from then on.
 void CheckOutput(const std::string& out, const std::string& scans) {
+  CheckReplacesNoResult("--out", out);
   const std::string folder = std::filesystem::absolute(out).parent_path().string();
   if (!IsWithin(folder, scans)) return;
   throw OptionError(fmt::format("--out {}: is in the folder of the recording, {}", out, scans));
@@ -89,7 +90,7 @@ int ExportCloudOf(const ExportArguments& arguments) {
   const Trajectory trajectory = ReadFirstPiece(arguments.run, &rows);
   const std::unique_ptr<ScanSource> scans = OpenScans(arguments.scans, config.scans);
   ExportOptions options = arguments.options;
-  options.resolution_m = *arguments.resolution_m;
+  options.resolution_m = arguments.resolution_m;
   options.preparation = config.preparation;
   options.frame_period_s = config.scans.frame_period_s;
 
@@ -121,14 +122,12 @@ int ExportCloudOf(const ExportArguments& arguments) {
 }
 
 int RunExport(const ExportArguments& arguments) {
-  const bool cloud = !arguments.scans.empty() || arguments.resolution_m;
+  const bool cloud = !arguments.scans.empty();
   if (!cloud && arguments.trajectory.empty()) {
-    throw OptionError("export: --scans and --resolution are needed for a cloud, or --trajectory");
-  }
-  if (cloud && (arguments.scans.empty() || !arguments.resolution_m)) {
-    throw OptionError("export: a cloud needs --scans, the recording, and --resolution, in metres");
+    throw OptionError("export: --scans, the recording, is needed for a cloud, or --trajectory");
   }
   if (!arguments.trajectory.empty()) {
+    CheckReplacesNoResult("--trajectory", arguments.trajectory);
     const std::size_t poses = ExportTrajectory(arguments.run, arguments.trajectory);
     fmt::print("{}: {} poses\n", arguments.trajectory, poses);
   }
@@ -149,16 +148,19 @@ void AddExportCommand(CLI::App* app, std::function<int()>* run) {
                    "config.yaml (ranges, deskewing)")
       ->type_name("DIR")
       ->required();
-  command
-      ->add_option("--scans", arguments->scans,
-                   "The recording that the run was made from. Scans are found by stamp; those "
-                   "without a pose are left out")
-      ->type_name("PATH");
+  CLI::Option* const scans =
+      command
+          ->add_option("--scans", arguments->scans,
+                       "The recording that the run was made from. Scans are found by stamp; those "
+                       "without a pose are left out")
+          ->type_name("PATH");
   AddTopicOption(command, &arguments->topic);
   command
       ->add_option("--resolution", arguments->resolution_m,
                    "Edge of the voxels of which each keeps its first point")
-      ->type_name("METRES");
+      ->type_name("METRES")
+      ->capture_default_str()
+      ->needs(scans);
   command->add_option("--format", arguments->format, "Format of the default output file")
       ->check(CLI::IsMember({"ply", "pcd", "las", "laz", "copc"}))
       ->capture_default_str();

@@ -11,6 +11,7 @@
 #include "core/base/error.h"
 #include "io/points/scan_file.h"
 #include "tools/plot/gnuplot.h"
+#include "tools/results/output_folder.h"
 #include "tools/results/piece_poses.h"
 
 namespace lamina {
@@ -36,6 +37,7 @@ Eigen::Vector2d HeightRange(const std::vector<Eigen::Vector3d>& points) {
 int DrawRun(const PlotArguments& arguments) {
   const std::filesystem::path run(arguments.run);
   const std::string out = arguments.out.empty() ? (run / "map.png").string() : arguments.out;
+  CheckReplacesNoResult("--out", out);
   Plot plot;
   plot.title = "Map (planes by height) and trajectory, from above";
   plot.x_label = "x [m]";

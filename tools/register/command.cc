@@ -27,6 +27,7 @@
 #include "tools/results/output_folder.h"
 #include "tools/results/recording_part.h"
 #include "tools/results/verdict/process_report.h"
+#include "tools/results/verdict/verdict.h"
 
 namespace lamina {
 namespace {
@@ -68,27 +69,30 @@ std::vector<std::optional<SE3>> PosesAtScans(const std::string& path, Trajectory
     initial.push_back(PoseAt(poses, source.Stamp(i)));
   }
   if (std::all_of(initial.begin(), initial.end(), [](const auto& p) { return !p; })) {
-    throw InputError(fmt::format("{}: no scan has its stamp among those of the poses", path));
+    throw InputError(fmt::format(
+        "{}: no scan has its stamp among those of the poses; poses without stamps (KITTI "
+        "form) are taken in order",
+        path));
   }
   return initial;
 }
 
-// A pose for each scan of the range: in order, if there are as many as scans in the recording or in
-// the range; else by stamp, where a scan may be left without.
+// A pose for each scan of the range: by stamp, where poses and scans have stamps, and a scan may be
+// left without; else in order, if there are as many as scans in the recording or in the range.
 std::vector<std::optional<SE3>> ReadInitialPoses(const std::string& path, const ScanSource& source,
                                                  const FrameRange& range) {
   const Trajectory poses = CameraToLidar(ReadTrajectory(path), source.T_camera_lidar());
   const std::size_t wanted = range.end - range.begin;
+  if (HasStamps(poses) && source.recorded_stamps()) return PosesAtScans(path, poses, source, range);
   if (poses.size() != source.size() && poses.size() != wanted) {
-    if (HasStamps(poses)) return PosesAtScans(path, poses, source, range);
     std::string advice;
     if (poses.size() < wanted) {
       advice = fmt::format("; if they are those of the first scans, add --frames {}:{}",
                            range.begin, range.begin + poses.size());
     }
-    throw InputError(fmt::format(
-        "{}: holds {} poses for {} scans, and no stamps that tell which scan each is of{}", path,
-        poses.size(), wanted, advice));
+    throw InputError(
+        fmt::format("{}: holds {} poses for {} scans, and no stamps tell which scan each is of{}",
+                    path, poses.size(), wanted, advice));
   }
   const std::size_t first = poses.size() == source.size() ? range.begin : 0;
   std::vector<std::optional<SE3>> initial;
@@ -103,6 +107,25 @@ std::vector<SE3> Filled(const std::vector<std::optional<SE3>>& poses) {
   std::vector<SE3> filled;
   for (const std::optional<SE3>& pose : poses) filled.push_back(last = pose.value_or(last));
   return filled;
+}
+
+// Takes poses that lie far from the origin, as those of a national grid do, to one of the map's
+// near by, which is returned: whole metres, zero where floats of the map's file are exact to a
+// millimetre.
+Eigen::Vector3d MoveToMapOrigin(std::vector<std::optional<SE3>>* poses) {
+  constexpr double kFarM = 8000.0;
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
+  double far_m = 0.0;
+  for (auto pose = poses->rbegin(); pose != poses->rend(); ++pose) {
+    if (!*pose) continue;
+    origin = (*pose)->t.array().round();
+    far_m = std::max(far_m, (*pose)->t.cwiseAbs().maxCoeff());
+  }
+  if (far_m <= kFarM) return Eigen::Vector3d::Zero();
+  for (std::optional<SE3>& pose : *poses) {
+    if (pose) pose->t -= origin;
+  }
+  return origin;
 }
 
 struct Batch {
@@ -162,6 +185,11 @@ Trajectory WithStamps(const Batch& batch, const std::vector<SE3>& poses) {
   for (std::size_t k = 0; k < poses.size(); ++k) {
     trajectory.push_back({batch.frames[k].stamp_ns, poses[k]});
   }
+  return trajectory;
+}
+
+Trajectory MovedBy(const Eigen::Vector3d& t, Trajectory trajectory) {
+  for (StampedPose& pose : trajectory) pose.T_world_lidar.t += t;
   return trajectory;
 }
 
@@ -239,13 +267,28 @@ void ThrowUnlessUsable(const RegistrationResult& result) {
   if (result.status == RegistrationResult::Status::kFailed) throw InputError(result.reason);
 }
 
+// To the table, and the user if they are told.
+RegistrationCallbacks FollowRounds(bool told, RoundTable* rounds) {
+  RegistrationCallbacks callbacks;
+  callbacks.on_step = [rounds](const RoundReport& round, const BundleStep& step) {
+    rounds->Append(round, step);
+  };
+  callbacks.on_round = [told](const RoundReport& r) {
+    if (!told) return;
+    fmt::print(stderr, "round {}: voxels {:.2f} m, {} planes, cost {:.6g} -> {:.6g}, {} steps\n",
+               r.round, r.root_size_m, r.planes, r.initial_cost, r.final_cost, r.iterations);
+  };
+  return callbacks;
+}
+
 int Register(const RegisterArguments& arguments) {
   const auto limit = LimitThreads(arguments.threads);
   const LaminaConfig config = LoadConfig(arguments.config.file, arguments.config.set);
   const Formulation& formulation = FindFormulation(arguments.formulation);
   const auto source = OpenScans(arguments.scans, config.scans);
   const FrameRange range = ParseFrameRange(arguments.frames, source->size());
-  const auto given = ReadInitialPoses(arguments.initial, *source, range);
+  auto given = ReadInitialPoses(arguments.initial, *source, range);
+  const Eigen::Vector3d origin = MoveToMapOrigin(&given);
   const std::vector<SE3> initial = Filled(given);
   const RecordingPart part = PartOf(*source, range);
   Trajectory truth;
@@ -268,23 +311,15 @@ int Register(const RegisterArguments& arguments) {
 
   const BatchRegistration registration(config.registration, config.map, config.backend.window,
                                        formulation);
-  RegistrationCallbacks callbacks;
-  callbacks.on_step = [&](const RoundReport& round, const BundleStep& step) {
-    rounds.Append(round, step);
-  };
-  callbacks.on_round = [&](const RoundReport& r) {
-    if (arguments.progress == "off") return;
-    fmt::print(stderr, "round {}: voxels {:.2f} m, {} planes, cost {:.6g} -> {:.6g}, {} steps\n",
-               r.round, r.root_size_m, r.planes, r.initial_cost, r.final_cost, r.iterations);
-  };
+  RegistrationCallbacks callbacks = FollowRounds(arguments.progress != "off", &rounds);
   Trajectory poses;
   callbacks.on_poses = [&](const RegistrationResult& solved) {
-    poses = WithStamps(batch, solved.poses);
+    poses = MovedBy(origin, WithStamps(batch, solved.poses));
     RemoveStaleResults(arguments.out, {"trajectory_kitti.txt", "trajectory_tum.txt", "rounds.csv",
                                        "covariance.csv", "map_surfels.ply"});
     WriteTextFile(path("config.yaml"), ToYaml(config));
     WriteKittiTrajectory(path("trajectory_kitti.txt"),
-                         AllScans(batch, *source, range, initial, solved.poses));
+                         MovedBy(origin, AllScans(batch, *source, range, initial, solved.poses)));
     WriteTumTrajectory(path("trajectory_tum.txt"), poses);
   };
   RegistrationResult result = registration.Run(batch.frames, callbacks, &stop);
@@ -305,11 +340,15 @@ int Register(const RegisterArguments& arguments) {
   nlohmann::json summary =
       Summarise(result, batch.scans, formulation.name, figures, errors ? &*errors : nullptr);
   summary["recording"] = ToJson(part);
+  // Of map_surfels.ply, in the frame of the poses.
+  summary["map_origin_m"] = {origin.x(), origin.y(), origin.z()};
   WriteTextFile(path("summary.json"), summary.dump(2) + "\n");
   ThrowUnlessUsable(result);
   PrintSummary(arguments.out, result, summary);
   if (stop) throw InterruptedError("the results are those of the rounds until then");
-  return 0;
+  // Poses that were given and not bettered may be good; frames of which nothing is known are not.
+  const bool no_better = result.status == RegistrationResult::Status::kNoBetter;
+  return no_better && !result.faults.empty() ? kProbablyWrong : 0;
 }
 
 }  // namespace

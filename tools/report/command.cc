@@ -11,6 +11,7 @@
 #include "tools/http/web_assets.h"
 #include "tools/report/data.h"
 #include "tools/report/page.h"
+#include "tools/results/output_folder.h"
 
 namespace lamina {
 namespace {
@@ -27,6 +28,7 @@ int WriteReport(const ReportArguments& arguments) {
   if (!arguments.source.calib.empty() && arguments.source.truth.empty()) {
     throw OptionError("report: --calib is for the poses of --truth, which is missing");
   }
+  CheckReplacesNoResult("--out", arguments.out);
   ReportSource source = arguments.source;
   source.folder = arguments.run.empty() ? arguments.session : arguments.run;
   const std::string page = ReportPage(FindWebFolders(), "report.html", ReadReportData(source));

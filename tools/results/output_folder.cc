@@ -7,6 +7,7 @@
 #include <filesystem>
 
 #include "core/base/error.h"
+#include "tools/results/keyframe_file.h"
 #include "tools/results/piece_trajectories.h"
 #include "tools/results/submap_file.h"
 #include "tools/results/verdict/process_report.h"
@@ -25,6 +26,45 @@ fs::path Canonical(const std::string& path) {
 bool Exists(const std::string& folder, const char* name) {
   std::error_code ignored;
   return fs::exists(fs::path(folder) / name, ignored);
+}
+
+bool IsAmong(const std::vector<std::string>& names, const std::string& name) {
+  return std::find(names.begin(), names.end(), name) != names.end();
+}
+
+// What `lamina run` and `register` leave in their folder, by the name of the file.
+bool IsResult(const std::string& name) {
+  static const std::vector<std::string> kResults{"trajectory_tum.txt",
+                                                 "trajectory_kitti.txt",
+                                                 "map_surfels.ply",
+                                                 "frames.csv",
+                                                 "rounds.csv",
+                                                 "covariance.csv",
+                                                 "loops.csv",
+                                                 "graph.g2o",
+                                                 kSubmapFileName,
+                                                 "trajectory_odometry_tum.txt",
+                                                 "trajectory_odometry_kitti.txt",
+                                                 "trajectory_live_tum.txt",
+                                                 "trajectory_live_kitti.txt",
+                                                 "summary.json"};
+  return IsAmong(kResults, name) || PieceOfFile(name, MapFileName) ||
+         PieceOfFile(name, PieceTrajectoryName);
+}
+
+// What other commands make from these, as a rule.
+bool IsMadeFromResults(const std::string& name) {
+  static const std::vector<std::string> kMade{"cloud.ply",  "cloud.pcd",      "cloud.las",
+                                              "cloud.laz",  "cloud.copc.laz", "map.png",
+                                              "doctor.html"};
+  return IsAmong(kMade, name);
+}
+
+// What commands read of a folder of results beside these; and a session's own.
+bool IsReadAsWell(const std::string& name) {
+  static const std::vector<std::string> kRead{kKeyframeFileName, "config.yaml", "session.db",
+                                              "session.db-wal",  "lock",        "map_tiles.db"};
+  return IsAmong(kRead, name);
 }
 
 }  // namespace
@@ -59,35 +99,22 @@ void CheckOutputFolder(const std::string& out, const std::string& scans) {
   }
 }
 
+void CheckReplacesNoResult(const std::string& option, const std::string& path) {
+  const fs::path canonical = Canonical(path);
+  const std::string folder = canonical.parent_path().string(), name = canonical.filename().string();
+  if (!HoldsResults(folder) && !IsSession(folder)) return;
+  if (!IsResult(name) && !IsReadAsWell(name)) return;
+  throw OptionError(fmt::format("{} {}: is a result of the folder {}, which would be lost", option,
+                                path, folder));
+}
+
 void RemoveStaleResults(const std::string& out, const std::vector<std::string>& written) {
   if (!HoldsResults(out)) return;
   std::vector<std::string> stale;
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator(out, ignored)) {
     const std::string name = entry.path().filename().string();
-    static const std::vector<std::string> kResults{"trajectory_tum.txt",
-                                                   "trajectory_kitti.txt",
-                                                   "map_surfels.ply",
-                                                   "frames.csv",
-                                                   "rounds.csv",
-                                                   "covariance.csv",
-                                                   "cloud.ply",
-                                                   "cloud.pcd",
-                                                   "cloud.las",
-                                                   "cloud.laz",
-                                                   "cloud.copc.laz",
-                                                   "map.png",
-                                                   "doctor.html",
-                                                   "loops.csv",
-                                                   "graph.g2o",
-                                                   kSubmapFileName,
-                                                   "trajectory_odometry_tum.txt",
-                                                   "trajectory_odometry_kitti.txt",
-                                                   "trajectory_live_tum.txt",
-                                                   "trajectory_live_kitti.txt",
-                                                   "summary.json"};
-    const bool ours = std::find(kResults.begin(), kResults.end(), name) != kResults.end() ||
-                      PieceOfFile(name, MapFileName) || PieceOfFile(name, PieceTrajectoryName);
+    const bool ours = IsResult(name) || IsMadeFromResults(name);
     if (!ours || !entry.is_regular_file(ignored)) continue;
     if (std::find(written.begin(), written.end(), name) != written.end()) continue;
     fs::remove(entry.path(), ignored);

@@ -20,6 +20,10 @@ bool HoldsResults(const std::string& folder);
 // that results there will be replaced.
 void CheckOutputFolder(const std::string& out, const std::string& scans);
 
+// Refuses `path` (OptionError naming `option`) where it is a file of a run, a registration or a
+// session that other commands read: it would be lost.
+void CheckReplacesNoResult(const std::string& option, const std::string& path);
+
 // To be called just before new results replace those of the folder: removes the old ones that will
 // not be replaced (of another command, or made from them: pictures, clouds, maps of pieces), and
 // logs what they were. summary.json, which is written last, is removed in any case: where it is,

@@ -5,7 +5,6 @@
 
 #include <CLI/CLI.hpp>
 #include <atomic>
-#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -22,6 +21,7 @@
 #include "config/config.h"
 #include "core/base/error.h"
 #include "core/base/printable_text.h"
+#include "core/base/stopwatch.h"
 #include "io/map/trajectory_io.h"
 #include "io/points/scan_file.h"
 #include "io/store/byte_file.h"
@@ -71,9 +71,13 @@ void WatchMap(const VoxelMap& map, RunFigures* figures, RunProgress* progress) {
 
 void PrintSummary(const std::string& out, const MappingCounts& counts, const PieceErrors& errors,
                   const RunVerdict& verdict, const nlohmann::json& json) {
-  fmt::print("{} frames in {:.1f} s ({:.1f} frames/s, {:.1f} ms CPU a frame), {} surfels\n",
-             counts.frames, json["wall_s"].get<double>(), json.value("frames_per_s", 0.0),
-             json.value("cpu_ms_per_frame", 0.0), json["map_surfels"].get<std::size_t>());
+  fmt::print(
+      "{} frames in {:.1f} s ({:.1f} frames/s, {:.1f} ms CPU a frame) after {:.1f} s of opening "
+      "the "
+      "recording, {} surfels\n",
+      counts.frames, json["wall_s"].get<double>(), json.value("frames_per_s", 0.0),
+      json.value("cpu_ms_per_frame", 0.0), json["opening_s"].get<double>(),
+      json["map_surfels"].get<std::size_t>());
   if (json["skipped_scans"] > 0) fmt::print("skipped: {}\n", json["skipped_by_reason"].dump());
   if (counts.lost > 0) {
     fmt::print("lost on {} frames (status `lost` in frames.csv)\n", counts.lost);
@@ -211,6 +215,37 @@ int Tell(const RunArguments& arguments, const LaminaConfig& config, const Mappin
   return verdict.grade == RunVerdict::Grade::kWrong ? kProbablyWrong : 0;
 }
 
+// Of opening a recording, and of mapping it.
+class RunClock {
+ public:
+  void OpeningEnds() {
+    opening_s_ = 1e-3 * watch_.Milliseconds();
+    watch_ = Stopwatch();
+    cpu_start_ = ProcessCpuSeconds();
+  }
+  void Stop(RunFigures* figures) const {
+    figures->opening_s = opening_s_;
+    figures->wall_s = 1e-3 * watch_.Milliseconds();
+    figures->cpu_s = ProcessCpuSeconds() - cpu_start_;
+  }
+
+ private:
+  Stopwatch watch_;
+  double opening_s_ = 0.0, cpu_start_ = 0.0;
+};
+
+// Throws unless all scans were mapped, and one at least has a pose. `results`: what is in the
+// folder now.
+void ThrowUnlessWhole(const RunArguments& arguments, const FrameRange& range,
+                      const MappedRecording& mapped, bool any_pose, const std::string& results) {
+  if (mapped.processed < range.end - range.begin) {
+    throw InterruptedError(fmt::format("{} of {} scans were mapped; {}", mapped.processed,
+                                       range.end - range.begin, results));
+  }
+  if (!any_pose)
+    throw InputError(fmt::format("{}: not one usable scan; {}", arguments.scans, results));
+}
+
 }  // namespace
 
 int RunRecording(const RunArguments& arguments) {
@@ -222,11 +257,12 @@ int RunRecording(const RunArguments& arguments) {
   Trajectory truth;
   if (!arguments.truth.empty()) truth = ReadTruthOfPart(arguments.truth, *source, part);
   CheckOutputFolder(arguments.out, arguments.scans);
+  const bool replaces = HoldsResults(arguments.out);
   MakeDirectory(arguments.out);
   const std::atomic<bool>& stop = StopOnSignals();
+  RunClock clock;
   OpenRun(*source, range, arguments, stop, &config);
-  const auto start = std::chrono::steady_clock::now();
-  const double cpu_start = ProcessCpuSeconds();
+  clock.OpeningEnds();
   std::optional<Attempt> attempt;
   const auto begin = [&](const MappingOptions& options) {
     attempt.reset();  // its files are those of the next one
@@ -239,8 +275,13 @@ int RunRecording(const RunArguments& arguments) {
   RunOutput& output = attempt->output;
   RunFigures& figures = attempt->figures;
   Mapping& mapping = attempt->mapping;
-  const std::size_t processed = mapped.processed;
   mapping.Finish();
+  figures.interrupted = mapped.processed < range.end - range.begin;
+  const bool any_pose = !output.Pieces().empty();
+  if (replaces) {
+    ThrowUnlessWhole(arguments, range, mapped, any_pose,
+                     arguments.out + " keeps the results of an earlier run");
+  }
   if (attempt->keyframes) attempt->keyframes->Commit();
   std::optional<CorrectedMap> corrected;
   std::optional<JoinedRun> joined;
@@ -250,29 +291,20 @@ int RunRecording(const RunArguments& arguments) {
     if (joined->moved())
       corrected.emplace(*joined, config.map, output.Path("map_corrected.scratch"));
   }
-  figures.interrupted = processed < range.end - range.begin;
   attempt->progress.Finish();
-  figures.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  figures.cpu_s = ProcessCpuSeconds() - cpu_start;
+  clock.Stop(&figures);
 
   std::string truth_problem;
-  const std::map<std::int64_t, Trajectory> pieces = output.Pieces();
-  const PieceErrors errors = JudgeByTruth(pieces, truth, &truth_problem);
+  const PieceErrors errors = JudgeByTruth(output.Pieces(), truth, &truth_problem);
   // Of an interrupted run, the scans until then.
-  if (processed > 0) part.end = part.begin + processed;
+  if (mapped.processed > 0) part.end = part.begin + mapped.processed;
   const nlohmann::json summary =
       output.Finish(mapping.counts(), corrected ? corrected->map() : mapping.map(), config, part,
                     figures, errors, mapped.opening, joined ? &*joined : nullptr);
-  const std::string interruption =
-      fmt::format("{} of {} scans were mapped; the results are those of these", processed,
-                  range.end - range.begin);
-  if (pieces.empty() && figures.interrupted) throw InterruptedError(interruption);
-  if (pieces.empty()) {
-    throw InputError(arguments.scans + ": not one usable scan; summary.json says why");
-  }
+  if (!any_pose) ThrowUnlessWhole(arguments, range, mapped, any_pose, "summary.json says more");
   const int exit_code =
       Tell(arguments, config, mapping, mapped.opening, errors, output.Judge(), summary);
-  if (figures.interrupted) throw InterruptedError(interruption);
+  ThrowUnlessWhole(arguments, range, mapped, any_pose, "the results are those of these");
   if (!truth_problem.empty()) throw InputError(truth_problem + " (all else is written)");
   return exit_code;
 }

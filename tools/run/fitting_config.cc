@@ -206,7 +206,7 @@ FittingConfig FindFittingConfig(const ScanSource& source, const FrameRange& rang
   if (AreKeyframes(glance)) {
     return {"keyframes", "thinned scans that are metres apart", true};
   }
-  if (AreSpread(glance)) {
+  if (!source.spins() && AreSpread(glance)) {
     return {"livox_mid360", "few points all around, on no rings", true};
   }
   const fs::path folder = fs::weakly_canonical(fs::absolute(source.Name(0))).parent_path();

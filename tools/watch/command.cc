@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <csignal>
 #include <filesystem>
 #include <memory>
@@ -53,6 +54,10 @@ std::optional<SE3> ParseStart(const std::vector<double>& numbers) {
   if (numbers.size() != 3 && numbers.size() != 7) {
     throw OptionError(
         fmt::format("--start has {} numbers: must be x y z or x y z qx qy qz qw", numbers.size()));
+  }
+  for (const double number : numbers) {
+    if (!std::isfinite(number))
+      throw OptionError(fmt::format("--start: {} must be a finite number", number));
   }
   SE3 T;
   T.t = {numbers[0], numbers[1], numbers[2]};
@@ -154,6 +159,8 @@ int Watch(const WatchArguments& a) {
   if (a.mode == "localise") {
     if (a.map.empty()) throw OptionError("--mode localise needs --map SESSION");
     setup.base_map = BaseMap{a.map, "", ParseStart(a.start)};
+    // Before anything is written: what a session was begun with stays.
+    if (!IsSession(a.map)) throw InputError(fmt::format("--map {}: holds no map", a.map));
   } else if (!a.map.empty() || !a.start.empty()) {
     throw OptionError("--map and --start are for --mode localise");
   }

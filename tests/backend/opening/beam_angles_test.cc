@@ -124,6 +124,19 @@ TEST(BeamAngles, TellNothingOfASensorThatStandsOrHasNone) {
   EXPECT_EQ(BeamAnglesOf(compensated, 0, compensated.Poses()), BeamAngles::kUnknown);
 }
 
+// Beams at whole degrees are on the border of two bins, to either of which rounding puts points,
+// and on neither once the errors of poses have moved them.
+TEST(BeamAngles, ErrorsOfPosesAreNoCompensation) {
+  const Street standing(0.0);
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    Draws draws(seed);
+    Trajectory poses = standing.Poses();
+    for (StampedPose& pose : poses)
+      pose.T_world_lidar = SE3(ExpSO3(2e-4 * draws.Direction()), 0.002 * draws.Direction());
+    EXPECT_NE(BeamAnglesOf(standing, 0, poses), BeamAngles::kCompensated) << seed;
+  }
+}
+
 TEST(BeamAngles, PointsAndTimesThatAreNoneDoNotCount) {
   constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
   constexpr float kFar = std::numeric_limits<float>::infinity();

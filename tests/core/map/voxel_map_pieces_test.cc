@@ -104,5 +104,32 @@ TEST(VoxelMap, WhatIsDroppedOfAPieceMakesRoomForAnother) {
   EXPECT_FALSE(map.RoomForPiece());
 }
 
+// As a start that is given up right after a scan has come.
+TEST(VoxelMap, APieceThatIsDroppedUnrefreshedLeavesNothing) {
+  VoxelMap map(OnlyPlanes());
+  Draws draws(4);
+  std::size_t bytes = 0;
+  for (std::int64_t piece = 0; piece < 200; ++piece) {
+    if (piece > 0) map.BeginPiece(piece);
+    map.SelectPiece(piece);
+    std::vector<VoxelKey> roots;
+    for (int i = 0; i < 40; ++i) {
+      const Patch patch(draws.InCube(20.0), Eigen::Vector3d::UnitZ());
+      for (int k = 0; k < 20; ++k) {
+        VoxelMap::LeafAddress address;
+        const Eigen::Vector3d p = patch.Point(0.2, 0.005, &draws);
+        map.AddWindow(map.LeafAt(p, &address), ClusterOf({p}), 0);
+        roots.push_back(address.root);
+      }
+    }
+    map.DropPiece(piece, roots);
+    map.Refresh();
+    ASSERT_EQ(map.roots(), 0U);
+    map.ForEachSurface(1, [](const Surfel&) { FAIL() << "a surface of a dropped piece"; });
+    if (piece == 20) bytes = map.bytes();
+  }
+  EXPECT_LT(map.bytes(), bytes + bytes / 5);
+}
+
 }  // namespace
 }  // namespace lamina

@@ -154,8 +154,10 @@ TEST(VoxelMap, AClusterIsAPlaneByItsEigenvaluesAlone) {
     cluster.scatter = Symmetric3::FromDense(
         cluster.count * (R * Eigen::Vector3d(l1, l2, l3).asDiagonal() * R.transpose()));
     const Eigen::Vector3d l = cluster.EigenPairs().l;
+    constexpr double kLeastBreadth2 = 1e-6;  // m^2
     const bool plane = l(2) <= options.max_thickness_m * options.max_thickness_m &&
-                       l(2) <= options.max_flatness * l(1) && l(1) >= options.min_breadth * l(0);
+                       l(1) > kLeastBreadth2 && l(2) <= options.max_flatness * l(1) &&
+                       l(1) >= options.min_breadth * l(0);
     ASSERT_EQ(map.SurfaceOf(cluster, 1).kind, plane ? Kind::kPlane : Kind::kRough) << l.transpose();
     planes += plane ? 1 : 0;
   }

@@ -87,7 +87,7 @@ TEST(ScanPreparation, TimesOfTheFileAreUsedWhereAskedFor) {
     ASSERT_EQ(prepared.points.size(), 2U);
     EXPECT_EQ(prepared.points[0].time_s, 0.01F);
     EXPECT_EQ(prepared.points[1].time_s, -0.03F);
-    EXPECT_EQ(prepared.non_finite, 1U);
+    EXPECT_EQ(prepared.out_of_time, 1U);
   }
   options.deskew = Deskew::kOff;
   const PreparedScan off = PrepareScan(scan, options, 0.1);

@@ -87,8 +87,8 @@ TEST_F(ExportCommandTest, FormatAndPathCanBeChosen) {
   ASSERT_EQ(Run({"--resolution", "10", "--out", Path("map.ply")}), 0);
   EXPECT_EQ(ReadScanFile(Path("map.ply"), {}).points.size(), 1U);
   EXPECT_THROW(Run({"--resolution", "1", "--format", "xyz"}), CLI::ParseError);
-  // Without a resolution nothing says how dense the cloud is to be.
-  EXPECT_THROW(Run({}), OptionError);
+  ASSERT_EQ(Run({}), 0);
+  EXPECT_EQ(ReadScanFile(Path("run/cloud.ply"), {}).points.size(), 4U) << "a point every 0.1 m";
 }
 
 TEST_F(ExportCommandTest, LasHasTheStampsOfThePoints) {

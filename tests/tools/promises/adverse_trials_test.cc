@@ -154,7 +154,7 @@ TEST(AdverseLorry, AMatchThatLeavesASteadyMotionIsDoubted) {
     EXPECT_LT(verdict.worst_m, 0.10) << seed;
     judged += verdict.judged;
   }
-  EXPECT_GE(judged, 8u);
+  EXPECT_GE(judged, 7u);
 }
 
 // At speed the first scan lies a leaf and more aside of where it was put as of a sensor that stood,

@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <random>
 
@@ -134,6 +135,34 @@ TEST_F(RegisterTest, PosesWithStampsMayMissScans) {
   // Scan 3 began between its neighbours.
   EXPECT_LT(LargestDistance({found.begin(), found.end() - 1}, {truth.begin(), truth.end() - 1}),
             0.03);
+}
+
+// Not the order in the file, though they are as many as the scans.
+TEST_F(RegisterTest, PosesWithStampsAreThoseOfTheirScans) {
+  Trajectory poses = StartPoses(0.1);
+  WriteTumTrajectory(Path("ordered.txt"), poses);
+  Register(Path("ordered.txt"));
+  const std::string found = Bytes(Path("out/trajectory_tum.txt"));
+  std::reverse(poses.begin(), poses.end());
+  WriteTumTrajectory(Path("reversed.txt"), poses);
+  Register(Path("reversed.txt"));
+  EXPECT_EQ(Bytes(Path("out/trajectory_tum.txt")), found);
+  for (StampedPose& pose : poses) pose.stamp_ns += 1'000'000'000'000;
+  WriteTumTrajectory(Path("other.txt"), poses);
+  EXPECT_THAT(Register(Path("other.txt"), {}, 1).err, HasSubstr("no scan has its stamp among"));
+}
+
+// As on a national grid.
+TEST_F(RegisterTest, PosesFarFromTheOriginAreAsGood) {
+  const Eigen::Vector3d grid(500'000.0, 5'400'000.0, 300.0);
+  Trajectory poses = StartPoses(0.15), truth = StartPoses(0.0);
+  for (Trajectory* trajectory : {&poses, &truth}) {
+    for (StampedPose& pose : *trajectory) pose.T_world_lidar.t += grid;
+  }
+  Register(WritePoses("grid.txt", poses));
+  EXPECT_LT(LargestDistance(AllScans(), truth), 0.03);
+  EXPECT_EQ(Summary()["map_origin_m"], nlohmann::json({500000.0, 5400000.0, 300.0}));
+  EXPECT_GT(Summary()["planes"], 100);
 }
 
 TEST_F(RegisterTest, ARangeTakesItsPosesFromEitherFile) {

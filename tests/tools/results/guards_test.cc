@@ -150,6 +150,39 @@ TEST_F(GuardsTest, ExportWantsTheRecordingOfTheRun) {
   EXPECT_THAT(Refusal(among, 2), HasSubstr("in the folder of the recording"));
 }
 
+TEST_F(GuardsTest, ARunWithoutPosesKeepsEarlierResults) {
+  const std::string out = Path("out"), hollow = Path("hollow");
+  ASSERT_EQ(Lamina({"run", "--scans", Room("room", 5), "--out", out}).code, 0);
+  const std::string poses = Bytes(out + "/trajectory_tum.txt"),
+                    summary = Bytes(out + "/summary.json");
+  Write("hollow/1.bin", "");
+  Write("hollow/2.bin", "short");
+  EXPECT_THAT(
+      Refusal({"run", "--scans", hollow, "--out", out}, 1),
+      AllOf(HasSubstr("not one usable scan"), HasSubstr("keeps the results of an earlier run")));
+  EXPECT_EQ(Bytes(out + "/trajectory_tum.txt"), poses);
+  EXPECT_EQ(Bytes(out + "/summary.json"), summary);
+}
+
+TEST_F(GuardsTest, NoCommandWritesOverWhatOthersRead) {
+  const std::string out = Path("out"), scans = Room("room", 5);
+  ASSERT_EQ(Lamina({"run", "--scans", scans, "--out", out}).code, 0);
+  const std::string table = Bytes(out + "/frames.csv");
+  const auto over = [&](std::vector<std::string> arguments, const std::string& option,
+                        const std::string& name) {
+    arguments.insert(arguments.end(), {option, out + "/" + name});
+    EXPECT_THAT(Refusal(arguments, 2), HasSubstr("is a result of the folder")) << name;
+  };
+  over({"export", "--run", out, "--scans", scans}, "--out", "map_surfels.ply");
+  over({"export", "--run", out}, "--trajectory", "trajectory_tum.txt");
+  over({"report", "--run", out}, "--out", "frames.csv");
+  over({"plot", "--run", out}, "--out", "summary.json");
+  over({"doctor", "--run", out}, "--out", "config.yaml");
+  EXPECT_EQ(Bytes(out + "/frames.csv"), table);
+  EXPECT_EQ(Lamina({"export", "--run", out, "--scans", scans}).code, 0) << "what they make";
+  EXPECT_EQ(Lamina({"export", "--run", out, "--scans", scans}).code, 0) << "and make anew";
+}
+
 TEST_F(GuardsTest, FilesOfTwoRunsInOneFolderAreRefused) {
   const std::string scans = Room("room", 6);
   Run(scans);

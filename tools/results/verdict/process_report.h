@@ -62,7 +62,8 @@ std::size_t PeakRssBytes();
 std::size_t ResidentBytes();
 
 struct RunFigures {
-  double wall_s = 0.0, cpu_s = 0.0;
+  double opening_s = 0.0;            // before the first scan was mapped
+  double wall_s = 0.0, cpu_s = 0.0;  // from then on
   std::size_t map_surfels = 0;
   std::size_t map_peak_bytes = 0;
   bool map_over_budget = false;  // at any time

@@ -169,7 +169,9 @@ RunVerdict VerdictCounter::Judge() const {
   judgement.MuchOf(unconverged_, matched_, rules::kUnconverged, "of the matches did not converge",
                    "Try the configuration for this kind of sensor (lamina config), and look at the "
                    "order of the scans.");
-  if (!inliers_.empty()) {
+  // The first scans meet a map of one or two, and share little with it: that is no verdict.
+  constexpr std::int64_t kEnough = 10;
+  if (matched_ >= kEnough && !inliers_.empty()) {
     judgement.Low(
         inliers_.Median(), rules::kInliers, "the median share of inliers is",
         "The scans may be too far apart, or map.root_size_m be too large or too small for "
