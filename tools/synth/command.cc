@@ -140,6 +140,10 @@ void AddMotionOptions(CLI::App* command, SynthArguments* a) {
       ->add_option("--profile", a->profile,
                    OneOf("how the sensor moves along its way", synth::ProfileNames()))
       ->capture_default_str();
+  command->add_option("--rest-s", o.rest_s, "start: how long it stands before it sets off")
+      ->capture_default_str();
+  command->add_option("--lean-deg", o.lean_deg, "how far the sensor leans forward on its carrier")
+      ->capture_default_str();
   command->add_option("--gap-s", o.gap_s, "gaps: how long each lasts; 0: 0.5 to 3 s")
       ->capture_default_str();
   command->add_option("--turn-deg", o.turn_deg, "spin: degrees a scan")->capture_default_str();

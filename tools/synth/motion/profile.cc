@@ -38,6 +38,8 @@ const std::vector<std::string>& ProfileNames() {
 
 void ProfileOptions::Visit(OptionVisitor& v) {
   v.EnumChoice("kind", &kind, ProfileNames());
+  v.Number("rest_s", &rest_s, 0.0, 600.0);
+  v.Number("lean_deg", &lean_deg, -90.0, 90.0);
   v.Number("gap_s", &gap_s, 0.0, 60.0);
   v.Number("turn_deg", &turn_deg, 0.0, 90.0);
   v.Number("shake_deg", &shake_deg, 0.0, 45.0);
@@ -46,7 +48,11 @@ void ProfileOptions::Visit(OptionVisitor& v) {
 }
 
 Profile::Profile(const ProfileOptions& options, double speed_m_per_s, int frames, std::int64_t seed)
-    : options_(options), speed_m_per_s_(speed_m_per_s) {
+    : options_(options),
+      speed_m_per_s_(speed_m_per_s),
+      T_carrier_mount_(Eigen::Quaterniond(
+                           Eigen::AngleAxisd(options.lean_deg * kDegree, Eigen::Vector3d::UnitY())),
+                       Eigen::Vector3d::Zero()) {
   HashStream random(HashOf({seed, 0x9a}));
   cruise_s_ = random.Uniform(3.0, 5.0);
   if (options_.kind == ProfileKind::kShake) {
@@ -84,7 +90,7 @@ void Profile::PickScans(int frames, HashStream* random) {
 
 double Profile::DriveTime(double t_s) const {
   if (options_.kind == ProfileKind::kStart)
-    return WayFromRest(t_s, speed_m_per_s_) / speed_m_per_s_;
+    return WayFromRest(t_s - options_.rest_s, speed_m_per_s_) / speed_m_per_s_;
   if (options_.kind != ProfileKind::kBrake || t_s < 0.0) return t_s;
   // A round: cruising, braking, rest, starting.
   const double braking = speed_m_per_s_ / kEmergencyBraking;
@@ -102,11 +108,11 @@ double Profile::DriveTime(double t_s) const {
 SE3 Profile::T_carrier_lidar(double t_s) const {
   switch (options_.kind) {
     case ProfileKind::kSpin:
-      return Spun(t_s);
+      return Spun(t_s) * T_carrier_mount_;
     case ProfileKind::kShake:
-      return Shaken(t_s);
+      return Shaken(t_s) * T_carrier_mount_;
     default:
-      return SE3();
+      return T_carrier_mount_;
   }
 }
 

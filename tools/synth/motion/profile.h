@@ -2,7 +2,7 @@
 // on its carrier, and when the recorder writes nothing.
 //
 //   constant   as the scene has it: a constant speed, in a street that of a car in traffic
-//   start      from rest with 3 m/s^2
+//   start      from rest, where it may stand for a while, with 3 m/s^2
 //   brake      again and again: braking at 8 m/s^2 to a stand, 1.5 s at rest, off with 3 m/s^2
 //   gaps       every 2 to 4 s the recorder misses 0.5 to 3 s; the scans that remain keep their
 //              true stamps
@@ -35,6 +35,10 @@ const std::vector<std::string>& ProfileNames();
 
 struct ProfileOptions {
   ProfileKind kind = ProfileKind::kConstant;
+  // start: how long it stands before it sets off, s.
+  double rest_s = 0.0;
+  // Any: by how much the sensor leans forward on its carrier.
+  double lean_deg = 0.0;
   // gaps: how long each of them lasts; 0: 0.5 to 3 s, drawn anew for each. Seconds.
   double gap_s = 0.0;
   // spin: degrees a scan of 0.1 s.
@@ -68,6 +72,7 @@ class Profile {
   ProfileOptions options_;
   double speed_m_per_s_;
   double cruise_s_;                // brake: before each braking
+  SE3 T_carrier_mount_;            // as it leans
   std::vector<Wobble> shake_;      // rotation about x, y, z, then along x, y, z
   std::vector<std::size_t> gaps_;  // the first scan after each
   std::vector<StampNs> missed_;    // up to and with each

@@ -44,6 +44,18 @@ TEST(SynthProfile, StartsFromRestWithThreeMetresPerSecondSquared) {
   EXPECT_NEAR(Velocity(sequence, 8.0).norm(), 15.0, 0.2);
 }
 
+TEST(SynthProfile, MayStandBeforeItStartsAndLeanForward) {
+  SynthOptions options = Bays(ProfileKind::kStart);
+  options.profile.rest_s = 2.0;
+  options.profile.lean_deg = 30.0;
+  const SynthSequence sequence(options);
+  EXPECT_LT(Velocity(sequence, 1.9).norm(), 1e-9);
+  EXPECT_NEAR(Velocity(sequence, 4.0).norm(), 6.0, 0.1);
+  // The world is the frame of the first scan, whose x axis points 30 degrees down.
+  const Eigen::Vector3d ahead(std::cos(M_PI / 6.0), 0.0, 0.5);
+  EXPECT_LT((Velocity(sequence, 4.0).normalized() - ahead).norm(), 0.02);
+}
+
 TEST(SynthProfile, BrakesAtEightMetresPerSecondSquaredAndGoesOn) {
   const SynthSequence sequence(Bays(ProfileKind::kBrake));
   double hardest = 0.0, slowest = 15.0, after_rest = 0.0;
