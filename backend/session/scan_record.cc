@@ -1,8 +1,6 @@
 #include "backend/session/scan_record.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
-#include <cmath>
 
 #include "frontend/matching/degeneracy.h"
 
@@ -11,11 +9,9 @@ namespace {
 
 // Along the direction that is known least: by planes alone, or, if that is more, by all that the
 // pose may be wrong by. At most MatchResult::kUnknownSigmaM.
-double WorstSigmaM(const MatchResult& match) {
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(TimesArm(match.covariance),
-                                                       Eigen::EigenvaluesOnly);
-  const double sigma_m = std::sqrt(std::max(0.0, solver.eigenvalues()(5)));
-  return std::max(match.worst_sigma_m, std::min(sigma_m, MatchResult::kUnknownSigmaM));
+double WorstSigmaOf(const MatchResult& match) {
+  return std::max(match.worst_sigma_m,
+                  std::min(WorstSigmaM(match.covariance), MatchResult::kUnknownSigmaM));
 }
 
 }  // namespace
@@ -40,7 +36,7 @@ ScanRecord RecordOf(const MappedScan& report) {
   s.unobservable_directions = match.degenerate;
   s.inlier_share = match.inlier_share;
   s.residual_m = match.residual_rms_m;
-  s.worst_sigma_m = WorstSigmaM(match);
+  s.worst_sigma_m = WorstSigmaOf(match);
   s.covariance = match.covariance;
   s.read_ms = report.read_ms;
   s.prepare_ms = report.prepare_ms;

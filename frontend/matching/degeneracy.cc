@@ -1,10 +1,17 @@
 #include "frontend/matching/degeneracy.h"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 namespace lamina {
+
+double WorstSigmaM(const Matrix6d& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(TimesArm(covariance),
+                                                       Eigen::EigenvaluesOnly);
+  return std::sqrt(std::max(0.0, solver.eigenvalues()(5)));
+}
 
 double NormalError2(double variance, double breadth2, double beam2) {
   return kLeastNormalError * kLeastNormalError +

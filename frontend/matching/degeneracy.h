@@ -47,6 +47,10 @@ inline Matrix6d TimesArm(Matrix6d m) {
   return m;
 }
 
+// Largest standard deviation over all directions of the scaled tangent, metres, of a covariance
+// that is not scaled.
+double WorstSigmaM(const Matrix6d& covariance);
+
 // A normal matrix (scaled) in which these directions carry that information and nothing else.
 inline Matrix6d WithHeld(const Matrix6d& H, const Matrix6d& directions,
                          const Vector6d& information) {

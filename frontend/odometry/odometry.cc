@@ -1,6 +1,5 @@
 #include "frontend/odometry/odometry.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <vector>
@@ -20,13 +19,6 @@ double MedianOf(const std::deque<double>& values) {
 
 // Standard deviations of the prediction within which a lost sensor is looked for.
 constexpr double kLikelySigmas = 2.0;
-
-// Largest standard deviation over all directions of the scaled tangent, metres.
-double WorstSigma(const Matrix6d& covariance) {
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(TimesArm(covariance),
-                                                       Eigen::EigenvaluesOnly);
-  return std::sqrt(std::max(0.0, solver.eigenvalues()(5)));
-}
 
 }  // namespace
 
@@ -362,7 +354,7 @@ bool Odometry::Believed(const OdometryFrame& frame, const SearchedScan& scan,
     if ((lost_ || motion_.moving_known()) && !Searchable(prediction) && !meets_all) return false;
     if (SigmasApart(prediction, match) > kLikelySigmas) return false;
   }
-  if (gap && WorstSigma(match.covariance) > options_.max_sigma_m) return false;
+  if (gap && WorstSigmaM(match.covariance) > options_.max_sigma_m) return false;
   return unique();
 }
 
