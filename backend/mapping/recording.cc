@@ -1,7 +1,5 @@
 #include "backend/mapping/recording.h"
 
-#include <utility>
-
 namespace lamina {
 
 RegisteredScan Mapping::Recording::Process(const MapperScan& scan, bool may_restart) {

@@ -47,7 +47,7 @@ Session::Session(SessionSetup setup, SessionHooks hooks)
     spdlog::info(
         "going on from scan {}: {} scans were recorded since the last checkpoint and "
         "are mapped again",
-        next_ - 1, to_repeat_.size());
+        next_, to_repeat_.size());
   }
   log_ = std::make_unique<SessionLog>(folder_.Path("session.db"), hooks_.on_durable);
   checkpoints_ =

@@ -73,8 +73,7 @@ void PrintSummary(const std::string& out, const MappingCounts& counts, const Pie
                   const RunVerdict& verdict, const nlohmann::json& json) {
   fmt::print(
       "{} frames in {:.1f} s ({:.1f} frames/s, {:.1f} ms CPU a frame) after {:.1f} s of opening "
-      "the "
-      "recording, {} surfels\n",
+      "the recording, {} surfels\n",
       counts.frames, json["wall_s"].get<double>(), json.value("frames_per_s", 0.0),
       json.value("cpu_ms_per_frame", 0.0), json["opening_s"].get<double>(),
       json["map_surfels"].get<std::size_t>());
