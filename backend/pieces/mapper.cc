@@ -25,7 +25,8 @@ Mapper::Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
       tracker_(options),
       window_(options.backend.window, map),
       start_(options.frontend, options.map),
-      stretch_(options.frontend) {
+      stretch_(options.frontend),
+      resting_(options.frontend.matcher.noise_floor_m) {
   CheckOptions(options.backend, "backend");
   options.backend.CheckTogether();
   if (StartsMoving()) start_.Clear();
@@ -38,6 +39,7 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   result.odometry = Register(scan);
   OdometryFrame& frame = result.odometry;
   const bool started_over = start_.open() && FollowStart(scan, &result);
+  DoubtRest(scan, &frame);
   result.ends = EndOfPiece(scan, frame, may_restart);
   if (result.ends == PieceEnd::kNone) {
     if (frame.status != OdometryFrame::Status::kLost) {
@@ -81,6 +83,16 @@ bool Mapper::FollowStart(const MapperScan& scan, RegisteredScan* result) {
   if (start_.unsettled() && frame->status == OdometryFrame::Status::kTracked)
     frame->match.MakeDegenerate(frame->match.weakest_direction);
   return overruled;
+}
+
+void Mapper::DoubtRest(const MapperScan& scan, OdometryFrame* frame) {
+  constexpr int kBelievedNoMore = 5;
+  if (frame->status == OdometryFrame::Status::kLost) return;
+  const bool contradicted = resting_.Contradict(*scan.clusters, frame->T_world_lidar);
+  // A start is asked as a whole.
+  if (!contradicted || start_.open()) return;
+  frame->match.MakeDegenerate(frame->match.weakest_direction);
+  if (resting_.in_a_row() >= kBelievedNoMore) frame->status = OdometryFrame::Status::kLost;
 }
 
 void Mapper::StartOver(OdometryFrame* frame) {
@@ -377,7 +389,7 @@ std::vector<Eigen::Vector3d> Mapper::NewestKeyframe() const {
 
 void Mapper::Archive(StateArchive& a) {
   a(&T_world_start_, &tracker_, &window_, &open_, &keyframes_since_solve_, &frames_since_keyframe_,
-    &solving_, &start_, &stretch_, &ambiguous_, &matched_, &first_settled_);
+    &solving_, &start_, &stretch_, &ambiguous_, &matched_, &first_settled_, &resting_);
 }
 
 }  // namespace lamina

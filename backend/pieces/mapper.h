@@ -29,6 +29,7 @@
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"
+#include "frontend/start/resting_beams.h"
 #include "frontend/start/start_track.h"
 
 namespace lamina {
@@ -118,6 +119,8 @@ class Mapper {
   // While the first scans have several explanations. *result has what odometry made of this one.
   // True if they are taken again under another explanation.
   bool FollowStart(const MapperScan& scan, RegisteredScan* result);
+  // A sensor that rests though its rays say otherwise may be anywhere; soon it is lost.
+  void DoubtRest(const MapperScan& scan, OdometryFrame* frame);
   // Pieces that follow begin where that velocity is none of theirs.
   bool StartsMoving() const { return piece_ == 0 && options_.start_velocity.has_value(); }
   // Takes back all scans so far and takes them again as start_ has them; *frame is of the newest.
@@ -156,6 +159,7 @@ class Mapper {
   StartTrack start_;
   DegenerateStretch stretch_;
   AmbiguousPlace ambiguous_;
+  RestingBeams resting_;
   OnFinalKeyframe on_final_keyframe_;
   bool matched_ = false;        // any scan, ever
   bool first_settled_ = false;  // SettleFirst

@@ -36,6 +36,11 @@ inline bool AlongSight(const Eigen::Vector3d& normal, const Eigen::Vector3d& sig
   return along * along < kAlongSine * kAlongSine * sight.squaredNorm();
 }
 
+// Age does not tell the sheets of a sensor that stood for long from roads and walls that it meets
+// as flatly, nor do the points in them. Planes met flatter than this say nothing of a pose that
+// others determine.
+inline constexpr double kFlatSine = 0.1;
+
 // The line that one ring draws across a surface is narrow in two directions. The surface faces one
 // of them, and the line does not tell which: in the other one it moves along with the sensor, as do
 // the circles on the floor. True where points lie within the cone of one ring of a sensor that

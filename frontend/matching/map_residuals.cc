@@ -62,7 +62,7 @@ void MapResiduals::ForEachRows(std::size_t begin, std::size_t end, const RowSett
 }
 
 RowSettings MapResiduals::SettingsAt(const SE3& T, double kernel_sigma) const {
-  return {T.R(), T.t, kernel_sigma, floor2_, beam2_};
+  return {T.R(), T.t, kernel_sigma, floor2_, beam2_, use_flat};
 }
 
 NormalEquations MapResiduals::Sum(const SE3& T, double kernel_sigma, const Matrix6d* watched,

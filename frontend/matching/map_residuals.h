@@ -37,7 +37,7 @@ struct NormalEquations {
   double robust = 0.0;     // sum of the kernel's weights in [0, 1]
   double residual2 = 0.0;  // sum of kernel weight * distance^2
   int matched = 0;
-  int matched_old = 0;  // those on planes that are not young
+  int matched_old = 0;  // those that weigh something, on planes that are not young
   // Along the watched directions: of all residuals / of those on planes that are not young.
   DirectionEvidence all, old;
 
@@ -82,6 +82,8 @@ class MapResiduals {
 
   // Rough structure takes part as well.
   bool use_rough = false;
+  // Planes that the scan meets flatly count.
+  bool use_flat = true;
 
   // Evidence along the columns of *watched (scaled tangent) is gathered if it is not null.
   NormalEquations At(const SE3& T, double kernel_sigma, const Matrix6d* watched) {

@@ -138,6 +138,7 @@ void MakePlaneRows(const PointCluster* const* clusters, const Surface* const* pl
   const double young2 = options.young_sigma_m * options.young_sigma_m;
   const double most_distance = options.max_distance_m, most_weight = options.max_cluster_weight;
   const double kernel_sigma = settings.kernel_sigma;
+  const double flat_sine2 = settings.with_flat ? 0.0 : kFlatSine * kFlatSine;
   const double young_frames = options.young_frames;
   MotionLanes at;
   at.Set(settings.R, settings.t);
@@ -185,7 +186,7 @@ void MakePlaneRows(const PointCluster* const* clusters, const Surface* const* pl
     const Four points = cluster.count > most_weight ? Four{} + most_weight : cluster.count;
     const Four w = sight * robust * points / (variance + doubt);
     row.matched = ~((row.distance > most_distance) | (-row.distance > most_distance));
-    row.w = row.matched ? w : Four{};
+    row.w = row.matched & ~(along2 < flat_sine2 * sight2) ? w : Four{};
     row.robust = row.matched ? robust : Four{};
     row.residual2 = row.matched ? robust * distance2 : Four{};
     NormalErrors(plane, settings.beam2, &row.normal_error2);
@@ -215,7 +216,8 @@ void RowSums::Add(const MatchRow* rows, std::size_t count) {
     sum.g_lower += products.g_lower;
     sum.weights += Four{rows[i].w, rows[i].robust, rows[i].residual2, 0.0};
     sum.matched += static_cast<std::int64_t>(rows[i].matched);
-    sum.matched_old += static_cast<std::int64_t>(rows[i].matched & !rows[i].young);
+    sum.matched_old +=
+        static_cast<std::int64_t>(rows[i].matched & (rows[i].w > 0.0) & !rows[i].young);
   }
   *this = sum;
 }

@@ -42,6 +42,7 @@ struct RowSettings {
   Eigen::Vector3d t;
   double kernel_sigma = 0.0;
   double floor2 = 0.0, beam2 = 0.0;  // m^2
+  bool with_flat = true;             // planes that are met flatly (kFlatSine) weigh something
 };
 
 // rows[i] of the distance of *clusters[i] from the plane *planes[i], by the cost of scan_matcher.h.
@@ -55,7 +56,7 @@ struct alignas(32) RowSums {
   // Rows 0 to 3 of each column of H, rows 4 and 5 of two columns at a time; g in the same way.
   Four upper[6], lower[3], g_upper, g_lower;
   Four weights;  // w, robust, residual2
-  // Rows that are matched, and those of them that are not young.
+  // Rows that are matched, and those of them that weigh something and are not young.
   std::int64_t matched, matched_old;
 
   RowSums();

@@ -85,7 +85,8 @@ void MakeProfileRows(const PointCluster* const* clusters, const ProfilePlane* co
     const Four distance = nu[0] * off[0] + (nu[1] * off[1] + nu[2] * off[2]);
     // GemanMcClureFit.
     const Four loss = 0.5 - 1.0 / (1.0 + distance * distance * inverse_scale2);
-    const FourIntegers silent = counting < kLeastCounting;
+    const FourIntegers silent =
+        (counting < kLeastCounting) | (sine2 < kFlatSine * kFlatSine * sight2);
     for (std::size_t k = 0; k < 4 && i + k < count; ++k)
       rows[i + k] = {silent[k] == 0, weight[k], loss[k]};
   }

@@ -122,19 +122,10 @@ class Descent {
 
   // At the present pose. `decide`: which directions are degenerate is found anew.
   bool Linearise(double kernel, bool first, bool decide) {
-    if (first) {
-      eq_ = residuals_->At(T_, kernel, nullptr);
-      FindDirections();
-    }
+    if (first) Begin(kernel);
     // The eigenvectors are those of the step before: they turn little.
     const bool watch = decide && Doubtful();
-    if (!first) {
-      eq_ = residuals_->At(T_, kernel, watch ? &basis_ : nullptr);
-    } else if (watch) {
-      const NormalEquations evidence = residuals_->EvidenceAt(T_, kernel, basis_);
-      eq_.all = evidence.all;
-      eq_.old = evidence.old;
-    }
+    if (!first) eq_ = residuals_->At(T_, kernel, watch ? &basis_ : nullptr);
     if (eq_.matched < kMinMatches) return false;
     if (decide) held_ = Decide(watch);
     if (held_.count > (known_ == nullptr ? 0 : 1) && !residuals_->use_rough) {
@@ -144,6 +135,27 @@ class Descent {
     }
     if (!first) FindDirections();
     return true;
+  }
+
+  // At the pose where a descent begins, with evidence where it is called for: planes that are met
+  // flatly (line_of_sight.h) take part unless the others determine all directions well.
+  void Begin(double kernel) {
+    constexpr double kWell = 0.4;  // of the sigma that makes a direction degenerate
+    for (const bool use_flat : {false, true}) {
+      residuals_->use_flat = use_flat;
+      eq_ = residuals_->At(T_, kernel, nullptr);
+      FindDirections();
+      const bool watch = Doubtful();
+      if (watch) {
+        const NormalEquations evidence = residuals_->EvidenceAt(T_, kernel, basis_);
+        eq_.all = evidence.all;
+        eq_.old = evidence.old;
+      }
+      if (eq_.matched < kMinMatches) continue;
+      if (!watch) return;
+      if (DecideByEvidence().count == 0 && worst_sigma_m_ <= kWell * options_.max_direction_sigma_m)
+        return;
+    }
   }
 
   // Eigenvectors of what is to be found: a direction that is known is one of its own, and the last.

@@ -26,6 +26,9 @@
 
 namespace lamina {
 
+// Of ranges along beams that meet the same thing, in noise of one.
+inline constexpr double kRangeSigmas = 3.0;
+
 // Immutable: thread-safe.
 class BeamAgreement {
  public:

@@ -85,7 +85,11 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
     }
     hypotheses_ = std::move(followed);
   }
+  const bool last = scans_.size() >= kMostScans;
+  const bool contradicted = last && BeamsContradict(scans_.OwnPoses());
   Decide();
+  if (!last || open() || given_up() || stands()) return;
+  if (overruled() ? BeamsContradict(scans_.OwnPoses()) : contradicted) GiveUp();
 }
 
 void StartTrack::ShakeFirst(const SweepMotion& sweep) {

@@ -264,6 +264,8 @@ class StartTrack {
   bool ToldByBeams(const MatchResult& second) const;
   // Brings each pose to the map that all others make, in rounds; the match of the last.
   bool SettleAll(std::vector<SE3>* poses, MatchResult* match) const;
+  // Whether the sensor stands by these poses, repeats its rays, and they end elsewhere each time.
+  bool BeamsContradict(const std::vector<SE3>& poses) const;
   // Closes with the poses that beams agree on, where odometry's are refuted by them.
   bool TakeByBeams();
   // All but the first; the match of the last.

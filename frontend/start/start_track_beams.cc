@@ -6,13 +6,11 @@
 #include <vector>
 
 #include "frontend/start/beam_agreement.h"
+#include "frontend/start/resting_beams.h"
 #include "frontend/start/start_track.h"
 
 namespace lamina {
 namespace {
-
-// Of ranges along beams that meet the same thing, in noise of one.
-constexpr double kRangeSigmas = 3.0;
 
 // The beams of a scan, deskewed.
 BeamAgreement BeamsOf(const std::vector<PointCluster>& clusters, double noise_m) {
@@ -107,6 +105,17 @@ bool StartTrack::ToldByBeams(const MatchResult& second) const {
   const Vector6d rest = Vector6d::Zero();
   const auto at_rest = [&](std::size_t k) { return DeskewClusters(scans_[k].clusters, rest); };
   return BeamsOf(at_rest(0), steady_.noise_m).Beside(at_rest(1), SE3()) < kRepeated;
+}
+
+bool StartTrack::BeamsContradict(const std::vector<SE3>& poses) const {
+  constexpr double kStandsM = 0.3;
+  constexpr std::size_t kLeastPairs = 3;
+  if (Apart(poses, std::vector<SE3>(poses.size(), poses.front())) >= kStandsM) return false;
+  RaysSeenAgain rays(steady_.noise_m);
+  // What sets off has moved by the second half of the scans.
+  for (std::size_t k = poses.size() / 2; k < poses.size(); ++k)
+    rays.Add(scans_[k - 1].clusters, scans_[k].clusters, poses[k - 1].Inverse() * poses[k]);
+  return rays.pairs() >= kLeastPairs && rays.Contradict();
 }
 
 bool StartTrack::SettleAll(std::vector<SE3>* poses, MatchResult* match) const {

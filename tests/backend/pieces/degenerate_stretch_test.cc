@@ -115,7 +115,7 @@ TEST(DegenerateStretch, WithoutStampsAFewScansLeaveAsMuchOpen) {
 
 // In for a second, and back out to the room that it came from.
 TEST(DegenerateStretch, BackWhereItCameFromThePieceGoesOn) {
-  const auto in_and_out = [](double t) { return 1.54 - 1.54 * std::cos(2.0 * M_PI * t / 10.0); };
+  const auto in_and_out = [](double t) { return 1.5 - 1.5 * std::cos(2.0 * M_PI * t / 10.0); };
   const Crossed crossed = Cross(in_and_out, 10.0, 6.0, 0.1);
   EXPECT_EQ(crossed.pieces, 1);
   EXPECT_GT(crossed.tracked_after, 20);

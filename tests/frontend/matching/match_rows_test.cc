@@ -119,6 +119,28 @@ TEST_F(MatchRowsTest, AreTheCostOfTheScanMatcher) {
   EXPECT_GT(young, 3);
 }
 
+TEST_F(MatchRowsTest, PlanesMetFlatlyWeighNothingIfTheyAreLeftOut) {
+  const std::vector<MatchRow> with = Rows(kCount);
+  settings_.with_flat = false;
+  const std::vector<MatchRow> without = Rows(kCount);
+  int flat = 0, old = 0;
+  for (std::size_t i = 0; i < with.size(); ++i) {
+    const Eigen::Vector3d& sight = clusters_[i].mean;
+    const double along = (settings_.R.transpose() * surfaces_[i].normal.cast<double>()).dot(sight);
+    const bool is_flat = std::abs(along) < kFlatSine * sight.norm();
+    EXPECT_EQ(without[i].w, is_flat ? 0.0 : with[i].w) << i;
+    // What meets them is matched all the same.
+    EXPECT_EQ(without[i].matched, with[i].matched) << i;
+    EXPECT_EQ(without[i].robust, with[i].robust) << i;
+    flat += is_flat && with[i].matched ? 1 : 0;
+    old += !is_flat && with[i].matched && !with[i].young ? 1 : 0;
+  }
+  EXPECT_GT(flat, 3);
+  RowSums sums;
+  sums.Add(without.data(), without.size());
+  EXPECT_EQ(sums.matched_old, old);
+}
+
 TEST_F(MatchRowsTest, DoNotDependOnWhichOthersTheyAreMadeWith) {
   const std::vector<MatchRow> all = Rows(kCount);
   for (std::size_t count = 1; count <= 9; ++count) {

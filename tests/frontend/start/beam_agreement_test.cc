@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/base/angle.h"
+#include "frontend/start/resting_beams.h"
 #include "tests/support/scenes/random_scenes.h"
 
 namespace lamina {
@@ -127,6 +128,41 @@ TEST(BeamAgreementTest, PointsOverheadAndAtTheSensorAreLeftOut) {
   clusters[1].AddPoint({0.0, 0.0, 0.0});
   const BeamAgreement agreement(clusters, kSigmaM);
   EXPECT_EQ(agreement.Of(clusters, SE3()), 0.0);
+}
+
+// Scans of a sensor on its way, each of a pattern that has turned on by so much.
+std::vector<std::vector<TimedCluster>> ScansAlong(double step_m, double turned_deg) {
+  Draws draws(9);
+  const Foliage foliage(3);
+  std::vector<std::vector<TimedCluster>> scans;
+  for (int k = 0; k < 6; ++k) {
+    const SE3 T(Eigen::Quaterniond::Identity(), {k * step_m, 0.0, 0.0});
+    scans.emplace_back();
+    for (const PointCluster& points : foliage.Scan(T, k * turned_deg, &draws)) {
+      TimedCluster cluster;
+      cluster.points = points;
+      scans.back().push_back(cluster);
+    }
+  }
+  return scans;
+}
+
+TEST(RestingBeamsTest, WhatIsRepeatedEndsWhereItDidIfTheSensorRests) {
+  const auto contradictions = [](double step_m, double turned_deg, double claimed_m) {
+    RestingBeams beams(kNoiseM);
+    int k = 0, count = 0;
+    for (const std::vector<TimedCluster>& scan : ScansAlong(step_m, turned_deg)) {
+      const SE3 T(Eigen::Quaterniond::Identity(), {claimed_m * k++, 0.0, 0.0});
+      count += beams.Contradict(scan, T) ? 1 : 0;
+      EXPECT_EQ(beams.in_a_row(), count);
+    }
+    return count;
+  };
+  EXPECT_EQ(contradictions(0.0, 0.0, 0.0), 0);
+  EXPECT_EQ(contradictions(0.4, 0.0, 0.0), 5);
+  // Where it is known to have moved, and where rays are not repeated, none is asked.
+  EXPECT_EQ(contradictions(0.4, 0.0, 0.4), 0);
+  EXPECT_EQ(contradictions(0.4, 1.28, 0.0), 0);
 }
 
 }  // namespace

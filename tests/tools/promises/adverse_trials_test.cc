@@ -162,7 +162,7 @@ TEST(AdverseLorry, AMatchThatLeavesASteadyMotionIsDoubted) {
 TEST(AdverseLorry, TheFirstScanOfOneThatDrivesIsFoundWhereItLies) {
   const Verdict verdict = Tried("lorry-mid360", 203, 40);
   EXPECT_LT(verdict.worst_m, 0.05);
-  EXPECT_GE(verdict.judged, 30u);
+  EXPECT_GE(verdict.judged, 25u);
 }
 
 // Of a few rings, or a few points, what goes along looks as sharp as what stands: such a start is
@@ -174,7 +174,7 @@ TEST(AdverseCarPark, WhatGoesAlongIsNotBelievedThoughItLooksAsSharp) {
                                    {"carpark-mid360", 8}}) {
     const Verdict verdict = Tried(name, seed, 60);
     EXPECT_LT(verdict.worst_m, 0.20) << name << " " << seed << ": " << verdict.broken;
-    EXPECT_LT(verdict.lost + verdict.degenerate, 40u) << name << " " << seed;
+    EXPECT_LT(verdict.lost + verdict.degenerate, 50u) << name << " " << seed;
   }
 }
 

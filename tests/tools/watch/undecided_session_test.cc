@@ -22,7 +22,7 @@ class WatchUndecidedTest : public WatchTest {
 
   // A small place, for which the defaults are too coarse.
   void DropRoom(std::size_t from, std::size_t to) const {
-    static const Recording room = SyntheticRecording(synth::SceneKind::kRoom, kScans, 4);
+    static const Recording room = SyntheticRecording(synth::SceneKind::kRoom, kScans, 3);
     DropScans(room, from, to);
   }
   std::string ConfigOf(const std::string& session) const {
@@ -109,7 +109,7 @@ TEST_F(WatchUndecidedTest, WhereFilesHaveGoneItGoesOnAsItBegan) {
 
 // What was rejected before is rejected again.
 TEST_F(WatchUndecidedTest, ScansThatCannotBeReadAreRejectedOnce) {
-  Recording room = SyntheticRecording(synth::SceneKind::kRoom, kScans, 4);
+  Recording room = SyntheticRecording(synth::SceneKind::kRoom, kScans, 3);
   room[3].bytes.resize(1000);
   DropScans(room, 0, 10);
   const pid_t daemon = StartWatch({"--done", "move"});

@@ -1,0 +1,62 @@
+// Whether a sensor that seems to rest sees again what it saw.
+//
+// A sensor whose rays have the same directions in every scan finds its own lines wherever it is:
+// the rings on the ground, the columns on walls along the way. Where these are most of what it
+// sees, as with a few thousand rays, a map of them holds the pose where the sensor was. Rays that
+// are repeated from one place end where they ended before; from another place those on the ground
+// and along the way do so, and the others do not (beam_agreement.h). Repeated at rest they agree to
+// 0.9 in noise of 1 cm and to 0.5 in noise of 5 cm, without what has moved meanwhile. Of 2000 to
+// 5000 rays from a vehicle that drives it is 0.2 to 0.5.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "core/geometry/scan.h"
+#include "core/geometry/se3.h"
+#include "core/geometry/state_archive.h"
+
+namespace lamina {
+
+// Sums over pairs of scans that follow one another.
+class RaysSeenAgain {
+ public:
+  // `noise_m`: of ranges.
+  explicit RaysSeenAgain(double noise_m) : noise_m_(noise_m) {}
+
+  // Two scans, undeskewed, and the later one's pose in the frame of the other. Left out where the
+  // sensor has turned, and its rays with it.
+  void Add(const std::vector<TimedCluster>& before, const std::vector<TimedCluster>& clusters,
+           const SE3& T_before_this);
+  std::size_t pairs() const { return pairs_; }
+  // Whether rays are repeated, and do not end where they did.
+  bool Contradict() const;
+
+ private:
+  double noise_m_;
+  std::size_t pairs_ = 0;
+  double repeated_ = 0.0, agree_ = 0.0;
+};
+
+// The newest scan of a sensor, as long as it moves slowly. Not thread-safe.
+class RestingBeams {
+ public:
+  explicit RestingBeams(double noise_m) : noise_m_(noise_m) {}
+
+  // The next scan at its pose. True if the sensor rests by that and the pose before, and its rays
+  // contradict.
+  bool Contradict(const std::vector<TimedCluster>& clusters, const SE3& T_world_lidar);
+  // So many scans have done so in a row.
+  int in_a_row() const { return in_a_row_; }
+
+  // Between scans.
+  void Archive(StateArchive& a) { a(&last_, &T_world_last_, &in_a_row_); }
+
+ private:
+  double noise_m_;
+  std::vector<TimedCluster> last_;  // empty where there is none
+  SE3 T_world_last_;
+  int in_a_row_ = 0;
+};
+
+}  // namespace lamina
