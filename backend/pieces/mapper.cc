@@ -92,7 +92,7 @@ void Mapper::DoubtRest(const MapperScan& scan, OdometryFrame* frame) {
   // A start is asked as a whole.
   if (!contradicted || start_.open()) return;
   frame->match.MakeDegenerate(frame->match.weakest_direction);
-  if (resting_.in_a_row() >= kBelievedNoMore) frame->status = OdometryFrame::Status::kLost;
+  if (resting_.contradictions() >= kBelievedNoMore) frame->status = OdometryFrame::Status::kLost;
 }
 
 void Mapper::StartOver(OdometryFrame* frame) {

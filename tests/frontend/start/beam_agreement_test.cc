@@ -154,7 +154,7 @@ TEST(RestingBeamsTest, WhatIsRepeatedEndsWhereItDidIfTheSensorRests) {
     for (const std::vector<TimedCluster>& scan : ScansAlong(step_m, turned_deg)) {
       const SE3 T(Eigen::Quaterniond::Identity(), {claimed_m * k++, 0.0, 0.0});
       count += beams.Contradict(scan, T) ? 1 : 0;
-      EXPECT_EQ(beams.in_a_row(), count);
+      EXPECT_EQ(beams.contradictions(), count);
     }
     return count;
   };
