@@ -20,9 +20,10 @@
 //
 // counts those of a block that do not fit at the place s. A cluster that meets no plane says
 // nothing, and so do planes of fewer than three frames, which end where the points of these do, and
-// clusters of one ring or column alone. d_0 = 4 clusters are half an edge. Of all B blocks six are
-// fitted by the pose, whatever it is: a narrow view of a few walls has no edges to spare. With the
-// prediction (mean m, standard deviation p) the posterior is
+// clusters of one ring or column alone. Nor does w_i count planes that are met flatly (kFlatSine).
+// d_0 = 4 clusters are half an edge. Of all B blocks six are fitted by the pose, whatever it is: a
+// narrow view of a few walls has no edges to spare. With the prediction (mean m, standard deviation
+// p) the posterior is
 //
 //     P(s) ~ exp(-L(s) - (s - m)^2 / (2 p^2)),
 //

@@ -15,7 +15,8 @@
 // minimised by Gauss-Newton over the tangent [rotation; translation] of core/geometry/se3.h. Where
 // planes leave a direction open, rough leaves join with all three directions of their distribution
 // (Magnusson's NDT, in the distribution-to-distribution form); those that one ring has drawn are
-// no evidence (line_of_sight.h).
+// no evidence (line_of_sight.h). Planes that the scan meets flatly (kFlatSine) take part only if,
+// where the descent begins, the others leave a direction open by 0.4 of max_direction_sigma_m.
 //
 // Degeneracy (degeneracy.h). Along a direction that the residuals do not determine, the estimate is
 // the mean of what they say and of the prediction, each by its information,

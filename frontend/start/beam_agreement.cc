@@ -94,6 +94,18 @@ BeamAgreement::Sums BeamAgreement::Ask(const std::vector<PointCluster>& clusters
   return sums;
 }
 
+std::vector<double> BeamAgreement::RangesOff(const std::vector<PointCluster>& clusters,
+                                             const SE3& T_first_other) const {
+  std::vector<double> off;
+  for (const PointCluster& cluster : clusters) {
+    const Eigen::Vector3d p = T_first_other * cluster.mean;
+    const double range = p.norm();
+    const double nearest = range > 0.0 ? NearestRange(p, range) : 0.0;
+    if (nearest > 0.0) off.push_back(range - nearest);
+  }
+  return off;
+}
+
 double BeamAgreement::Beside(const std::vector<PointCluster>& clusters,
                              const SE3& T_first_other) const {
   const Sums sums = Ask(clusters, T_first_other);

@@ -41,6 +41,9 @@ class BeamAgreement {
   double Beside(const std::vector<PointCluster>& clusters, const SE3& T_first_other) const;
   // A in [0, 1] of another scan, deskewed.
   double Of(const std::vector<PointCluster>& clusters, const SE3& T_first_other) const;
+  // |p_i| - r_j, metres, of the points that have a beam beside them.
+  std::vector<double> RangesOff(const std::vector<PointCluster>& clusters,
+                                const SE3& T_first_other) const;
   // The pose of the largest A that small steps lead to.
   SE3 Climb(const std::vector<PointCluster>& clusters, const SE3& T_first_other) const;
 

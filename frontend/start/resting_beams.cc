@@ -1,12 +1,32 @@
 #include "frontend/start/resting_beams.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "core/base/angle.h"
+#include "core/base/median.h"
+#include "core/geometry/robust_kernel.h"
 #include "frontend/scan/scan_clusters.h"
 #include "frontend/start/beam_agreement.h"
 
 namespace lamina {
+namespace {
+
+// How well differences of ranges agree if the quarter of them that is smallest tells their noise,
+// which may be larger than it is known to be: mean weight in [0, 1].
+double AsNoise(const std::vector<double>& off_m, double noise_m) {
+  constexpr double kQuarterSigmas = 0.3186;  // a quarter of normal deviates is smaller
+  if (off_m.empty()) return 1.0;
+  std::vector<double> sizes;
+  for (const double off : off_m) sizes.push_back(std::abs(off));
+  const double sigma_m = std::max(noise_m, Quantile(&sizes, 0.25) / kQuarterSigmas);
+  double sum = 0.0;
+  for (const double off : off_m)
+    sum += GemanMcClureWeight(std::pow(off / (kRangeSigmas * sigma_m), 2));
+  return sum / static_cast<double>(off_m.size());
+}
+
+}  // namespace
 
 void RaysSeenAgain::Add(const std::vector<TimedCluster>& before,
                         const std::vector<TimedCluster>& clusters, const SE3& T_before_this) {
@@ -20,14 +40,20 @@ void RaysSeenAgain::Add(const std::vector<TimedCluster>& before,
   repeated_ += beams.Beside(now, T_before_this);
   // The rings on the ground go along.
   const SE3 T_turned(T_before_this.q, Eigen::Vector3d::Zero());
-  agree_ += std::max(beams.Of(now, T_before_this), beams.Of(now, T_turned));
-  least_ += kAgree - kAgreeLessPerM * step_m;
+  const double agree = std::max(beams.Of(now, T_before_this), beams.Of(now, T_turned));
+  const double least = kAgree - kAgreeLessPerM * step_m;
+  agree_ += agree;
+  least_ += least;
+  as_noise_ += agree < least ? AsNoise(beams.RangesOff(now, T_turned), noise_m_) : 1.0;
   ++pairs_;
 }
 
 bool RaysSeenAgain::Contradict() const {
-  constexpr double kRepeated = 0.5;
-  return pairs_ > 0 && repeated_ >= kRepeated * static_cast<double>(pairs_) && agree_ < least_;
+  // What noise alone makes of it is 0.8.
+  constexpr double kRepeated = 0.5, kAsNoise = 0.72;
+  const double pairs = static_cast<double>(pairs_);
+  return pairs_ > 0 && repeated_ >= kRepeated * pairs && agree_ < least_ &&
+         as_noise_ < kAsNoise * pairs;
 }
 
 bool RestingBeams::Contradict(const std::vector<TimedCluster>& clusters, const SE3& T_world_lidar) {

@@ -7,7 +7,8 @@
 // and along the way do so, and the others do not (beam_agreement.h). Repeated at rest they agree to
 // 0.9 in noise of 1 cm and to 0.5 in noise of 5 cm, without what has moved meanwhile; where the
 // sensor has moved by 4 cm to 0.55. Of 2000 to 5000 rays from a vehicle that drives it is 0.2 to
-// 0.5, and less than 0.4 where the pose creeps.
+// 0.5, and less than 0.4 where the pose creeps. In noise that is larger than it is known to be they
+// agree as little, but then all do alike.
 #pragma once
 
 #include <cstddef>
@@ -37,7 +38,8 @@ class RaysSeenAgain {
   double noise_m_;
   std::size_t pairs_ = 0;
   double repeated_ = 0.0, agree_ = 0.0;
-  double least_ = 0.0;  // of agree_
+  double least_ = 0.0;     // of agree_
+  double as_noise_ = 0.0;  // how well they agree in the noise that they show
 };
 
 // The newest scan of a sensor, as long as it moves slowly. Not thread-safe.

@@ -30,7 +30,8 @@ class Foliage {
   }
 
   // The strokes of a sparse pattern, turned about the vertical by so much.
-  std::vector<PointCluster> Scan(const SE3& T_world_lidar, double turned_deg, Draws* draws) const {
+  std::vector<PointCluster> Scan(const SE3& T_world_lidar, double turned_deg, Draws* draws,
+                                 double noise_m = kNoiseM) const {
     constexpr double kStrokesDeg = 4.6, kAlongDeg = 0.6;
     std::vector<PointCluster> clusters;
     for (double azimuth = turned_deg; azimuth < 360.0 + turned_deg; azimuth += kStrokesDeg) {
@@ -41,7 +42,7 @@ class Foliage {
         const double range = Range(T_world_lidar.t, T_world_lidar.q * ray);
         if (!std::isfinite(range)) continue;
         PointCluster point;
-        point.AddPoint((range + draws->Normal(kNoiseM)) * ray);
+        point.AddPoint((range + draws->Normal(noise_m)) * ray);
         clusters.push_back(point);
       }
     }
@@ -131,14 +132,15 @@ TEST(BeamAgreementTest, PointsOverheadAndAtTheSensorAreLeftOut) {
 }
 
 // Scans of a sensor on its way, each of a pattern that has turned on by so much.
-std::vector<std::vector<TimedCluster>> ScansAlong(double step_m, double turned_deg) {
+std::vector<std::vector<TimedCluster>> ScansAlong(double step_m, double turned_deg,
+                                                  double noise_m) {
   Draws draws(9);
   const Foliage foliage(3);
   std::vector<std::vector<TimedCluster>> scans;
   for (int k = 0; k < 6; ++k) {
     const SE3 T(Eigen::Quaterniond::Identity(), {k * step_m, 0.0, 0.0});
     scans.emplace_back();
-    for (const PointCluster& points : foliage.Scan(T, k * turned_deg, &draws)) {
+    for (const PointCluster& points : foliage.Scan(T, k * turned_deg, &draws, noise_m)) {
       TimedCluster cluster;
       cluster.points = points;
       scans.back().push_back(cluster);
@@ -148,10 +150,11 @@ std::vector<std::vector<TimedCluster>> ScansAlong(double step_m, double turned_d
 }
 
 TEST(RestingBeamsTest, WhatIsRepeatedEndsWhereItDidIfTheSensorRests) {
-  const auto contradictions = [](double step_m, double turned_deg, double claimed_m) {
+  const auto contradictions = [](double step_m, double turned_deg, double claimed_m,
+                                 double noise_m = kNoiseM) {
     RestingBeams beams(kNoiseM);
     int k = 0, count = 0;
-    for (const std::vector<TimedCluster>& scan : ScansAlong(step_m, turned_deg)) {
+    for (const std::vector<TimedCluster>& scan : ScansAlong(step_m, turned_deg, noise_m)) {
       const SE3 T(Eigen::Quaterniond::Identity(), {claimed_m * k++, 0.0, 0.0});
       count += beams.Contradict(scan, T) ? 1 : 0;
       EXPECT_EQ(beams.contradictions(), count);
@@ -160,6 +163,8 @@ TEST(RestingBeamsTest, WhatIsRepeatedEndsWhereItDidIfTheSensorRests) {
   };
   EXPECT_EQ(contradictions(0.0, 0.0, 0.0), 0);
   EXPECT_EQ(contradictions(0.4, 0.0, 0.0), 5);
+  // In noise four times as large as is known of.
+  EXPECT_EQ(contradictions(0.0, 0.0, 0.0, 4.0 * kNoiseM), 0);
   // Where it is known to have moved, and where rays are not repeated, none is asked.
   EXPECT_EQ(contradictions(0.4, 0.0, 0.4), 0);
   EXPECT_EQ(contradictions(0.4, 1.28, 0.0), 0);

@@ -104,7 +104,7 @@ TEST(AdverseStart, RaysThatAreRepeatedDoNotHoldASensorThatDrives) {
   for (const std::string scene : {"city", "carpark"}) {
     Promise promise;
     promise.synth = {"--points 5000 --noise 0.01 --frames 40 --scene " + scene};
-    for (const int seed : {1, 2}) {
+    for (const int seed : {2, 4}) {
       const Verdict verdict = Tried(promise, seed);
       EXPECT_LT(verdict.worst_m, 0.1) << scene << " " << seed << ": " << verdict.broken;
     }
