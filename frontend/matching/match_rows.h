@@ -42,7 +42,7 @@ struct RowSettings {
   Eigen::Vector3d t;
   double kernel_sigma = 0.0;
   double floor2 = 0.0, beam2 = 0.0;  // m^2
-  bool with_flat = true;             // planes that are met flatly (kFlatSine) weigh something
+  bool use_flat = true;              // planes that are met flatly (kFlatSine) weigh something
 };
 
 // rows[i] of the distance of *clusters[i] from the plane *planes[i], by the cost of scan_matcher.h.

@@ -140,22 +140,26 @@ class Descent {
   // At the pose where a descent begins, with evidence where it is called for: planes that are met
   // flatly (line_of_sight.h) take part unless the others determine all directions well.
   void Begin(double kernel) {
+    LineariseWith(/*flat=*/false, kernel);
+    if (!WellDetermined()) LineariseWith(/*flat=*/true, kernel);
+  }
+
+  void LineariseWith(bool flat, double kernel) {
+    residuals_->use_flat = flat;
+    eq_ = residuals_->At(T_, kernel, nullptr);
+    FindDirections();
+    if (!Doubtful()) return;
+    const NormalEquations evidence = residuals_->EvidenceAt(T_, kernel, basis_);
+    eq_.all = evidence.all;
+    eq_.old = evidence.old;
+  }
+
+  bool WellDetermined() {
     constexpr double kWell = 0.4;  // of the sigma that makes a direction degenerate
-    for (const bool use_flat : {false, true}) {
-      residuals_->use_flat = use_flat;
-      eq_ = residuals_->At(T_, kernel, nullptr);
-      FindDirections();
-      const bool watch = Doubtful();
-      if (watch) {
-        const NormalEquations evidence = residuals_->EvidenceAt(T_, kernel, basis_);
-        eq_.all = evidence.all;
-        eq_.old = evidence.old;
-      }
-      if (eq_.matched < kMinMatches) continue;
-      if (!watch) return;
-      if (DecideByEvidence().count == 0 && worst_sigma_m_ <= kWell * options_.max_direction_sigma_m)
-        return;
-    }
+    if (eq_.matched < kMinMatches) return false;
+    if (!Doubtful()) return true;
+    return DecideByEvidence().count == 0 &&
+           worst_sigma_m_ <= kWell * options_.max_direction_sigma_m;
   }
 
   // Eigenvectors of what is to be found: a direction that is known is one of its own, and the last.

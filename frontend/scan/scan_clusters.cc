@@ -283,6 +283,13 @@ void DeskewClusters(const std::vector<TimedCluster>& clusters, const SweepMotion
   });
 }
 
+std::vector<PointCluster> Undeskewed(const std::vector<TimedCluster>& clusters) {
+  std::vector<PointCluster> points;
+  points.reserve(clusters.size());
+  for (const TimedCluster& cluster : clusters) points.push_back(cluster.points);
+  return points;
+}
+
 StampNs CentreTimes(std::vector<TimedCluster>* clusters) {
   if (clusters->empty()) return 0;
   const auto [first_s, last_s] = SpanOf(*clusters);

@@ -49,6 +49,9 @@ std::vector<PointCluster> DeskewClusters(const std::vector<TimedCluster>& cluste
 void DeskewClusters(const std::vector<TimedCluster>& clusters, const SweepMotion& motion,
                     std::vector<PointCluster>* result);
 
+// As of a sensor that rests.
+std::vector<PointCluster> Undeskewed(const std::vector<TimedCluster>& clusters);
+
 // Makes times count from the middle of the sweep. Returns where that is, nanoseconds after the
 // instant from which they counted; 0 if there are no clusters.
 StampNs CentreTimes(std::vector<TimedCluster>* clusters);

@@ -75,34 +75,38 @@ double BeamAgreement::NearestRange(const Eigen::Vector3d& point, double range_m)
   return range;
 }
 
+template <typename Visit>
+void BeamAgreement::ForEachRange(const std::vector<PointCluster>& clusters,
+                                 const SE3& T_first_other, std::size_t stride,
+                                 const Visit& visit) const {
+  for (std::size_t i = 0; i < clusters.size(); i += stride) {
+    const Eigen::Vector3d p = T_first_other * clusters[i].mean;
+    const double range = p.norm();
+    if (range > 0.0) visit(range, NearestRange(p, range));
+  }
+}
+
 BeamAgreement::Sums BeamAgreement::Ask(const std::vector<PointCluster>& clusters,
                                        const SE3& T_first_other) const {
   constexpr std::size_t kMostAsked = 3000;
   const std::size_t stride = 1 + clusters.size() / kMostAsked;
   Sums sums;
-  for (std::size_t i = 0; i < clusters.size(); i += stride) {
-    const Eigen::Vector3d p = T_first_other * clusters[i].mean;
-    const double range = p.norm();
-    if (range <= 0.0) continue;
+  ForEachRange(clusters, T_first_other, stride, [&](double range, double nearest) {
     sums.asked += 1.0;
-    const double nearest = NearestRange(p, range);
-    if (nearest == 0.0) continue;
+    if (nearest == 0.0) return;
     const double off = (range - nearest) / range_sigma_m_;
     sums.beside += 1.0;
     sums.agree += GemanMcClureWeight(off * off);
-  }
+  });
   return sums;
 }
 
 std::vector<double> BeamAgreement::RangesOff(const std::vector<PointCluster>& clusters,
                                              const SE3& T_first_other) const {
   std::vector<double> off;
-  for (const PointCluster& cluster : clusters) {
-    const Eigen::Vector3d p = T_first_other * cluster.mean;
-    const double range = p.norm();
-    const double nearest = range > 0.0 ? NearestRange(p, range) : 0.0;
+  ForEachRange(clusters, T_first_other, 1, [&](double range, double nearest) {
     if (nearest > 0.0) off.push_back(range - nearest);
-  }
+  });
   return off;
 }
 

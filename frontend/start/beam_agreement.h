@@ -58,6 +58,10 @@ class BeamAgreement {
     double asked = 0.0, beside = 0.0, agree = 0.0;
   };
   Sums Ask(const std::vector<PointCluster>& clusters, const SE3& T_first_other) const;
+  // Calls visit(range, nearest) for every stride-th point: |p_i|, and r_j or 0 without one.
+  template <typename Visit>
+  void ForEachRange(const std::vector<PointCluster>& clusters, const SE3& T_first_other,
+                    std::size_t stride, const Visit& visit) const;
   // Of the beam nearest to a point; 0 if there is none near.
   double NearestRange(const Eigen::Vector3d& point, double range_m) const;
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "core/base/angle.h"
 #include "core/base/median.h"
@@ -28,23 +29,21 @@ double AsNoise(const std::vector<double>& off_m, double noise_m) {
 
 }  // namespace
 
-void RaysSeenAgain::Add(const std::vector<TimedCluster>& before,
-                        const std::vector<TimedCluster>& clusters, const SE3& T_before_this) {
+void RaysSeenAgain::Add(const std::vector<PointCluster>& before,
+                        const std::vector<PointCluster>& clusters, const SE3& T_before_this) {
   constexpr double kTurnedRad = Radians(0.2), kRestsM = 0.04;
   constexpr double kAgree = 0.5, kAgreeLessPerM = 2.5;
   const double step_m = T_before_this.t.norm();
   if (RotationAngle(SE3(), T_before_this) > kTurnedRad || step_m > kRestsM) return;
-  const Vector6d rest = Vector6d::Zero();
-  const BeamAgreement beams(DeskewClusters(before, rest), kRangeSigmas * noise_m_);
-  const std::vector<PointCluster> now = DeskewClusters(clusters, rest);
-  repeated_ += beams.Beside(now, T_before_this);
+  const BeamAgreement beams(before, kRangeSigmas * noise_m_);
+  repeated_ += beams.Beside(clusters, T_before_this);
   // The rings on the ground go along.
   const SE3 T_turned(T_before_this.q, Eigen::Vector3d::Zero());
-  const double agree = std::max(beams.Of(now, T_before_this), beams.Of(now, T_turned));
+  const double agree = std::max(beams.Of(clusters, T_before_this), beams.Of(clusters, T_turned));
   const double least = kAgree - kAgreeLessPerM * step_m;
   agree_ += agree;
   least_ += least;
-  as_noise_ += agree < least ? AsNoise(beams.RangesOff(now, T_turned), noise_m_) : 1.0;
+  as_noise_ += agree < least ? AsNoise(beams.RangesOff(clusters, T_turned), noise_m_) : 1.0;
   ++pairs_;
 }
 
@@ -63,7 +62,8 @@ bool RestingBeams::Contradict(const std::vector<TimedCluster>& clusters, const S
   const SE3 T_last_this = T_world_last_.Inverse() * T_world_lidar;
   const bool slow = last_.empty() || T_last_this.t.norm() < kSlowM;
   RaysSeenAgain rays(noise_m_);
-  if (!last_.empty() && slow) rays.Add(last_, clusters, T_last_this);
+  std::vector<PointCluster> points = slow ? Undeskewed(clusters) : std::vector<PointCluster>();
+  if (!last_.empty()) rays.Add(last_, points, T_last_this);
   if (rays.Contradict()) {
     ++contradictions_;
     doubted_ = kDoubted;
@@ -71,11 +71,7 @@ bool RestingBeams::Contradict(const std::vector<TimedCluster>& clusters, const S
     doubted_ = rays.pairs() == 0 && slow ? std::max(0, doubted_ - 1) : 0;
     if (doubted_ == 0) contradictions_ = 0;
   }
-  if (slow) {
-    last_ = clusters;
-  } else {
-    last_.clear();
-  }
+  last_ = std::move(points);
   T_world_last_ = T_world_lidar;
   return doubted_ > 0;
 }

@@ -14,6 +14,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "core/geometry/point_cluster.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/se3.h"
 #include "core/geometry/state_archive.h"
@@ -28,7 +29,7 @@ class RaysSeenAgain {
 
   // Two scans, undeskewed, and the later one's pose in the frame of the other. Left out where the
   // sensor has moved by 4 cm or turned by 0.2 deg: rays that go on by so much end elsewhere anyway.
-  void Add(const std::vector<TimedCluster>& before, const std::vector<TimedCluster>& clusters,
+  void Add(const std::vector<PointCluster>& before, const std::vector<PointCluster>& clusters,
            const SE3& T_before_this);
   std::size_t pairs() const { return pairs_; }
   // Whether rays are repeated, and do not end where they did.
@@ -58,7 +59,7 @@ class RestingBeams {
 
  private:
   double noise_m_;
-  std::vector<TimedCluster> last_;  // empty where there is none
+  std::vector<PointCluster> last_;  // empty where there is none
   SE3 T_world_last_;
   int contradictions_ = 0;
   int doubted_ = 0;  // so many scans more are doubted

@@ -102,9 +102,8 @@ bool StartTrack::ToldByBeams(const MatchResult& second) const {
   // 0.16.
   constexpr double kSparse = 0.3, kRepeated = 0.1;
   if (second.overlap() >= kSparse) return false;
-  const Vector6d rest = Vector6d::Zero();
-  const auto at_rest = [&](std::size_t k) { return DeskewClusters(scans_[k].clusters, rest); };
-  return BeamsOf(at_rest(0), steady_.noise_m).Beside(at_rest(1), SE3()) < kRepeated;
+  return BeamsOf(Undeskewed(scans_[0].clusters), steady_.noise_m)
+             .Beside(Undeskewed(scans_[1].clusters), SE3()) < kRepeated;
 }
 
 bool StartTrack::BeamsContradict(const std::vector<SE3>& poses) const {
@@ -114,7 +113,8 @@ bool StartTrack::BeamsContradict(const std::vector<SE3>& poses) const {
   RaysSeenAgain rays(steady_.noise_m);
   // What sets off has moved by the second half of the scans.
   for (std::size_t k = poses.size() / 2; k < poses.size(); ++k)
-    rays.Add(scans_[k - 1].clusters, scans_[k].clusters, poses[k - 1].Inverse() * poses[k]);
+    rays.Add(Undeskewed(scans_[k - 1].clusters), Undeskewed(scans_[k].clusters),
+             poses[k - 1].Inverse() * poses[k]);
   return rays.pairs() >= kLeastPairs && rays.Contradict();
 }
 

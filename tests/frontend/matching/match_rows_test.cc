@@ -121,7 +121,7 @@ TEST_F(MatchRowsTest, AreTheCostOfTheScanMatcher) {
 
 TEST_F(MatchRowsTest, PlanesMetFlatlyWeighNothingIfTheyAreLeftOut) {
   const std::vector<MatchRow> with = Rows(kCount);
-  settings_.with_flat = false;
+  settings_.use_flat = false;
   const std::vector<MatchRow> without = Rows(kCount);
   int flat = 0, old = 0;
   for (std::size_t i = 0; i < with.size(); ++i) {
