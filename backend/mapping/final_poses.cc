@@ -25,8 +25,14 @@ void FinalPoses::Disown(Stream stream, StampNs from_ns) {
     scan.disowned = scan.disowned || (scan.stream == stream && scan.stamp_ns >= from_ns);
 }
 
-void FinalPoses::GiveUp(Stream stream) {
-  for (Scan& scan : open_) scan.given_up = scan.given_up || scan.stream == stream;
+std::size_t FinalPoses::GiveUp(Stream stream) {
+  std::size_t count = 0;
+  for (Scan& scan : open_) {
+    if (scan.given_up || scan.stream != stream) continue;
+    scan.given_up = true;
+    ++count;
+  }
+  return count;
 }
 
 void FinalPoses::Close(Stream stream) {

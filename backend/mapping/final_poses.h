@@ -43,8 +43,8 @@ class FinalPoses {
   // The scans of a stream that are not handed on and have this stamp or a later one had a stamp
   // that was wrong: they count as skipped, with the pose before them.
   void Disown(Stream stream, StampNs from_ns);
-  // The scans of a stream that are not handed on were a start that was given up.
-  void GiveUp(Stream stream);
+  // The scans of a stream that are not handed on were a start that was given up. Their number.
+  std::size_t GiveUp(Stream stream);
   // No more scans and poses come in this stream.
   void Close(Stream stream);
   // Hands on what is final, in order. A skipped scan with a number below `before_scan` does not

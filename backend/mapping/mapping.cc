@@ -219,8 +219,9 @@ void Mapping::End(Recording* recording, std::size_t scan) {
 }
 
 void Mapping::GiveUpStart(Recording* recording) {
-  poses_.GiveUp(recording->stream);
-  counts_.degenerate += std::exchange(recording->certain, 0);
+  // After a long rest some poses are final already.
+  const std::size_t open = poses_.GiveUp(recording->stream);
+  counts_.degenerate += std::min(open, std::exchange(recording->certain, 0));
 }
 
 void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedCluster>* clusters) {

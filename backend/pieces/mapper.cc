@@ -1,5 +1,6 @@
 #include "backend/pieces/mapper.h"
 
+#include <algorithm>
 #include <cmath>
 #include <optional>
 #include <utility>
@@ -29,7 +30,7 @@ Mapper::Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
       resting_(options.frontend.matcher.noise_floor_m) {
   CheckOptions(options.backend, "backend");
   options.backend.CheckTogether();
-  if (StartsMoving()) start_.Clear();
+  if (StartsMoving()) ClearStart();
 }
 
 RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
@@ -38,19 +39,18 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   SettleFirst();
   result.odometry = Register(scan);
   OdometryFrame& frame = result.odometry;
+  if (frame.status != OdometryFrame::Status::kLost)
+    resting_.Add(*scan.clusters, frame.T_world_lidar);
+  if (rest_.SetsOff(frame, scan.stamp_made_up, *scan.clusters, resting_.newest()) && RestIsWhole())
+    frame = StartFromRest(scan);
   const bool started_over = start_.open() && FollowStart(scan, &result);
-  DoubtRest(scan, &frame);
+  DoubtRest(&frame);
   result.ends = EndOfPiece(scan, frame, may_restart);
   if (result.ends == PieceEnd::kNone) {
     if (frame.status != OdometryFrame::Status::kLost) {
-      matched_ = matched_ || frame.status == OdometryFrame::Status::kTracked;
-      tracker_.Accept(frame);
-      if (started_over) tracker_.odometry().Assume(frame.sweep.twist);
-      if (StartsMoving() && open_.NextKeyframe() == 0)
-        tracker_.odometry().StartMoving(*options_.start_velocity);
-      ++frames_since_keyframe_;
-      result.keyframe = IsKeyframe(frame.T_world_lidar);
-      if (result.keyframe) AddKeyframe(frame, std::move(*scan.clusters));
+      const bool first = open_.NextKeyframe() == 0;
+      Accept(started_over, &result, scan.clusters);
+      if (StartsMoving() && first) tracker_.odometry().StartMoving(*options_.start_velocity);
     }
     // The last keyframe's clusters may have moved though nothing new entered the map.
     map_->Refresh();
@@ -65,72 +65,15 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   return result;
 }
 
-bool Mapper::FollowStart(const MapperScan& scan, RegisteredScan* result) {
-  OdometryFrame* const frame = &result->odometry;
-  // Only as long as all that the scans have left can be taken back.
-  const bool whole = !window_.full() && open_.size() == start_.scans().size();
-  if (!whole) start_.Clear();
-  if (!start_.open()) return false;
-  start_.Add(*frame, scan.stamp_made_up, *scan.clusters);
-  if (!window_.frames().empty()) start_.ShakeFirst(window_.frames().front().sweep);
-  const bool overruled = start_.overruled();
-  result->start_uncertain = start_.stands();
-  if (overruled) {
-    StartOver(frame);
-    start_.Clear();
-  }
-  frame->match.covariance += start_.Spread(frame->T_world_lidar);
-  if (start_.unsettled() && frame->status == OdometryFrame::Status::kTracked)
-    frame->match.MakeDegenerate(frame->match.weakest_direction);
-  return overruled;
-}
-
-void Mapper::DoubtRest(const MapperScan& scan, OdometryFrame* frame) {
-  constexpr int kBelievedNoMore = 5;
-  if (frame->status == OdometryFrame::Status::kLost) return;
-  const bool contradicted = resting_.Contradict(*scan.clusters, frame->T_world_lidar);
-  // A start is asked as a whole.
-  if (!contradicted || start_.open()) return;
-  frame->match.MakeDegenerate(frame->match.weakest_direction);
-  if (resting_.contradictions() >= kBelievedNoMore) frame->status = OdometryFrame::Status::kLost;
-}
-
-void Mapper::StartOver(OdometryFrame* frame) {
-  map_->Refresh();
-  DropWindow();
-  map_->BeginPiece(piece_);
-  window_ = SlidingWindow(options_.backend.window, map_);
-  tracker_.StartOver();
-  open_.ForgetKeyframes();
-  // What is being solved is of poses that are taken back: nothing of it is to be applied.
-  constexpr std::int64_t kTakenBack = -1;  // before the first keyframe
-  if (!solving_.empty()) solving_ = {kTakenBack};
-  keyframes_since_solve_ = frames_since_keyframe_ = 0;
-  const StartScan& first = start_.scans().front();
-  start_.Move(FirstMiddle(first.sweep) * first.T_world_lidar.Inverse());
-  OdometryFrame taken;
-  taken.match.degenerate_directions = start_.match().degenerate_directions;
-  taken.match.degenerate_information = start_.match().degenerate_information;
-  for (std::size_t k = 0; k < start_.scans().size(); ++k) {
-    const StartScan& scan = start_.scans()[k];
-    taken.status = k == 0 ? OdometryFrame::Status::kFirst : OdometryFrame::Status::kTracked;
-    taken.stamp_ns = scan.stamp_ns;
-    taken.T_world_lidar = taken.T_world_predicted = scan.T_world_lidar;
-    taken.sweep = scan.sweep;
-    if (k + 1 == start_.scans().size()) break;
-    tracker_.odometry().Accept(scan.stamp_ns, scan.T_world_lidar);
-    if (IsKeyframe(scan.T_world_lidar)) AddKeyframe(taken, scan.clusters);
-    open_.Set(k, scan.T_world_lidar, scan.sweep);
-  }
-  if (start_.told_by_all()) {
-    const StartScan& before = *(start_.scans().end() - 2);
-    stretch_.StartOver(before.stamp_ns, before.T_world_lidar,
-                       SecondsBetween(before.stamp_ns, taken.stamp_ns), StartTrack::kToldM,
-                       open_.NextKeyframe());
-  }
-  taken.match = start_.match();
-  taken.searched = true;
-  *frame = taken;
+void Mapper::Accept(bool started_over, RegisteredScan* result,
+                    std::vector<TimedCluster>* clusters) {
+  const OdometryFrame& frame = result->odometry;
+  matched_ = matched_ || frame.status == OdometryFrame::Status::kTracked;
+  tracker_.Accept(frame);
+  if (started_over) tracker_.odometry().Assume(frame.sweep.twist);
+  ++frames_since_keyframe_;
+  result->keyframe = IsKeyframe(frame.T_world_lidar);
+  if (result->keyframe) AddKeyframe(frame, std::move(*clusters));
 }
 
 OdometryFrame Mapper::First(const MapperScan& scan) {
@@ -234,7 +177,9 @@ bool Mapper::IsKeyframe(const SE3& T) const {
   if (!open_.any_keyframe() || open_.NextKeyframe() < options_.backend.min_surfel_frames)
     return true;
   const int most = options_.backend.keyframe_after_frames;
-  if (most > 0 && frames_since_keyframe_ >= most) return true;
+  // Where the sensor sets off, those of the rest are taken back.
+  const bool may_leave = window_.full() && rest_.rests();
+  if (most > 0 && frames_since_keyframe_ >= most && !may_leave) return true;
   const SE3& last = open_.newest_keyframe();
   return (T.t - last.t).norm() >= options_.backend.keyframe_translation_m ||
          RotationAngle(last, T) >= Radians(options_.backend.keyframe_rotation_deg);
@@ -377,7 +322,10 @@ void Mapper::PopOldest() {
 }
 
 Trajectory Mapper::TakeFinal(std::int64_t before_scan) {
-  return open_.TakeFinal(window_.frames().empty() ? 0 : window_.frames().front().id, before_scan);
+  const Trajectory final_poses =
+      open_.TakeFinal(window_.frames().empty() ? 0 : window_.frames().front().id, before_scan);
+  rested_ -= std::min(rested_, final_poses.size());
+  return final_poses;
 }
 
 std::vector<Eigen::Vector3d> Mapper::NewestKeyframe() const {
@@ -389,7 +337,8 @@ std::vector<Eigen::Vector3d> Mapper::NewestKeyframe() const {
 
 void Mapper::Archive(StateArchive& a) {
   a(&T_world_start_, &tracker_, &window_, &open_, &keyframes_since_solve_, &frames_since_keyframe_,
-    &solving_, &start_, &stretch_, &ambiguous_, &matched_, &first_settled_, &resting_);
+    &solving_, &start_, &stretch_, &ambiguous_, &matched_, &first_settled_, &resting_, &rest_,
+    &rested_);
 }
 
 }  // namespace lamina

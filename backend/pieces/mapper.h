@@ -29,6 +29,7 @@
 #include "core/geometry/scan.h"
 #include "core/geometry/state_archive.h"
 #include "core/map/voxel_map.h"
+#include "frontend/start/rest_at_start.h"
 #include "frontend/start/resting_beams.h"
 #include "frontend/start/start_track.h"
 
@@ -119,11 +120,25 @@ class Mapper {
   // While the first scans have several explanations. *result has what odometry made of this one.
   // True if they are taken again under another explanation.
   bool FollowStart(const MapperScan& scan, RegisteredScan* result);
+  // Whether all that was made of a sensor that has rested since the piece began can be taken back.
+  bool RestIsWhole() const;
+  // The newest scan is where *result has it. Its clusters are taken if it becomes a keyframe.
+  void Accept(bool started_over, RegisteredScan* result, std::vector<TimedCluster>* clusters);
+  // The sensor has rested and sets off: takes back what was made of its scans, begins with the last
+  // of them, and registers this one anew.
+  OdometryFrame StartFromRest(const MapperScan& scan);
+  // Takes back the window, all of which is of the start or of a rest before it. The poses at rest,
+  // which are to be hung on the first keyframe that follows.
+  std::vector<SE3> TakeBack();
+  void HangRests(const std::vector<SE3>& rests);
+  // Neither is asked about: the piece begins with what is known.
+  void ClearStart();
   // A sensor that rests though its rays say otherwise may be anywhere; soon it is lost.
-  void DoubtRest(const MapperScan& scan, OdometryFrame* frame);
+  void DoubtRest(OdometryFrame* frame);
   // Pieces that follow begin where that velocity is none of theirs.
   bool StartsMoving() const { return piece_ == 0 && options_.start_velocity.has_value(); }
-  // Takes back all scans so far and takes them again as start_ has them; *frame is of the newest.
+  // Takes back the scans of the start and takes them again as start_ has them; *frame is of the
+  // newest.
   void StartOver(OdometryFrame* frame);
   // The first scan is at T_world_start_ at its stamp, which is known to lie elsewhere than the
   // middle of its sweep once the motion is: moves it there, and with it *frame, the scan after it.
@@ -160,6 +175,8 @@ class Mapper {
   DegenerateStretch stretch_;
   AmbiguousPlace ambiguous_;
   RestingBeams resting_;
+  RestAtStart rest_;
+  std::size_t rested_ = 0;  // so many open poses are of scans before the start
   OnFinalKeyframe on_final_keyframe_;
   bool matched_ = false;        // any scan, ever
   bool first_settled_ = false;  // SettleFirst

@@ -60,6 +60,10 @@ std::vector<WindowFrame> Mapper::SettledFrames() const {
 void Mapper::GoOnFrom(const Mapper& before, std::vector<WindowFrame> frames) {
   tracker_.GoOnFrom(before.tracker_);
   start_.Clear();
+  for (const WindowFrame& frame : frames) {
+    const Eigen::Vector3d way = frame.T_world_lidar.t - frames.front().T_world_lidar.t;
+    if (way.norm() > RestAtStart::kRestsM) rest_.End();
+  }
   map_->SelectPiece(piece_);
   for (WindowFrame& frame : frames) {
     frame.id = open_.NextKeyframe();
@@ -72,7 +76,7 @@ void Mapper::GoOnFrom(const Mapper& before, std::vector<WindowFrame> frames) {
 void Mapper::Resume(const Trajectory& last, std::int64_t keyframe) {
   open_.CountFrom(keyframe);
   matched_ = true;
-  start_.Clear();
+  ClearStart();
   tracker_.StartAfter(last);
 }
 

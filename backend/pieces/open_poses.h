@@ -38,6 +38,8 @@ class OpenPoses {
   void Add(const MapperScan& scan, const OdometryFrame& frame);
   // Frame i is here after all, on the newest keyframe.
   void Set(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep);
+  // Of frame i, in the middle of its sweep.
+  StampedPose Middle(std::size_t i) const { return MiddleOf(frames_[i]); }
   // Keyframes have moved: finds the motion during all frames anew.
   void UpdateMotions();
   std::size_t size() const { return frames_.size(); }

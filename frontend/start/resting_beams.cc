@@ -43,37 +43,46 @@ void RaysSeenAgain::Add(const std::vector<PointCluster>& before,
   const double least = kAgree - kAgreeLessPerM * step_m;
   agree_ += agree;
   least_ += least;
-  as_noise_ += agree < least ? AsNoise(beams.RangesOff(clusters, T_turned), noise_m_) : 1.0;
+  const double as_noise = AsNoise(beams.RangesOff(clusters, T_turned), noise_m_);
+  in_noise_ += as_noise;
+  as_noise_ += agree < least ? as_noise : 1.0;
   ++pairs_;
+}
+
+bool RaysSeenAgain::Repeated() const {
+  constexpr double kRepeated = 0.5;
+  return pairs_ > 0 && repeated_ >= kRepeated * static_cast<double>(pairs_);
+}
+
+bool RaysSeenAgain::Rests() const {
+  constexpr double kRests = 0.77;
+  return Repeated() && in_noise_ >= kRests * static_cast<double>(pairs_);
 }
 
 bool RaysSeenAgain::Contradict() const {
   // What noise alone makes of it is 0.8.
-  constexpr double kRepeated = 0.5, kAsNoise = 0.72;
-  const double pairs = static_cast<double>(pairs_);
-  return pairs_ > 0 && repeated_ >= kRepeated * pairs && agree_ < least_ &&
-         as_noise_ < kAsNoise * pairs;
+  constexpr double kAsNoise = 0.72;
+  return Repeated() && agree_ < least_ && as_noise_ < kAsNoise * static_cast<double>(pairs_);
 }
 
-bool RestingBeams::Contradict(const std::vector<TimedCluster>& clusters, const SE3& T_world_lidar) {
+void RestingBeams::Add(const std::vector<TimedCluster>& clusters, const SE3& T_world_lidar) {
   // What is faster does not come to rest in the next scan.
   constexpr double kSlowM = 0.5;
   constexpr int kDoubted = 10;
   const SE3 T_last_this = T_world_last_.Inverse() * T_world_lidar;
   const bool slow = last_.empty() || T_last_this.t.norm() < kSlowM;
-  RaysSeenAgain rays(noise_m_);
+  newest_ = RaysSeenAgain(noise_m_);
   std::vector<PointCluster> points = slow ? Undeskewed(clusters) : std::vector<PointCluster>();
-  if (!last_.empty()) rays.Add(last_, points, T_last_this);
-  if (rays.Contradict()) {
+  if (!last_.empty()) newest_.Add(last_, points, T_last_this);
+  if (newest_.Contradict()) {
     ++contradictions_;
     doubted_ = kDoubted;
   } else {
-    doubted_ = rays.pairs() == 0 && slow ? std::max(0, doubted_ - 1) : 0;
+    doubted_ = newest_.pairs() == 0 && slow ? std::max(0, doubted_ - 1) : 0;
     if (doubted_ == 0) contradictions_ = 0;
   }
   last_ = std::move(points);
   T_world_last_ = T_world_lidar;
-  return doubted_ > 0;
 }
 
 }  // namespace lamina

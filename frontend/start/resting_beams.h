@@ -32,6 +32,12 @@ class RaysSeenAgain {
   void Add(const std::vector<PointCluster>& before, const std::vector<PointCluster>& clusters,
            const SE3& T_before_this);
   std::size_t pairs() const { return pairs_; }
+  // Whether most rays are repeated.
+  bool Repeated() const;
+  // Whether they are, and all but few of them end where they did, as far as noise goes.
+  bool Rests() const;
+  // How well they agree, in [0, 1]; of at least one pair.
+  double Agree() const { return agree_ / static_cast<double>(pairs_); }
   // Whether rays are repeated, and do not end where they did.
   bool Contradict() const;
 
@@ -40,25 +46,33 @@ class RaysSeenAgain {
   std::size_t pairs_ = 0;
   double repeated_ = 0.0, agree_ = 0.0;
   double least_ = 0.0;     // of agree_
-  double as_noise_ = 0.0;  // how well they agree in the noise that they show
+  double in_noise_ = 0.0;  // how well they agree in the noise that they show
+  double as_noise_ = 0.0;  // the same, and 1 where they agree to the least
 };
 
 // The newest scan of a sensor, as long as it moves slowly. Not thread-safe.
 class RestingBeams {
  public:
-  explicit RestingBeams(double noise_m) : noise_m_(noise_m) {}
+  explicit RestingBeams(double noise_m) : noise_m_(noise_m), newest_(noise_m) {}
 
-  // The next scan at its pose. True if the sensor rests by that and the pose before and its rays
-  // contradict, and for a while after such scans: until rays agree, as long as it is slow.
-  bool Contradict(const std::vector<TimedCluster>& clusters, const SE3& T_world_lidar);
+  // The next scan at its pose.
+  void Add(const std::vector<TimedCluster>& clusters, const SE3& T_world_lidar);
+  // The newest scan is here after all.
+  void MoveTo(const SE3& T_world_lidar) { T_world_last_ = T_world_lidar; }
+  // The newest scan and the one before, if both are those of a sensor at rest.
+  const RaysSeenAgain& newest() const { return newest_; }
+  // Whether the sensor rests by the newest two poses and its rays contradict, or have done so a
+  // short while ago: until rays agree, as long as it is slow.
+  bool Contradict() const { return doubted_ > 0; }
   // So many scans whose rays contradict are not followed by one whose rays agree.
   int contradictions() const { return contradictions_; }
 
-  // Between scans.
+  // Between scans; but for newest().
   void Archive(StateArchive& a) { a(&last_, &T_world_last_, &contradictions_, &doubted_); }
 
  private:
   double noise_m_;
+  RaysSeenAgain newest_;
   std::vector<PointCluster> last_;  // empty where there is none
   SE3 T_world_last_;
   int contradictions_ = 0;

@@ -48,6 +48,14 @@ void StartTrack::Clear() {
   hypotheses_.clear();
 }
 
+void StartTrack::BeginAgain() {
+  if (!open()) unproven_ = after_given_up_ = false;
+  Clear();
+  state_ = State::kOpen;
+  open_m_ = 0.0;
+  open_along_.setZero();
+}
+
 void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
                      const std::vector<TimedCluster>& clusters) {
   if (!scans_.empty()) {

@@ -145,6 +145,8 @@ class StartTrack {
   const MatchResult& match() const { return match_; }
   // Frees what it holds.
   void Clear();
+  // As before the first scan. What it follows is forgotten if it has closed since.
+  void BeginAgain();
   // All poses move: T -> correction * T.
   void Move(const SE3& correction);
 

@@ -20,10 +20,14 @@ struct StreetDrive {
   std::function<double(double)> way_m;  // by time
   std::function<ScanKind(int)> kind = [](int) { return ScanKind::kStreet; };
   bool start_known = false;  // whether the mapper is told the velocity of the first scan
+  bool repeated = false;     // whether all scans have the same rays
+  SE3 T_world_start;
+  MapperOptions options;
 };
 
 struct DriveOutcome {
   int lost = 0, degenerate = 0;
+  int left = 0;                        // keyframes that have left the window
   double worst_m = 0.0, last_m = 0.0;  // errors of frames called tracked and not degenerate
 };
 
@@ -32,22 +36,24 @@ DriveOutcome MapStreet(const StreetDrive& drive, unsigned seed) {
   constexpr double kPeriodS = 0.1;
   const BayStreet street(seed);
   Draws draws(seed + 100);
-  MapperOptions options;
+  MapperOptions options = drive.options;
   if (drive.start_known) {
     const SE3 step =
         BayStreet::PoseAt(drive.way_m(0.0)).Inverse() * BayStreet::PoseAt(drive.way_m(kPeriodS));
     options.start_velocity = TwistLog(step) / kPeriodS;
   }
   VoxelMap map(options.map);
-  Mapper mapper(options, &map, 0);
+  Mapper mapper(options, &map, 0, drive.T_world_start);
   BundleProblem problem;
   int frames = 0, due = -1;
   DriveOutcome outcome;
+  mapper.SetOnFinalKeyframe([&](std::int64_t, const FinalKeyframe&) { ++outcome.left; });
   for (int i = 0; i < drive.scans; ++i) {
     if (drive.kind(i) == ScanKind::kMissing) continue;
     const SE3 T = BayStreet::PoseAt(drive.way_m(kPeriodS * i));
     const auto points = drive.kind(i) == ScanKind::kSpray ? BayStreet::Spray(drive.points, &draws)
-                                                          : street.Scan(T, drive.points, &draws);
+                        : drive.repeated ? street.RingScan(T, 32, drive.points / 32, &draws)
+                                         : street.Scan(T, drive.points, &draws);
     if (due == frames) {
       mapper.ApplySolve(AdjustBundle(problem, options.backend.solver));
       due = -1;
@@ -61,7 +67,7 @@ DriveOutcome MapStreet(const StreetDrive& drive, unsigned seed) {
       problem = mapper.PrepareSolve();
       due = frames + options.backend.hand_over_lag_frames;
     }
-    const SE3 truth = BayStreet::PoseAt(0.0).Inverse() * T;
+    const SE3 truth = drive.T_world_start * BayStreet::PoseAt(0.0).Inverse() * T;
     const bool lost = frame.status == FrameStatus::kLost;
     outcome.lost += lost ? 1 : 0;
     outcome.degenerate += !lost && frame.match.degenerate > 0 ? 1 : 0;
@@ -89,6 +95,24 @@ TEST(MapperStreet, ACarThatAcceleratesIsFollowedAtAnyDensity) {
     // With few points the motion itself is unknown for the first scans.
     EXPECT_LE(outcome.degenerate, points < 10000 ? 15 : 3) << points;
   }
+}
+
+// However many keyframes a rest would give, none leaves the window: all can be taken back where the
+// sensor sets off, and it goes on where it was.
+TEST(MapperStreet, AfterALongRestItSetsOffFromWhereItRested) {
+  constexpr double kRestS = 4.0;
+  StreetDrive drive;
+  drive.scans = 55;
+  drive.points = 60000;
+  drive.repeated = true;
+  drive.T_world_start.t = {100.0, -50.0, 3.0};
+  drive.options.backend.keyframe_after_frames = 1;
+  drive.way_m = [](double t) { return Accelerating(std::max(0.0, t - kRestS)); };
+  const DriveOutcome outcome = MapStreet(drive, 3);
+  EXPECT_EQ(outcome.lost, 0);
+  EXPECT_LT(outcome.worst_m, 0.1);
+  EXPECT_LE(outcome.degenerate, 13);  // as many as a start has scans
+  EXPECT_EQ(outcome.left, 0);
 }
 
 // At speed from the first scan on.

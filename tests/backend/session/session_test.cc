@@ -7,6 +7,7 @@
 
 #include "backend/session/checkpoint.h"
 #include "tests/support/program/session_scenes.h"
+#include "tests/support/scenes/bay_street.h"
 
 namespace lamina {
 namespace {
@@ -84,6 +85,38 @@ TEST_F(SessionContinueTest, LeftWithBundleAdjustmentUnderWay) {
   Scene scene;
   scene.scans = 17;
   CheckStops(scene, {5, 7, 8, 11, 13});
+}
+
+// What a sensor at rest keeps of its last scans, and the start that begins with them.
+TEST_F(SessionContinueTest, LeftAtRestAndAfterSettingOff) {
+  mapping_ = MappingOptions();
+  const BayStreet street(5);
+  Draws draws(3);
+  Recording recording;
+  for (int i = 0; i < 24; ++i) {
+    constexpr double kRestS = 1.0, kHalfAcceleration = 1.5;
+    SE3 T = BayStreet::PoseAt(0.0);
+    T.t.x() += kHalfAcceleration * std::pow(std::max(0.0, 0.1 * i - kRestS), 2);
+    InboxFile file;
+    file.name = "scan" + std::to_string(1000 + i) + ".bin";
+    file.stamp_ns = MadeUpStamp(static_cast<std::size_t>(i), {});
+    if (i == 0) file.next_stamp_ns = MadeUpStamp(1, {});
+    std::vector<ScanPoint> points;
+    for (const TimedPoint& p : street.RingScan(T, 32, 720, &draws))
+      points.push_back({p.x, p.y, p.z, 0.0F});
+    file.path = Write("inbox/" + file.name, KittiBin(points));
+    recording.truth.push_back(T);
+    recording.files.push_back(file);
+  }
+  const Result whole = FinishSession(Setup("whole"), recording);
+  for (const int stop : {6, 11, 12, 13, 18}) {
+    SCOPED_TRACE(stop);
+    SessionSetup setup = Setup("stopped");
+    setup.session.checkpoint_every_scans = 1;
+    fs::remove_all(setup.folder);
+    MapUntil(setup, recording, stop, Leave::kWhenDone);
+    ExpectSame(FinishSession(setup, recording), whole);
+  }
 }
 
 // The budget is below what the scene needs: the map lives on disk for a good part.

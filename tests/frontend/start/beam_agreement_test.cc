@@ -156,7 +156,8 @@ TEST(RestingBeamsTest, WhatIsRepeatedEndsWhereItDidIfTheSensorRests) {
     int k = 0, count = 0;
     for (const std::vector<TimedCluster>& scan : ScansAlong(step_m, turned_deg, noise_m)) {
       const SE3 T(Eigen::Quaterniond::Identity(), {claimed_m * k++, 0.0, 0.0});
-      count += beams.Contradict(scan, T) ? 1 : 0;
+      beams.Add(scan, T);
+      count += beams.Contradict() ? 1 : 0;
       EXPECT_EQ(beams.contradictions(), count);
     }
     return count;

@@ -67,6 +67,27 @@ class BayStreet {
     return scan;
   }
 
+  // Points along the same rays in each scan: `rings` of them 2 deg apart, each of `steps`, the
+  // first of them at that share of a step.
+  std::vector<TimedPoint> RingScan(const SE3& T_world_lidar, int rings, int steps, Draws* draws,
+                                   double first = 0.0) const {
+    std::vector<TimedPoint> scan;
+    for (int ring = 0; ring < rings; ++ring) {
+      const double elevation = (2.0 * ring - rings + 1.0) * kDegree;
+      for (int step = 0; step < steps; ++step) {
+        const double azimuth = 2.0 * M_PI * (step + first) / steps;
+        const Eigen::Vector3d direction(std::cos(elevation) * std::cos(azimuth),
+                                        std::cos(elevation) * std::sin(azimuth),
+                                        std::sin(elevation));
+        const double range = Cast(T_world_lidar.t, T_world_lidar.q * direction);
+        if (range > kRangeM) continue;
+        const Eigen::Vector3f p = ((range + draws->Normal(0.01)) * direction).cast<float>();
+        scan.push_back({p.x(), p.y(), p.z(), 0.0F});
+      }
+    }
+    return scan;
+  }
+
   // Rain and spray: returns from within a few metres, nothing else.
   static std::vector<TimedPoint> Spray(int points, Draws* draws) {
     std::vector<TimedPoint> scan;

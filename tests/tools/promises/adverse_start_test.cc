@@ -111,6 +111,20 @@ TEST(AdverseStart, RaysThatAreRepeatedDoNotHoldASensorThatDrives) {
   }
 }
 
+// A map made at rest has the lines of the rays, and whatever is about to set off with the sensor.
+TEST(AdverseStart, AMapMadeAtRestDoesNotHoldASensorThatSetsOff) {
+  for (const std::string scene : {"bays", "carpark", "lorry"}) {
+    Promise promise;
+    promise.synth = {"--sensor vlp16 --profile start --rest-s 3 --sweep --noise 0.01"};
+    promise.synth.push_back("--frames 50 --scene " + scene);
+    for (const int seed : {1, 2}) {
+      const Verdict verdict = Tried(promise, seed);
+      EXPECT_LT(verdict.worst_m, 0.1) << scene << " " << seed << ": " << verdict.broken;
+      EXPECT_EQ(verdict.lost, 0u) << scene << " " << seed;
+    }
+  }
+}
+
 TEST(AdverseStart, ScansMaySettleAsWellAsTheyAreKnown) {
   EXPECT_LT(Tried("brake-5000", 64).worst_m, 0.1);
 }
