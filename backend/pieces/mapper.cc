@@ -324,7 +324,7 @@ void Mapper::PopOldest() {
 Trajectory Mapper::TakeFinal(std::int64_t before_scan) {
   const Trajectory final_poses =
       open_.TakeFinal(window_.frames().empty() ? 0 : window_.frames().front().id, before_scan);
-  rested_ -= std::min(rested_, final_poses.size());
+  before_start_ -= std::min(before_start_, final_poses.size());
   return final_poses;
 }
 
@@ -338,7 +338,7 @@ std::vector<Eigen::Vector3d> Mapper::NewestKeyframe() const {
 void Mapper::Archive(StateArchive& a) {
   a(&T_world_start_, &tracker_, &window_, &open_, &keyframes_since_solve_, &frames_since_keyframe_,
     &solving_, &start_, &stretch_, &ambiguous_, &matched_, &first_settled_, &resting_, &rest_,
-    &rested_);
+    &before_start_);
 }
 
 }  // namespace lamina

@@ -120,17 +120,18 @@ class Mapper {
   // While the first scans have several explanations. *result has what odometry made of this one.
   // True if they are taken again under another explanation.
   bool FollowStart(const MapperScan& scan, RegisteredScan* result);
-  // Whether all that was made of a sensor that has rested since the piece began can be taken back.
+  // Whether all that was made of a sensor that has hardly done more than rest since the piece began
+  // can be taken back.
   bool RestIsWhole() const;
   // The newest scan is where *result has it. Its clusters are taken if it becomes a keyframe.
   void Accept(bool started_over, RegisteredScan* result, std::vector<TimedCluster>* clusters);
   // The sensor has rested and sets off: takes back what was made of its scans, begins with the last
   // of them, and registers this one anew.
   OdometryFrame StartFromRest(const MapperScan& scan);
-  // Takes back the window, all of which is of the start or of a rest before it. The poses at rest,
+  // Takes back the window, all of which is of the start or of scans before it. The poses of these,
   // which are to be hung on the first keyframe that follows.
   std::vector<SE3> TakeBack();
-  void HangRests(const std::vector<SE3>& rests);
+  void HangBefore(const std::vector<SE3>& before);
   // Neither is asked about: the piece begins with what is known.
   void ClearStart();
   // A sensor that rests though its rays say otherwise may be anywhere; soon it is lost.
@@ -176,7 +177,7 @@ class Mapper {
   AmbiguousPlace ambiguous_;
   RestingBeams resting_;
   RestAtStart rest_;
-  std::size_t rested_ = 0;  // so many open poses are of scans before the start
+  std::size_t before_start_ = 0;  // so many open poses are of scans before the start
   OnFinalKeyframe on_final_keyframe_;
   bool matched_ = false;        // any scan, ever
   bool first_settled_ = false;  // SettleFirst

@@ -19,7 +19,7 @@ bool AtRest(const std::vector<StartScan>& scans, const SE3& T_world_lidar) {
 bool Mapper::FollowStart(const MapperScan& scan, RegisteredScan* result) {
   OdometryFrame* const frame = &result->odometry;
   // Only as long as all that the scans have left can be taken back.
-  if (window_.full() || open_.size() < rested_ + start_.scans().size()) start_.Clear();
+  if (window_.full() || open_.size() < before_start_ + start_.scans().size()) start_.Clear();
   if (!start_.open()) return false;
   bool rests = AtRest(start_.scans(), frame->T_world_lidar);
   start_.Add(*frame, scan.stamp_made_up, *scan.clusters);
@@ -45,9 +45,9 @@ bool Mapper::RestIsWhole() const {
 
 OdometryFrame Mapper::StartFromRest(const MapperScan& scan) {
   const std::vector<RestAtStart::Kept> kept = rest_.kept();
-  rested_ = open_.size() - kept.size();
-  T_world_start_ = open_.Middle(rested_).T_world_lidar;
-  const std::vector<SE3> rests = TakeBack();
+  before_start_ = open_.size() - kept.size();
+  T_world_start_ = open_.Middle(before_start_).T_world_lidar;
+  const std::vector<SE3> before = TakeBack();
   start_.BeginAgain();
   stretch_.Forget();
   ambiguous_.Forget();
@@ -66,14 +66,14 @@ OdometryFrame Mapper::StartFromRest(const MapperScan& scan) {
     const OdometryFrame& frame = result.odometry;
     if (frame.status != OdometryFrame::Status::kLost) Accept(started_over, &result, &clusters);
     map_->Refresh();
-    if (k == 0) HangRests(rests);
-    open_.Set(rests.size() + k, frame.T_world_lidar, frame.sweep);
+    if (k == 0) HangBefore(before);
+    open_.Set(before.size() + k, frame.T_world_lidar, frame.sweep);
   }
   return Register(scan);
 }
 
-void Mapper::HangRests(const std::vector<SE3>& rests) {
-  for (std::size_t i = 0; i < rests.size(); ++i) open_.Set(i, rests[i], SweepMotion());
+void Mapper::HangBefore(const std::vector<SE3>& before) {
+  for (std::size_t i = 0; i < before.size(); ++i) open_.HangAnew(i, before[i]);
 }
 
 void Mapper::ClearStart() {
@@ -97,20 +97,20 @@ std::vector<SE3> Mapper::TakeBack() {
   map_->BeginPiece(piece_);
   window_ = SlidingWindow(options_.backend.window, map_);
   tracker_.StartOver();
-  std::vector<SE3> rests;
-  for (std::size_t i = 0; i < rested_; ++i) rests.push_back(open_.Middle(i).T_world_lidar);
+  std::vector<SE3> before;
+  for (std::size_t i = 0; i < before_start_; ++i) before.push_back(open_.Middle(i).T_world_lidar);
   open_.ForgetKeyframes();
   // What is being solved is of poses that are taken back: nothing of it is to be applied.
   constexpr std::int64_t kTakenBack = -1;  // before the first keyframe
   if (!solving_.empty()) solving_ = {kTakenBack};
   keyframes_since_solve_ = frames_since_keyframe_ = 0;
-  return rests;
+  return before;
 }
 
 void Mapper::StartOver(OdometryFrame* frame) {
-  const std::vector<SE3> rests = TakeBack();
+  const std::vector<SE3> before = TakeBack();
   const StartScan& first = start_.scans().front();
-  if (rested_ == 0) start_.Move(FirstMiddle(first.sweep) * first.T_world_lidar.Inverse());
+  if (before_start_ == 0) start_.Move(FirstMiddle(first.sweep) * first.T_world_lidar.Inverse());
   OdometryFrame taken;
   taken.match.degenerate_directions = start_.match().degenerate_directions;
   taken.match.degenerate_information = start_.match().degenerate_information;
@@ -123,13 +123,13 @@ void Mapper::StartOver(OdometryFrame* frame) {
     if (k + 1 == start_.scans().size()) break;
     tracker_.odometry().Accept(scan.stamp_ns, scan.T_world_lidar);
     if (IsKeyframe(scan.T_world_lidar)) AddKeyframe(taken, scan.clusters);
-    if (k == 0) HangRests(rests);
-    open_.Set(rests.size() + k, scan.T_world_lidar, scan.sweep);
+    if (k == 0) HangBefore(before);
+    open_.Set(before.size() + k, scan.T_world_lidar, scan.sweep);
   }
   if (start_.told_by_all()) {
-    const StartScan& before = *(start_.scans().end() - 2);
-    stretch_.StartOver(before.stamp_ns, before.T_world_lidar,
-                       SecondsBetween(before.stamp_ns, taken.stamp_ns), StartTrack::kToldM,
+    const StartScan& last = *(start_.scans().end() - 2);
+    stretch_.StartOver(last.stamp_ns, last.T_world_lidar,
+                       SecondsBetween(last.stamp_ns, taken.stamp_ns), StartTrack::kToldM,
                        open_.NextKeyframe());
   }
   taken.match = start_.match();

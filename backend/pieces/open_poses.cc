@@ -40,10 +40,14 @@ void OpenPoses::UpdateMotion(std::size_t i) {
     frame.T_middle_stamp = AtStamp(motion, frame.middle_ns);
 }
 
+void OpenPoses::HangAnew(std::size_t i, const SE3& T_world_lidar) {
+  frames_[i].keyframe_id = NextKeyframe() - 1;
+  frames_[i].T_keyframe_lidar = newest_keyframe().Inverse() * T_world_lidar;
+}
+
 void OpenPoses::Set(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep) {
+  HangAnew(i, T_world_lidar);
   Frame& frame = frames_[i];
-  frame.keyframe_id = NextKeyframe() - 1;
-  frame.T_keyframe_lidar = newest_keyframe().Inverse() * T_world_lidar;
   frame.T_middle_stamp = AtStamp(sweep, frame.middle_ns);
   frame.of_scan = sweep.of_scan;
 }

@@ -40,6 +40,8 @@ class OpenPoses {
   void Set(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep);
   // Of frame i, in the middle of its sweep.
   StampedPose Middle(std::size_t i) const { return MiddleOf(frames_[i]); }
+  // The keyframe of frame i is gone: hangs it on the newest, where it is.
+  void HangAnew(std::size_t i, const SE3& T_world_lidar);
   // Keyframes have moved: finds the motion during all frames anew.
   void UpdateMotions();
   std::size_t size() const { return frames_.size(); }

@@ -11,30 +11,41 @@ namespace lamina {
 bool RestAtStart::SetsOff(const OdometryFrame& frame, bool stamp_made_up,
                           const std::vector<TimedCluster>& clusters, const RaysSeenAgain& rays) {
   constexpr double kRestsRad = Radians(0.4);
-  constexpr int kLeastRested = 4;
   if (over_) return false;
+  const SE3& T = frame.T_world_lidar;
+  if (!begun_) T_world_begin_ = T;
+  begun_ = true;
   if (rays.pairs() > 0) repeated_ = rays.Repeated();
-  if (rested_ == 0) T_world_first_ = frame.T_world_lidar;
-  const bool moved = (frame.T_world_lidar.t - T_world_first_.t).norm() > kRestsM ||
-                     RotationAngle(T_world_first_, frame.T_world_lidar) > kRestsRad;
-  const bool long_rested = rested_ >= kLeastRested;
+  const bool moved = rested_ > 0 && ((T.t - T_world_rest_.t).norm() > kRestsM ||
+                                     RotationAngle(T_world_rest_, T) > kRestsRad);
+  const bool far = (T.t - T_world_begin_.t).norm() > kStartM;
   const bool gap = rested_ > 0 && SecondsBetween(kept_.front().stamp_ns, frame.stamp_ns) >
                                       static_cast<double>(kept_.size()) * kMostStartGapS;
-  if (frame.status == OdometryFrame::Status::kLost || gap ||
-      (moved && (!long_rested || !repeated_)) || (rested_ > 0 && !long_rested && !rays.Rests())) {
+  if (frame.status == OdometryFrame::Status::kLost || (far && !rested()) ||
+      (moved && rested() && !repeated_)) {
     End();
     return false;
   }
   const bool asked = repeated_ && rays.pairs() > 0;
-  if (moved || (long_rested && asked && rays.Agree() < LeastAgreed() - less_)) {
+  if (rested() && !gap && (moved || (asked && rays.Agree() < LeastAgreed() - less_))) {
     over_ = true;
     return true;
   }
+  if (gap || moved || (rested_ > 0 && !rested() && !rays.Rests())) Forget();
+  if (rested_ == 0) T_world_rest_ = T;
+  if (asked && rested_ > 0) Agreed(rays.Agree());
   ++rested_;
-  if (asked) Agreed(rays.Agree());
   if (kept_.size() >= kKept) kept_.erase(kept_.begin());
   kept_.push_back({frame.stamp_ns, stamp_made_up, clusters});
   return false;
+}
+
+void RestAtStart::Forget() {
+  rested_ = 0;
+  newest_agreed_.clear();
+  least_agreed_ = least_before_ = 1.0;
+  in_block_ = 0;
+  kept_.clear();
 }
 
 double RestAtStart::LeastAgreed() const {
@@ -59,15 +70,14 @@ void RestAtStart::End() {
 }
 
 void RestAtStart::GoOn(bool rests) {
-  const double less = over_ && rested_ > 0 ? 2.0 * less_ : less_;
+  const double less = rests ? (over_ ? 2.0 : 1.0) * less_ : RestAtStart().less_;
   *this = RestAtStart();
   less_ = less;
-  if (!rests) End();
 }
 
 void RestAtStart::Archive(StateArchive& a) {
-  a(&over_, &repeated_, &rested_, &less_, &newest_agreed_, &least_agreed_, &least_before_,
-    &in_block_, &T_world_first_, &kept_);
+  a(&over_, &begun_, &repeated_, &rested_, &less_, &newest_agreed_, &least_agreed_, &least_before_,
+    &in_block_, &T_world_begin_, &T_world_rest_, &kept_);
 }
 
 }  // namespace lamina

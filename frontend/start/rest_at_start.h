@@ -1,4 +1,4 @@
-// A sensor that rests from the first scan on, until it sets off.
+// A sensor that rests from the first scan on, or a few metres later, until it sets off.
 //
 // Where the rays of a sensor have the same directions in every scan, many scans from one place say
 // no more than one: the map of them has the lines that few rays draw, which go with the sensor, and
@@ -40,18 +40,20 @@ class RestAtStart {
                const std::vector<TimedCluster>& clusters, const RaysSeenAgain& rays);
   // The last scans before that, kKept of them, in their order.
   const std::vector<Kept>& kept() const { return kept_; }
-  // Whether it has rested so far.
-  bool rests() const { return !over_ && rested_ > 0; }
-  // Whether no more is asked about: it has set off, or never rested.
+  // Whether it rests.
+  bool rests() const { return !over_ && rested(); }
+  // Whether no more is asked about: it has set off, or has come too far without a rest.
   bool over() const { return over_; }
   // It is not asked about any more.
   void End();
-  // After the start that it set off with. `rests`: it did not set off; after such an alarm, as of
-  // what passes by, the next one takes twice as much.
+  // After the start that it set off with, or another. `rests`: it did not set off; after such an
+  // alarm, as of what passes by, the next one takes twice as much.
   void GoOn(bool rests);
 
   // So far a sensor at rest may seem to move, of few points.
   static constexpr double kRestsM = 0.025;
+  // So far it may have come before it rests.
+  static constexpr double kStartM = 5.0;
 
   // Between scans.
   void Archive(StateArchive& a);
@@ -59,12 +61,16 @@ class RestAtStart {
  private:
   static constexpr std::size_t kKept = 2;
   static constexpr std::size_t kNewest = 5, kBlock = 64;
+  static constexpr int kLeastRested = 4;
+  bool rested() const { return rested_ >= kLeastRested; }
+  // The scans at rest so far.
+  void Forget();
   // A, at rest, of a pair of scans.
   void Agreed(double share);
   // The least of it, of one or two blocks of pairs, but for the newest ones.
   double LeastAgreed() const;
 
-  bool over_ = false;
+  bool over_ = false, begun_ = false;
   bool repeated_ = false;  // the rays of the last pair that was asked
   int rested_ = 0;         // so many scans
   double less_ = 0.03;     // than the least: as of a sensor that moves
@@ -72,7 +78,7 @@ class RestAtStart {
   // Before these: of the block under way, which has so many pairs, and of the one before.
   double least_agreed_ = 1.0, least_before_ = 1.0;
   std::size_t in_block_ = 0;
-  SE3 T_world_first_;
+  SE3 T_world_begin_, T_world_rest_;
   std::vector<Kept> kept_;
 };
 

@@ -140,7 +140,7 @@ void AddMotionOptions(CLI::App* command, SynthArguments* a) {
       ->add_option("--profile", a->profile,
                    OneOf("how the sensor moves along its way", synth::ProfileNames()))
       ->capture_default_str();
-  command->add_option("--rest-s", o.rest_s, "start: how long it stands before it sets off")
+  command->add_option("--rest-s", o.rest_s, "start, brake: how long it stands; 0: brake 1.5")
       ->capture_default_str();
   command->add_option("--lean-deg", o.lean_deg, "how far the sensor leans forward on its carrier")
       ->capture_default_str();

@@ -75,7 +75,7 @@ TEST_F(RestAtStartTest, WhatMovesFromTheFirstScanOnHasNotRested) {
 TEST_F(RestAtStartTest, RaysThatAreOthersInEachScanAreNotAskedAbout) {
   for (int i = 0; i < 12; ++i) ASSERT_FALSE(SetsOff(0.0, 0.0, i % 2 == 0)) << i;
   EXPECT_FALSE(SetsOff(0.03, 0.03, true));
-  EXPECT_TRUE(rest_.kept().empty());
+  EXPECT_FALSE(SetsOff(0.1, 0.1, false));
 }
 
 TEST_F(RestAtStartTest, AfterAFalseAlarmMoreIsAsked) {
@@ -86,8 +86,10 @@ TEST_F(RestAtStartTest, AfterAFalseAlarmMoreIsAsked) {
   EXPECT_FALSE(SetsOff(0.2, 0.0));
   Rest(8);
   EXPECT_TRUE(SetsOff(1.5, 0.0));
+  // Not after one that was none.
   rest_.GoOn(/*rests=*/false);
-  EXPECT_TRUE(rest_.over());
+  Rest(8);
+  EXPECT_TRUE(SetsOff(0.2, 0.0));
 }
 
 // A start closes at a gap: the map of the rest would be taken back for nothing.
@@ -95,6 +97,18 @@ TEST_F(RestAtStartTest, AcrossAGapNothingIsAsked) {
   Rest(8);
   scans_ += 6;
   EXPECT_FALSE(SetsOff(0.2, 0.2));
+  for (int i = 0; i < 6; ++i) EXPECT_FALSE(SetsOff(0.2, 0.2));
+  EXPECT_TRUE(SetsOff(0.3, 0.3));
+}
+
+// A piece may begin while the sensor comes to a stand.
+TEST_F(RestAtStartTest, ARestAfterAFewMetresIsOneAsWell) {
+  for (const double way_m : {0.0, 1.0, 1.7, 2.0, 2.1, 2.1, 2.1, 2.1, 2.1, 2.1, 2.1})
+    ASSERT_FALSE(SetsOff(way_m, way_m));
+  EXPECT_TRUE(rest_.rests());
+  EXPECT_TRUE(SetsOff(2.2, 2.2));
+  rest_.GoOn(false);
+  for (const double way_m : {3.0, 5.0, 7.0, 9.0}) ASSERT_FALSE(SetsOff(way_m, way_m));
   EXPECT_TRUE(rest_.over());
 }
 

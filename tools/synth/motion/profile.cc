@@ -95,13 +95,14 @@ double Profile::DriveTime(double t_s) const {
   // A round: cruising, braking, rest, starting.
   const double braking = speed_m_per_s_ / kEmergencyBraking;
   const double starting = speed_m_per_s_ / kStarting;
-  const double round = cruise_s_ + braking + kRest + starting;
+  const double rest = options_.rest_s > 0.0 ? options_.rest_s : kRest;
+  const double round = cruise_s_ + braking + rest + starting;
   const double moving = cruise_s_ + 0.5 * (braking + starting);  // at full speed as long as this
   const double rounds = std::floor(t_s / round);
   const double t = t_s - rounds * round;
   const double way = speed_m_per_s_ * std::min(t, cruise_s_) +
                      WayOfBraking(std::max(0.0, t - cruise_s_), speed_m_per_s_) +
-                     WayFromRest(t - cruise_s_ - braking - kRest, speed_m_per_s_);
+                     WayFromRest(t - cruise_s_ - braking - rest, speed_m_per_s_);
   return rounds * moving + way / speed_m_per_s_;
 }
 

@@ -3,7 +3,8 @@
 //
 //   constant   as the scene has it: a constant speed, in a street that of a car in traffic
 //   start      from rest, where it may stand for a while, with 3 m/s^2
-//   brake      again and again: braking at 8 m/s^2 to a stand, 1.5 s at rest, off with 3 m/s^2
+//   brake      again and again: braking at 8 m/s^2 to a stand, 1.5 s at rest or another time, off
+//              with 3 m/s^2
 //   gaps       every 2 to 4 s the recorder misses 0.5 to 3 s; the scans that remain keep their
 //              true stamps
 //   picked     scans of which only some were kept, 1 to 5 m apart; with their true stamps, too
@@ -35,7 +36,7 @@ const std::vector<std::string>& ProfileNames();
 
 struct ProfileOptions {
   ProfileKind kind = ProfileKind::kConstant;
-  // start: how long it stands before it sets off, s.
+  // start, brake: how long it stands before it sets off, s; brake: 1.5 for 0.
   double rest_s = 0.0;
   // Any: by how much the sensor leans forward on its carrier.
   double lean_deg = 0.0;
