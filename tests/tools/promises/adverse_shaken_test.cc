@@ -97,11 +97,11 @@ TEST(AdverseShake, WhatVibratesIsMappedAsPreciselyAsWhatDoesNot) {
   street.config = "livox_avia";
   street.synth = {"--scene street --sensor avia --speed 3"};
   for (Promise& promise : {std::ref(hall), std::ref(street)}) {
-    promise.synth.push_back("--sweep --noise 0.02 --frames 40 --profile shake");
+    promise.synth.push_back("--sweep --noise 0.02 --frames 26 --profile shake");
     promise.synth.push_back("--shake-hz 1.4 --shake-deg 0.6 --shake-m 0.02 --seed 231");
     const Verdict verdict = Tried(promise, 1);
     EXPECT_LT(verdict.worst_m, 0.0045) << promise.synth[0] << ": " << verdict.broken;
-    EXPECT_EQ(verdict.judged, 40u) << promise.synth[0];
+    EXPECT_EQ(verdict.judged, 26u) << promise.synth[0];
   }
 }
 
@@ -109,10 +109,10 @@ TEST(AdverseShake, WhatVibratesIsMappedAsPreciselyAsWhatDoesNot) {
 // times as well, whose descents end beside the deepest minimum, among trees some degrees away.
 TEST(AdverseShake, ATurnThatIsNotForeseenIsFoundAmongTrees) {
   const Verdict verdict = InAForest(
-      "--sensor scattered --rings 128 --points 19200 --noise 0.03 --frames 40 --seed 405564");
+      "--sensor scattered --rings 128 --points 19200 --noise 0.03 --frames 26 --seed 405564");
   EXPECT_LT(verdict.worst_m, 0.02) << verdict.broken;
   EXPECT_LT(verdict.worst_deg, 0.2) << verdict.broken;
-  EXPECT_GE(verdict.judged, 38u) << verdict.broken;
+  EXPECT_GE(verdict.judged, 25u) << verdict.broken;
 }
 
 // The first two of scans that are bent to either side agree with nothing if little of a forest is

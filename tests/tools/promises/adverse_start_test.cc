@@ -117,11 +117,9 @@ TEST(AdverseStart, AMapMadeAtRestDoesNotHoldASensorThatSetsOff) {
     Promise promise;
     promise.synth = {"--sensor vlp16 --profile start --rest-s 3 --sweep --noise 0.01"};
     promise.synth.push_back("--frames 50 --scene " + scene);
-    for (const int seed : {1, 2}) {
-      const Verdict verdict = Tried(promise, seed);
-      EXPECT_LT(verdict.worst_m, 0.1) << scene << " " << seed << ": " << verdict.broken;
-      EXPECT_EQ(verdict.lost, 0u) << scene << " " << seed;
-    }
+    const Verdict verdict = Tried(promise, 1);
+    EXPECT_LT(verdict.worst_m, 0.1) << scene << ": " << verdict.broken;
+    EXPECT_EQ(verdict.lost, 0u) << scene;
   }
 }
 
