@@ -41,8 +41,10 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
   OdometryFrame& frame = result.odometry;
   if (frame.status != OdometryFrame::Status::kLost)
     resting_.Add(*scan.clusters, frame.T_world_lidar);
-  if (rest_.SetsOff(frame, scan.stamp_made_up, *scan.clusters, resting_.newest()) && RestIsWhole())
-    frame = StartFromRest(scan);
+  if (rest_.SetsOff(frame, scan.stamp_made_up, *scan.clusters, resting_.newest())) {
+    if (RestIsWhole()) frame = StartFromRest(scan);
+    rest_.End();
+  }
   const bool started_over = start_.open() && FollowStart(scan, &result);
   DoubtRest(&frame);
   result.ends = EndOfPiece(scan, frame, may_restart);
@@ -167,6 +169,7 @@ void Mapper::MoveToStart(OdometryFrame* frame) {
   open_.Keyframe(first.id) = T_world_middle;
   tracker_.odometry().Correct(correction);
   start_.Move(correction);
+  rest_.Move(correction);
   for (SE3* T : {&frame->T_world_lidar, &frame->T_world_predicted, &frame->match.T_world_lidar})
     *T = correction * *T;
 }
@@ -178,7 +181,7 @@ bool Mapper::IsKeyframe(const SE3& T) const {
     return true;
   const int most = options_.backend.keyframe_after_frames;
   // Where the sensor sets off, those of the rest are taken back.
-  const bool may_leave = window_.full() && rest_.rests();
+  const bool may_leave = window_.full() && rest_.rests() && RestIsWhole();
   if (most > 0 && frames_since_keyframe_ >= most && !may_leave) return true;
   const SE3& last = open_.newest_keyframe();
   return (T.t - last.t).norm() >= options_.backend.keyframe_translation_m ||
@@ -266,6 +269,7 @@ void Mapper::MoveKeyframes(const std::vector<std::int64_t>& ids, const std::vect
   const std::int64_t first = window_.frames().front().id;
   // Frames that have joined since move with the last one that was solved.
   const SE3 correction = poses.back() * open_.Keyframe(ids.back()).Inverse();
+  rest_.Move(correction);
   for (std::size_t k = 0; k < ids.size(); ++k) {
     if (ids[k] >= first) open_.Keyframe(ids[k]) = poses[k];
   }

@@ -10,7 +10,8 @@ namespace {
 
 bool AtRest(const std::vector<StartScan>& scans, const SE3& T_world_lidar) {
   return std::all_of(scans.begin(), scans.end(), [&](const StartScan& scan) {
-    return (scan.T_world_lidar.t - T_world_lidar.t).norm() <= RestAtStart::kRestsM;
+    return (scan.T_world_lidar.t - T_world_lidar.t).norm() <= RestAtStart::kRestsM &&
+           RotationAngle(scan.T_world_lidar, T_world_lidar) <= RestAtStart::kRestsRad;
   });
 }
 

@@ -110,17 +110,21 @@ std::vector<double> BeamAgreement::RangesOff(const std::vector<PointCluster>& cl
   return off;
 }
 
+BeamAgreement::Shares BeamAgreement::At(const std::vector<PointCluster>& clusters,
+                                        const SE3& T_first_other) const {
+  constexpr double kFew = 20.0;  // n_0
+  const Sums sums = Ask(clusters, T_first_other);
+  return {sums.asked > 0.0 ? sums.beside / sums.asked : 0.0, sums.agree / (sums.beside + kFew)};
+}
+
 double BeamAgreement::Beside(const std::vector<PointCluster>& clusters,
                              const SE3& T_first_other) const {
-  const Sums sums = Ask(clusters, T_first_other);
-  return sums.asked > 0.0 ? sums.beside / sums.asked : 0.0;
+  return At(clusters, T_first_other).beside;
 }
 
 double BeamAgreement::Of(const std::vector<PointCluster>& clusters,
                          const SE3& T_first_other) const {
-  constexpr double kFew = 20.0;  // n_0
-  const Sums sums = Ask(clusters, T_first_other);
-  return sums.agree / (sums.beside + kFew);
+  return At(clusters, T_first_other).agree;
 }
 
 SE3 BeamAgreement::Climb(const std::vector<PointCluster>& clusters,

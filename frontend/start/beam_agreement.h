@@ -35,6 +35,11 @@ class BeamAgreement {
   // The scan compared with, in its LiDAR frame, deskewed. `range_sigma_m`: s.
   BeamAgreement(const std::vector<PointCluster>& clusters, double range_sigma_m);
 
+  struct Shares {
+    double beside = 0.0, agree = 0.0;
+  };
+  // Beside() and Of() in one.
+  Shares At(const std::vector<PointCluster>& clusters, const SE3& T_first_other) const;
   // Share of another scan's points that have a beam beside them, at its pose in the frame of the
   // first one. At the identity it says how many rays of one scan the other repeats, as far as means
   // of clusters show it.

@@ -3,14 +3,12 @@
 #include <algorithm>
 #include <utility>
 
-#include "core/base/angle.h"
 #include "frontend/odometry/odometry.h"
 
 namespace lamina {
 
 bool RestAtStart::SetsOff(const OdometryFrame& frame, bool stamp_made_up,
                           const std::vector<TimedCluster>& clusters, const RaysSeenAgain& rays) {
-  constexpr double kRestsRad = Radians(0.4);
   if (over_) return false;
   const SE3& T = frame.T_world_lidar;
   if (!begun_) T_world_begin_ = T;
@@ -19,16 +17,18 @@ bool RestAtStart::SetsOff(const OdometryFrame& frame, bool stamp_made_up,
   const bool moved = rested_ > 0 && ((T.t - T_world_rest_.t).norm() > kRestsM ||
                                      RotationAngle(T_world_rest_, T) > kRestsRad);
   const bool far = (T.t - T_world_begin_.t).norm() > kStartM;
-  const bool gap = rested_ > 0 && SecondsBetween(kept_.front().stamp_ns, frame.stamp_ns) >
-                                      static_cast<double>(kept_.size()) * kMostStartGapS;
+  const bool gap =
+      rested_ > 0 && SecondsBetween(kept_.back().stamp_ns, frame.stamp_ns) > kMostStartGapS;
   if (frame.status == OdometryFrame::Status::kLost || (far && !rested()) ||
       (moved && rested() && !repeated_)) {
     End();
     return false;
   }
   const bool asked = repeated_ && rays.pairs() > 0;
-  if (rested() && !gap && (moved || (asked && rays.Agree() < LeastAgreed() - less_))) {
+  const bool less = asked && rays.Agree() < LeastAgreed() - less_;
+  if (rested() && !gap && (moved || less)) {
     over_ = true;
+    by_rays_ = !moved;
     return true;
   }
   if (gap || moved || (rested_ > 0 && !rested() && !rays.Rests())) Forget();
@@ -70,14 +70,24 @@ void RestAtStart::End() {
 }
 
 void RestAtStart::GoOn(bool rests) {
-  const double less = rests ? (over_ ? 2.0 : 1.0) * less_ : RestAtStart().less_;
-  *this = RestAtStart();
-  less_ = less;
+  if (over_ && !rests) return End();
+  RestAtStart next;
+  next.less_ = over_ && by_rays_ ? 2.0 * less_ : less_;
+  if (!rests) {
+    next.begun_ = begun_;
+    next.T_world_begin_ = T_world_begin_;
+  }
+  *this = std::move(next);
+}
+
+void RestAtStart::Move(const SE3& correction) {
+  T_world_begin_ = correction * T_world_begin_;
+  T_world_rest_ = correction * T_world_rest_;
 }
 
 void RestAtStart::Archive(StateArchive& a) {
-  a(&over_, &begun_, &repeated_, &rested_, &less_, &newest_agreed_, &least_agreed_, &least_before_,
-    &in_block_, &T_world_begin_, &T_world_rest_, &kept_);
+  a(&over_, &begun_, &repeated_, &by_rays_, &rested_, &less_, &newest_agreed_, &least_agreed_,
+    &least_before_, &in_block_, &T_world_begin_, &T_world_rest_, &kept_);
 }
 
 }  // namespace lamina

@@ -15,6 +15,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "core/base/angle.h"
 #include "core/geometry/scan.h"
 #include "core/geometry/se3.h"
 #include "core/geometry/state_archive.h"
@@ -46,12 +47,15 @@ class RestAtStart {
   bool over() const { return over_; }
   // It is not asked about any more.
   void End();
-  // After the start that it set off with, or another. `rests`: it did not set off; after such an
-  // alarm, as of what passes by, the next one takes twice as much.
+  // A start has ended. `rests`: all its scans are at rest; after such an alarm by rays, as of what
+  // passes by, the next one takes twice as much. Otherwise it is over if the start was that of a
+  // sensor that had set off.
   void GoOn(bool rests);
+  // All poses move: T -> correction * T.
+  void Move(const SE3& correction);
 
   // So far a sensor at rest may seem to move, of few points.
-  static constexpr double kRestsM = 0.025;
+  static constexpr double kRestsM = 0.025, kRestsRad = Radians(0.4);
   // So far it may have come before it rests.
   static constexpr double kStartM = 5.0;
 
@@ -72,6 +76,7 @@ class RestAtStart {
 
   bool over_ = false, begun_ = false;
   bool repeated_ = false;  // the rays of the last pair that was asked
+  bool by_rays_ = false;   // it has set off by these, not by its poses
   int rested_ = 0;         // so many scans
   double less_ = 0.03;     // than the least: as of a sensor that moves
   std::vector<double> newest_agreed_;

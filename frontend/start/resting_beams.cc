@@ -13,6 +13,9 @@
 namespace lamina {
 namespace {
 
+// So well rays agree at rest, in the noise that they show.
+constexpr double kRests = 0.77;
+
 // How well differences of ranges agree if the quarter of them that is smallest tells their noise,
 // which may be larger than it is known to be: mean weight in [0, 1].
 double AsNoise(const std::vector<double>& off_m, double noise_m) {
@@ -32,18 +35,22 @@ double AsNoise(const std::vector<double>& off_m, double noise_m) {
 void RaysSeenAgain::Add(const std::vector<PointCluster>& before,
                         const std::vector<PointCluster>& clusters, const SE3& T_before_this) {
   constexpr double kTurnedRad = Radians(0.2), kRestsM = 0.04;
-  constexpr double kAgree = 0.5, kAgreeLessPerM = 2.5;
+  constexpr double kAgree = 0.5, kAgreeLessPerM = 2.5, kNoStepM = 0.005;
   const double step_m = T_before_this.t.norm();
   if (RotationAngle(SE3(), T_before_this) > kTurnedRad || step_m > kRestsM) return;
   const BeamAgreement beams(before, kRangeSigmas * noise_m_);
-  repeated_ += beams.Beside(clusters, T_before_this);
-  // The rings on the ground go along.
+  const BeamAgreement::Shares shares = beams.At(clusters, T_before_this);
+  // The rings on the ground go along with steps that are any.
   const SE3 T_turned(T_before_this.q, Eigen::Vector3d::Zero());
-  const double agree = std::max(beams.Of(clusters, T_before_this), beams.Of(clusters, T_turned));
+  const double agree =
+      step_m < kNoStepM ? shares.agree : std::max(shares.agree, beams.Of(clusters, T_turned));
   const double least = kAgree - kAgreeLessPerM * step_m;
+  repeated_ += shares.beside;
   agree_ += agree;
   least_ += least;
-  const double as_noise = AsNoise(beams.RangesOff(clusters, T_turned), noise_m_);
+  // In the noise that is known they agree to no more than in the one that they show.
+  const double as_noise =
+      agree >= kRests ? agree : AsNoise(beams.RangesOff(clusters, T_turned), noise_m_);
   in_noise_ += as_noise;
   as_noise_ += agree < least ? as_noise : 1.0;
   ++pairs_;
@@ -55,7 +62,6 @@ bool RaysSeenAgain::Repeated() const {
 }
 
 bool RaysSeenAgain::Rests() const {
-  constexpr double kRests = 0.77;
   return Repeated() && in_noise_ >= kRests * static_cast<double>(pairs_);
 }
 

@@ -46,7 +46,7 @@ class RaysSeenAgain {
   std::size_t pairs_ = 0;
   double repeated_ = 0.0, agree_ = 0.0;
   double least_ = 0.0;     // of agree_
-  double in_noise_ = 0.0;  // how well they agree in the noise that they show
+  double in_noise_ = 0.0;  // how well they agree in the noise that they show, or at least so well
   double as_noise_ = 0.0;  // the same, and 1 where they agree to the least
 };
 
