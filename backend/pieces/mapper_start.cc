@@ -45,7 +45,7 @@ bool Mapper::RestIsWhole() const {
 }
 
 OdometryFrame Mapper::StartFromRest(const MapperScan& scan) {
-  const std::vector<RestAtStart::Kept> kept = rest_.kept();
+  std::vector<RestAtStart::Kept> kept = rest_.TakeKept();
   before_start_ = open_.size() - kept.size();
   T_world_start_ = open_.Middle(before_start_).T_world_lidar;
   const std::vector<SE3> before = TakeBack();
@@ -55,17 +55,16 @@ OdometryFrame Mapper::StartFromRest(const MapperScan& scan) {
   // That is for a first scan whose motion was not known when it entered the map.
   first_settled_ = true;
   for (std::size_t k = 0; k < kept.size(); ++k) {
-    std::vector<TimedCluster> clusters = kept[k].clusters;
     MapperScan again;
     again.stamp_ns = kept[k].stamp_ns - scan.middle_ns;
     again.middle_ns = scan.middle_ns;
     again.stamp_made_up = kept[k].stamp_made_up;
-    again.clusters = &clusters;
+    again.clusters = &kept[k].clusters;
     RegisteredScan result;
     result.odometry = Register(again);
     const bool started_over = start_.open() && FollowStart(again, &result);
     const OdometryFrame& frame = result.odometry;
-    if (frame.status != OdometryFrame::Status::kLost) Accept(started_over, &result, &clusters);
+    if (frame.status != OdometryFrame::Status::kLost) Accept(started_over, &result, again.clusters);
     map_->Refresh();
     if (k == 0) HangBefore(before);
     open_.Set(before.size() + k, frame.T_world_lidar, frame.sweep);

@@ -13,6 +13,7 @@
 #pragma once
 
 #include <cstddef>
+#include <utility>
 #include <vector>
 
 #include "core/base/angle.h"
@@ -41,6 +42,7 @@ class RestAtStart {
                const std::vector<TimedCluster>& clusters, const RaysSeenAgain& rays);
   // The last scans before that, kKept of them, in their order.
   const std::vector<Kept>& kept() const { return kept_; }
+  std::vector<Kept> TakeKept() { return std::exchange(kept_, {}); }
   // Whether it rests.
   bool rests() const { return !over_ && rested(); }
   // Whether no more is asked about: it has set off, or has come too far without a rest.

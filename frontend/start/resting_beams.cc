@@ -40,7 +40,7 @@ void RaysSeenAgain::Add(const std::vector<PointCluster>& before,
   if (RotationAngle(SE3(), T_before_this) > kTurnedRad || step_m > kRestsM) return;
   const BeamAgreement beams(before, kRangeSigmas * noise_m_);
   const BeamAgreement::Shares shares = beams.At(clusters, T_before_this);
-  // The rings on the ground go along with steps that are any.
+  // The rings on the ground go along with a step; without one there is no difference.
   const SE3 T_turned(T_before_this.q, Eigen::Vector3d::Zero());
   const double agree =
       step_m < kNoStepM ? shares.agree : std::max(shares.agree, beams.Of(clusters, T_turned));
