@@ -84,13 +84,13 @@ std::pair<Eigen::Vector3d, Eigen::Vector3d> AxesOf(const Eigen::Vector3d& normal
 
 class RowMaker {
  public:
-  RowMaker(const VoxelMap& map, const BeamTable& table, double noise_floor_m)
-      : map_(map), table_(table), noise_floor_m_(noise_floor_m) {}
+  RowMaker(const VoxelMap& map, const BeamTable& table) : map_(map), table_(table) {}
 
   // Rows of the points of frame k, `measured` being the corrected ones; those on no plane are left
   // out.
   void Add(std::size_t k, const BeamCalibrationFrame& frame,
            const std::vector<TimedPoint>& measured) {
+    const double noise_floor_m = map_.options().noise_floor_m;
     for (std::size_t i = 0; i < measured.size(); ++i) {
       const TimedPoint& reported = frame.points[i];
       const int beam = table_.BeamOf(reported.x, reported.y, reported.z);
@@ -112,7 +112,7 @@ class RowMaker {
       row.frame = static_cast<std::int32_t>(k);
       row.beam = beam;
       row.residual = n.dot(x - plane.mean);
-      const double variance = noise_floor_m_ * noise_floor_m_ + static_cast<double>(plane.variance);
+      const double variance = noise_floor_m * noise_floor_m + static_cast<double>(plane.variance);
       row.weight = kIndependent / variance *
                    GemanMcClureWeight(row.residual * row.residual /
                                       (kKernelSigma * kKernelSigma * variance));
@@ -141,13 +141,12 @@ class RowMaker {
 
   const VoxelMap& map_;
   const BeamTable& table_;
-  const double noise_floor_m_;
   std::unordered_map<VoxelMap::NodeId, std::int32_t> numbers_;
   std::vector<BeamRow> rows_;
 };
 
 BeamSegmentRound LineariseBeams(const BeamCalibrationSegment& segment, const BeamTable& table,
-                                const VoxelMapOptions& map_options, double noise_floor_m) {
+                                const VoxelMapOptions& map_options) {
   constexpr std::ptrdiff_t kLeastPoints = 12;
   SegmentPoints points;
   for (const BeamCalibrationFrame& frame : segment) {
@@ -155,7 +154,7 @@ BeamSegmentRound LineariseBeams(const BeamCalibrationSegment& segment, const Bea
   }
   VoxelMap map(map_options);
   CastPoints(segment, points, &map);
-  RowMaker maker(map, table, noise_floor_m);
+  RowMaker maker(map, table);
   for (std::size_t k = 0; k < segment.size(); ++k) maker.Add(k, segment[k], points[k]);
   const std::vector<BeamRow> rows = maker.Take();
   BeamSystem system(segment.size(), table.size());
@@ -230,7 +229,7 @@ bool IsSmall(const Offsets& step) {
 }  // namespace
 
 BeamCalibrationResult CalibrateBeams(const std::vector<double>& elevations_rad,
-                                     const VoxelMapOptions& map, double noise_floor_m,
+                                     const VoxelMapOptions& map,
                                      std::vector<BeamCalibrationSegment>* segments,
                                      const std::atomic<bool>* stop) {
   BeamCalibrationResult result;
@@ -240,7 +239,7 @@ BeamCalibrationResult CalibrateBeams(const std::vector<double>& elevations_rad,
     std::vector<BeamSegmentRound> rounds(segments->size());
     ParallelChunks(segments->size(), 1, [&](std::size_t begin, std::size_t end) {
       for (std::size_t s = begin; s < end; ++s) {
-        rounds[s] = LineariseBeams((*segments)[s], table, map, noise_floor_m);
+        rounds[s] = LineariseBeams((*segments)[s], table, map);
       }
     });
     result.thickness_m = ThicknessOfPlanes(rounds);

@@ -45,7 +45,7 @@ struct BeamCalibrationResult {
 
 // Deterministic at any number of threads. Poses of the segments are moved along.
 BeamCalibrationResult CalibrateBeams(const std::vector<double>& elevations_rad,
-                                     const VoxelMapOptions& map, double noise_floor_m,
+                                     const VoxelMapOptions& map,
                                      std::vector<BeamCalibrationSegment>* segments,
                                      const std::atomic<bool>* stop = nullptr);
 

@@ -32,7 +32,7 @@ constexpr std::size_t kLeastPlanes = 200;
 bool IsLookedAt(const MapThickness& map, const MappingOptions& options) {
   constexpr double kAllowedShare = 0.25;
   return map.planes >= kLeastPlanes &&
-         map.thin_m > kAllowedShare * options.mapper.frontend.matcher.noise_floor_m;
+         map.thin_m > kAllowedShare * options.mapper.map.noise_floor_m;
 }
 
 bool Stopped(const std::atomic<bool>* stop) { return stop != nullptr && stop->load(); }

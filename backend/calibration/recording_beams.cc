@@ -110,8 +110,9 @@ RecordingBeams CalibrateDriveBeams(const ScanSource& source, std::size_t begin, 
     found.why = "too few scans from different places are connected";
     return found;
   }
-  BeamCalibrationResult result =
-      CalibrateBeams(elevations, mapping.mapper.map, options.noise_floor_m, &segments, stop);
+  VoxelMapOptions map = mapping.mapper.map;
+  map.noise_floor_m = options.noise_floor_m;
+  BeamCalibrationResult result = CalibrateBeams(elevations, map, &segments, stop);
   found.thickness_before_m = result.thickness_before_m;
   found.thickness_m = result.thickness_m;
   if (result.Thinner()) {

@@ -159,7 +159,7 @@ SensorCalibration::SensorCalibration(const CalibrationOptions& options, const Vo
   CheckOptions(options, "calibration");
   CheckOptions(map, "map");
   CheckOptions(weights, "backend.window");
-  weights_.noise_floor_m = options.noise_floor_m;
+  map_.noise_floor_m = options.noise_floor_m;
 }
 
 CalibrationResult SensorCalibration::Run(

@@ -43,7 +43,7 @@ struct CalibrationOptions {
   int max_rounds = 30;
   // Times that the recording is mapped, at most (recording_calibration.h).
   int max_passes = 4;
-  // Takes the place of backend.window.noise_floor_m: the flattest planes are to decide, for what
+  // Takes the place of map.noise_floor_m: the flattest planes are to decide, for what
   // thickens the others is seen differently from each place.
   double noise_floor_m = 0.005;
   // Standard deviations beyond which an offset is not determined.

@@ -48,7 +48,7 @@ class MinimaBeside {
 
  private:
   DirectionProfile ProfileOf(const Vector6d& v, const PlanesInstead& instead) const {
-    return {deskewed_, map_, frame_.T_world_lidar, v, options_.noise_floor_m, instead};
+    return {deskewed_, map_, frame_.T_world_lidar, v, instead};
   }
   bool IsOpen(const DirectionProfile& profile, double within_m) const {
     const DirectionProfile::Posterior posterior = profile.With(0.0, within_m);

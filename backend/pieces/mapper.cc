@@ -27,7 +27,7 @@ Mapper::Mapper(const MapperOptions& options, VoxelMap* map, std::int64_t piece,
       window_(options.backend.window, map),
       start_(options.frontend, options.map),
       stretch_(options.frontend),
-      resting_(options.frontend.matcher.noise_floor_m) {
+      resting_(options.map.noise_floor_m) {
   CheckOptions(options.backend, "backend");
   options.backend.CheckTogether();
   if (StartsMoving()) ClearStart();

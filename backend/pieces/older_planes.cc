@@ -8,7 +8,7 @@ OlderPlanes::OlderPlanes(const VoxelMap& map, const SlidingWindow& window,
                          std::int64_t first_keyframe)
     : map_(map),
       first_keyframe_(first_keyframe),
-      points_per_frame_(window.options().max_cluster_weight) {
+      points_per_frame_(map.options().max_cluster_weight) {
   for (const WindowFrame& frame : window.frames()) {
     if (frame.id < first_keyframe) continue;
     for (std::size_t i = 0; i < frame.leaves.size(); ++i) {

@@ -51,7 +51,7 @@ BatchCast::BatchCast(const std::vector<BatchFrame>& frames, const std::vector<SE
       [&](std::size_t k, std::size_t slot) {
         std::vector<PointCluster>& all = clusters[slot];
         all = Deskewed(k);
-        MoveClusters(all.data(), all.size(), weights_.max_cluster_weight, poses_[k].R(),
+        MoveClusters(all.data(), all.size(), map_.options().max_cluster_weight, poses_[k].R(),
                      poses_[k].t, all.data());
       },
       [&](std::size_t k, std::size_t slot) {
@@ -102,8 +102,8 @@ BatchCast::PlaneNumbers BatchCast::NumberPlanes(std::vector<Plane>* planes,
       if (numbers[k][i] == fresh) {
         Plane plane;
         plane.first = fresh;
-        plane.weight =
-            PlaneWeight(static_cast<double>(map_.plane(node).variance), weights_.noise_floor_m);
+        plane.weight = PlaneWeight(static_cast<double>(map_.plane(node).variance),
+                                   map_.options().noise_floor_m);
         planes->push_back(plane);
         nodes->push_back(node);
         last_frame.push_back(frames_.size());
@@ -151,8 +151,8 @@ void BatchCast::FillIn(const PlaneNumbers& numbers, const std::vector<VoxelMap::
       if (number == kNone) continue;
       PointCluster& c = clusters[slot][i];
       const Surface& plane = map_.plane(nodes[static_cast<std::size_t>(number)]);
-      c = c.Capped(weights_.max_cluster_weight)
-              .Scaled(KernelWeight(plane, R * c.mean + poses_[k].t, weights_.noise_floor_m,
+      c = c.Capped(map_.options().max_cluster_weight)
+              .Scaled(KernelWeight(plane, R * c.mean + poses_[k].t, map_.options().noise_floor_m,
                                    weights_.kernel_sigma));
     }
   };
@@ -177,7 +177,7 @@ void BatchCast::FillIn(const PlaneNumbers& numbers, const std::vector<VoxelMap::
 }
 
 double BatchCast::Misfit() const {
-  const double most = weights_.kernel_sigma * weights_.noise_floor_m;
+  const double most = weights_.kernel_sigma * map_.options().noise_floor_m;
   std::vector<double> sums(kFramesAtOnce);
   double total = 0.0, count = 0.0;
   const auto sum_up = [&](std::size_t k, std::size_t slot) {

@@ -93,11 +93,10 @@ class CastSubmaps {
   // Whether the map's budget holds them.
   bool fits() const { return fits_; }
 
-  BundleProblem Problem(const SubmapBundleOptions& options, double noise_floor_m) const {
+  BundleProblem Problem(const SubmapBundleOptions& options) const {
     std::vector<std::vector<Seen>> seen(submaps_.size());
-    ParallelChunks(submaps_.size(), 1, [&](std::size_t k, std::size_t) {
-      seen[k] = SeenBy(k, options.kernel_sigma, noise_floor_m);
-    });
+    ParallelChunks(submaps_.size(), 1,
+                   [&](std::size_t k, std::size_t) { seen[k] = SeenBy(k, options.kernel_sigma); });
     std::unordered_map<std::int64_t, std::size_t> number;
     std::vector<std::vector<PlaneObservation>> planes;
     std::vector<VoxelMap::NodeId> nodes;
@@ -121,8 +120,8 @@ class CastSubmaps {
       Plane plane;
       plane.first = static_cast<std::int32_t>(problem.observations.size());
       plane.count = static_cast<std::int32_t>(planes[i].size());
-      plane.weight = 1.0 / (noise_floor_m * noise_floor_m +
-                            static_cast<double>(map_.plane(nodes[i]).variance));
+      plane.weight = PlaneWeight(static_cast<double>(map_.plane(nodes[i]).variance),
+                                 map_.options().noise_floor_m);
       for (PlaneObservation& o : planes[i]) {
         o.cluster = o.cluster.Capped(options.max_cluster_weight);
         problem.observations.push_back(o);
@@ -138,7 +137,7 @@ class CastSubmaps {
     PointCluster cluster;  // weighted, frame of the submap
   };
 
-  std::vector<Seen> SeenBy(std::size_t k, double kernel_sigma, double noise_floor_m) const {
+  std::vector<Seen> SeenBy(std::size_t k, double kernel_sigma) const {
     const Submap& submap = *submaps_[k];
     std::vector<Seen> seen;
     const SubmapLeaves leaves = submap.Leaves();
@@ -151,7 +150,7 @@ class CastSubmaps {
       const PointCluster cluster = submap.Cluster(leaves[i]);
       const Eigen::Vector3d mean = anchors_[k] * cluster.mean;
       const Eigen::Vector3d sensor = anchors_[k] * SeenFrom(submap, cluster.mean);
-      const double weight = KernelWeight(surface, mean, noise_floor_m, kernel_sigma);
+      const double weight = KernelWeight(surface, mean, map_.options().noise_floor_m, kernel_sigma);
       seen.push_back(
           {2 * static_cast<std::int64_t>(node) + (normal.dot(sensor - mean) < 0.0 ? 1 : 0),
            cluster.Scaled(weight)});
@@ -187,7 +186,6 @@ struct PartProblem {
   const std::vector<RelativePrior>& priors;
   const SubmapBundleOptions& options;
   const VoxelMapOptions& map;
-  double noise_floor_m;
 };
 
 Round SolveRound(const PartProblem& part, const std::vector<SE3>& anchors, bool first) {
@@ -199,7 +197,7 @@ Round SolveRound(const PartProblem& part, const std::vector<SE3>& anchors, bool 
     round.refusal = "all submaps at once are more than map.budget_mb";
     return round;
   }
-  BundleProblem problem = cast.Problem(part.options, part.noise_floor_m);
+  BundleProblem problem = cast.Problem(part.options);
   const Observability observability =
       FindObservability(problem, {}, first ? Slides::kFree : Slides::kHeld);
   problem.holds = observability.holds;
@@ -272,14 +270,13 @@ void SubmapBundleOptions::Visit(OptionVisitor& v) {
 
 SubmapBundleResult AdjustSubmaps(const std::vector<const Submap*>& submaps,
                                  const AnchorGraph& graph, const SubmapBundleOptions& options,
-                                 const VoxelMapOptions& map, double noise_floor_m,
-                                 const SubmapBundleWork& work) {
+                                 const VoxelMapOptions& map, const SubmapBundleWork& work) {
   CheckOptions(options, "loops.bundle");
   SubmapBundleResult result;
   result.anchors = graph.poses;
   for (const Part& part : PartsOf(graph)) {
     if (part.submaps.size() < 2) continue;
-    PartProblem problem = {{}, part.priors, options, map, noise_floor_m};
+    PartProblem problem = {{}, part.priors, options, map};
     std::vector<SE3> anchors;
     for (const std::size_t i : part.submaps) {
       problem.submaps.push_back(submaps[i]);

@@ -53,11 +53,10 @@ struct SubmapBundleWork {
   ResultJournal* journal = nullptr;  // keeps what rounds came to
 };
 
-// graph.poses: the anchors to start from. `noise_floor_m`: of a plane, beside its own thickness.
-// Pure function but for `work`; the same bits at any number of threads. Throws OptionError.
+// graph.poses: the anchors to start from. Pure function but for `work`; the same bits at any number
+// of threads. Throws OptionError.
 SubmapBundleResult AdjustSubmaps(const std::vector<const Submap*>& submaps,
                                  const AnchorGraph& graph, const SubmapBundleOptions& options,
-                                 const VoxelMapOptions& map, double noise_floor_m,
-                                 const SubmapBundleWork& work = {});
+                                 const VoxelMapOptions& map, const SubmapBundleWork& work = {});
 
 }  // namespace lamina

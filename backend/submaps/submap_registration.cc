@@ -28,7 +28,6 @@ constexpr std::size_t kSomeLeaves = 2000;
 
 ScanMatcherOptions Coarse(ScanMatcherOptions options) {
   options.max_iterations = 15;
-  options.noise_floor_m = std::max(options.noise_floor_m, 0.05);
   options.kernel_start_sigma = 20.0;
   options.kernel_end_sigma = 4.0;
   options.max_distance_m *= 2.0;
@@ -159,6 +158,7 @@ SubmapTarget::SubmapTarget(const Submap& submap, const VoxelMapOptions& map) {
   fine_ = MapOf(submap, leaves, options);
   options.root_size_m *= 2.0;
   options.max_thickness_m *= 2.0;
+  options.noise_floor_m = std::max(options.noise_floor_m, 0.05);
   coarse_ = MapOf(submap, leaves, WithinRange(options));
   some_ = SomeMeans(submap, leaves);
   sight_ = SightLines(submap, leaves);
@@ -214,7 +214,7 @@ void SubmapRegistration::JudgePlanes(const SubmapQuery& query, const VoxelMap& m
                                      SubmapMatch* match) const {
   constexpr float kSameCosine = 0.94F;
   constexpr double kSigmas = 3.0;
-  const double floor2 = options_.noise_floor_m * options_.noise_floor_m;
+  const double noise_floor_m = map.options().noise_floor_m, floor2 = noise_floor_m * noise_floor_m;
   const Eigen::Matrix3f R = match->T_other_query.R().cast<float>();
   const Eigen::Vector3f up = R * query.up.cast<float>();
   int on_planes = 0, agreeing = 0;

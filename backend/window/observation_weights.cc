@@ -19,10 +19,10 @@ constexpr double kContestedWeight = 0.25;
 }  // namespace
 
 ObservationWeights::ObservationWeights(const VoxelMap& map, const std::deque<WindowFrame>& frames,
-                                       const KernelOptions& options)
+                                       double kernel_sigma)
     : map_(map) {
   FindPlanes(frames);
-  ScaleKernels(options);
+  ScaleKernels(kernel_sigma);
   Weigh(frames);
   const std::vector<Use> contested = Contested();
   constexpr int kRounds = 2;
@@ -51,16 +51,17 @@ void ObservationWeights::FindPlanes(const std::deque<WindowFrame>& frames) {
   }
 }
 
-void ObservationWeights::ScaleKernels(const KernelOptions& options) {
+void ObservationWeights::ScaleKernels(double kernel_sigma) {
   if (planes_.empty()) return;
   constexpr double kMostOfUsual = 2.5;
+  const double noise_floor_m = map_.options().noise_floor_m;
   std::vector<double> variances;
   variances.reserve(planes_.size());
   for (const Support& plane : planes_) variances.push_back(plane.scale2);
   const double most = kMostOfUsual * UpperMedian(&variances);
   for (Support& plane : planes_) {
-    plane.scale2 = options.kernel_sigma * options.kernel_sigma *
-                   (options.noise_floor_m * options.noise_floor_m + std::min(plane.scale2, most));
+    plane.scale2 = kernel_sigma * kernel_sigma *
+                   (noise_floor_m * noise_floor_m + std::min(plane.scale2, most));
   }
 }
 

@@ -22,18 +22,13 @@ namespace lamina {
 
 struct WindowFrame;
 
-struct KernelOptions {
-  double noise_floor_m = 0.02;
-  double kernel_sigma = 3.0;
-};
-
 class ObservationWeights {
  public:
   static constexpr std::int32_t kNone = -1;
 
   // Of all clusters of the frames, at the frames' present poses; the map must be refreshed.
   ObservationWeights(const VoxelMap& map, const std::deque<WindowFrame>& frames,
-                     const KernelOptions& options);
+                     double kernel_sigma);
 
   // Number of the plane of cluster i of frame f, in the order in which planes are met; kNone if it
   // lies on none.
@@ -51,7 +46,7 @@ class ObservationWeights {
     bool contested = false;
   };
   void FindPlanes(const std::deque<WindowFrame>& frames);
-  void ScaleKernels(const KernelOptions& options);
+  void ScaleKernels(double kernel_sigma);
   // Of all clusters that are on a plane.
   void Weigh(const std::deque<WindowFrame>& frames);
   // Cluster `cluster` of frame `frame`.

@@ -87,8 +87,6 @@ class ObservationPlaces {
 
 void SlidingWindowOptions::Visit(OptionVisitor& v) {
   v.Integer("frames", &frames, 2, 200);
-  v.Number("max_cluster_weight", &max_cluster_weight, 1.0, 1e6);
-  v.Number("noise_floor_m", &noise_floor_m, 1e-4, 1.0);
   v.Number("kernel_sigma", &kernel_sigma, 0.1, 1e3);
   v.Integer("max_planes", &max_planes, 10, 10000000);
   v.Number("prior_rotation_deg", &prior_rotation_deg, 1e-4, 180.0);
@@ -112,8 +110,8 @@ void SlidingWindow::MoveIntoMap(const WindowFrame& frame, const SE3& T,
                                 std::vector<PointCluster>* in_map) const {
   const Eigen::Matrix3d R = T.R();
   const double most =
-      frame.alone ? std::max<double>(options_.max_cluster_weight, map_->options().min_points)
-                  : options_.max_cluster_weight;
+      frame.alone ? std::max<double>(map_->options().max_cluster_weight, map_->options().min_points)
+                  : map_->options().max_cluster_weight;
   in_map->resize(frame.deskewed.size());
   ParallelChunks(frame.deskewed.size(), 2048, [&](std::size_t begin, std::size_t end) {
     MoveClusters(frame.deskewed.data() + begin, end - begin, most, R, T.t, in_map->data() + begin);
@@ -196,7 +194,7 @@ double SlidingWindow::MarginalWeight(const WindowFrame& frame, std::size_t i) co
   const PointCluster fixed = map_->FixedAggregate(frame.leaves[i]);
   const Surface surface = map_->SurfaceOf(fixed, 0);
   if (surface.kind != Surface::Kind::kPlane) return 1.0;
-  return std::max(kLeast, KernelWeight(surface, frame.in_map[i].mean, options_.noise_floor_m,
+  return std::max(kLeast, KernelWeight(surface, frame.in_map[i].mean, map_->options().noise_floor_m,
                                        options_.kernel_sigma));
 }
 
@@ -252,8 +250,7 @@ bool SlidingWindow::HoldAstray(const std::vector<std::int64_t>& ids,
 
 BundleProblem SlidingWindow::BuildProblem() {
   BundleProblem problem;
-  const ObservationWeights on_planes(*map_, frames_,
-                                     {options_.noise_floor_m, options_.kernel_sigma});
+  const ObservationWeights on_planes(*map_, frames_, options_.kernel_sigma);
   ObservationPlaces numbers(on_planes.nodes().size());
   std::vector<std::vector<std::int32_t>> of_clusters;
   for (std::size_t f = 0; f < frames_.size(); ++f) {
@@ -271,7 +268,7 @@ BundleProblem SlidingWindow::BuildProblem() {
     const VoxelMap::NodeId node = on_planes.nodes()[static_cast<std::size_t>(numbers.MapPlane(i))];
     plane.fixed = map_->FixedAggregate(node);
     plane.weight =
-        PlaneWeight(static_cast<double>(map_->plane(node).variance), options_.noise_floor_m);
+        PlaneWeight(static_cast<double>(map_->plane(node).variance), map_->options().noise_floor_m);
     if (!plane.fixed.Empty()) problem.hold_first_pose = false;
   }
   if (!frames_.empty()) HoldFirst(&problem);
@@ -301,7 +298,7 @@ void SlidingWindow::FillObservations(std::size_t f, const std::vector<std::int32
     if (of_clusters[i] < 0) continue;
     const std::int32_t place = places[static_cast<std::size_t>(of_clusters[i])];
     const PointCluster weighted =
-        frame.deskewed[i].Capped(options_.max_cluster_weight).Scaled(frame.weights[i]);
+        frame.deskewed[i].Capped(map_->options().max_cluster_weight).Scaled(frame.weights[i]);
     PlaneObservation& observation = problem->observations[static_cast<std::size_t>(place)];
     observation.frame = static_cast<int>(f);
     observation.cluster += weighted;

@@ -30,10 +30,6 @@ class ObservationWeights;
 
 struct SlidingWindowOptions {
   int frames = 15;
-  // Weight of a cluster in the map and in bundle adjustment, in points, at most.
-  double max_cluster_weight = 4.0;
-  // Standard deviation that no plane is believed to be better than.
-  double noise_floor_m = 0.02;
   // Scale of the robust kernel on a cluster's distance to its plane, in standard deviations.
   double kernel_sigma = 3.0;
   // Planes of one solve at most; those seen by most frames are kept.

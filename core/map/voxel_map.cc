@@ -16,6 +16,8 @@ void VoxelMapOptions::Visit(OptionVisitor& v) {
   v.Number("max_thickness_m", &max_thickness_m, 1e-4, 10.0);
   v.Number("max_flatness", &max_flatness, 1e-6, 1.0);
   v.Number("min_breadth", &min_breadth, 0.0, 1.0);
+  v.Number("noise_floor_m", &noise_floor_m, 1e-4, 1.0);
+  v.Number("max_cluster_weight", &max_cluster_weight, 1.0, 1e6);
   v.Number("max_fixed_weight", &max_fixed_weight, 1.0, 1e9);
   v.Number("budget_mb", &budget_mb, 1.0, kMostBudgetMb);
 }

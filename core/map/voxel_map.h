@@ -64,6 +64,11 @@ struct VoxelMapOptions {
   // ... l3 <= max_flatness * l2 (thin) and l2 >= min_breadth * l1 (not a line).
   double max_flatness = 0.1;
   double min_breadth = 0.02;
+  // Standard deviation that no plane is believed to be better than: the sensor's range noise.
+  double noise_floor_m = 0.02;
+  // Points that a cluster of a scan weighs at most, in matching, in bundle adjustment and in the
+  // map: dense surfaces nearby must not outvote the far ones.
+  double max_cluster_weight = 4.0;
   // Points that a fixed cluster weighs at most: later data can still correct an old surface.
   double max_fixed_weight = 30.0;
   // Memory of the map, in units of 2^20 bytes.

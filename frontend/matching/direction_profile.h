@@ -53,17 +53,17 @@ inline Vector6d StraightAlong(const Eigen::Vector3d& u) {
 // Refers to its arguments, which must not change. Thread-safe, as far as `instead` is.
 class DirectionProfile {
  public:
-  // About a pose, along a unit vector of the scaled tangent. `noise_floor_m` as in
-  // ScanMatcherOptions. `instead`: of the planes that stand in for the map's, if there are any.
+  // About a pose, along a unit vector of the scaled tangent. `instead`: of the planes that stand
+  // in for the map's, if there are any.
   DirectionProfile(const std::vector<PointCluster>& clusters, const VoxelMap& map,
-                   const SE3& T_world_lidar, const Vector6d& direction, double noise_floor_m,
+                   const SE3& T_world_lidar, const Vector6d& direction,
                    PlanesInstead instead = nullptr)
       : clusters_(clusters),
         map_(map),
         instead_(std::move(instead)),
         T_world_lidar_(T_world_lidar),
         direction_(direction),
-        floor2_(noise_floor_m * noise_floor_m) {}
+        floor2_(map.options().noise_floor_m * map.options().noise_floor_m) {}
 
   // How many blocks face the direction: the sum of a_b.
   double Blocks() const;

@@ -62,7 +62,7 @@ void MapResiduals::ForEachRows(std::size_t begin, std::size_t end, const RowSett
 }
 
 RowSettings MapResiduals::SettingsAt(const SE3& T, double kernel_sigma) const {
-  return {T.R(), T.t, kernel_sigma, floor2_, beam2_, use_flat};
+  return {T.R(), T.t, kernel_sigma, map_.options().max_cluster_weight, floor2_, beam2_, use_flat};
 }
 
 NormalEquations MapResiduals::Sum(const SE3& T, double kernel_sigma, const Matrix6d* watched,
@@ -344,7 +344,7 @@ void MapResiduals::FindLeastThickness() {
       variances.empty() ? 0.0 : std::sqrt(static_cast<double>(Quantile(&variances, 0.25)));
   // kNoiseM: what the noise of ranges alone makes of it.
   constexpr double kBelief = 1.5, kBeams = 5.0, kNoiseM = 0.008;
-  floor2_ = std::pow(std::max(options_.noise_floor_m, kBelief * thickness), 2);
+  floor2_ = std::pow(std::max(map_.options().noise_floor_m, kBelief * thickness), 2);
   beam2_ = std::pow(kBeams * std::max(0.0, thickness - kNoiseM), 2);
 }
 
@@ -372,8 +372,7 @@ std::size_t MapResiduals::MakeRoughRows(const PointCluster& cluster, VoxelMap::N
     const double variance = floor2_ + eigen.l(i);
     const double e2 =
         row.distance * row.distance / (variance * settings.kernel_sigma * settings.kernel_sigma);
-    row.w =
-        GemanMcClureWeight(e2) * std::min(cluster.count, options_.max_cluster_weight) / variance;
+    row.w = GemanMcClureWeight(e2) * std::min(cluster.count, settings.most_weight) / variance;
     row.rough = true;
     row.young = young && AlongSight(normal_lidar, cluster.mean);
     row.on_ring = on_ring;

@@ -136,7 +136,7 @@ void MakePlaneRows(const PointCluster* const* clusters, const Surface* const* pl
                    std::size_t count, const RowSettings& settings,
                    const ScanMatcherOptions& options, MatchRow* rows) {
   const double young2 = options.young_sigma_m * options.young_sigma_m;
-  const double most_distance = options.max_distance_m, most_weight = options.max_cluster_weight;
+  const double most_distance = options.max_distance_m, most_weight = settings.most_weight;
   const double kernel_sigma = settings.kernel_sigma;
   const double flat_sine2 = settings.use_flat ? 0.0 : kFlatSine * kFlatSine;
   const double young_frames = options.young_frames;

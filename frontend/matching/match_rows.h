@@ -41,6 +41,7 @@ struct RowSettings {
   Eigen::Matrix3d R;
   Eigen::Vector3d t;
   double kernel_sigma = 0.0;
+  double most_weight = 0.0;          // of a cluster, points
   double floor2 = 0.0, beam2 = 0.0;  // m^2
   bool use_flat = true;              // planes that are met flatly (kFlatSine) weigh something
 };

@@ -316,10 +316,8 @@ void ScanMatcherOptions::Visit(OptionVisitor& v) {
   v.Integer("max_iterations", &max_iterations, 1, 1000);
   v.Number("min_rotation_step_deg", &min_rotation_step_deg, 1e-9, 10.0);
   v.Number("min_translation_step_m", &min_translation_step_m, 1e-9, 10.0);
-  v.Number("noise_floor_m", &noise_floor_m, 1e-4, 1.0);
   v.Integer("young_frames", &young_frames, 1, 1000);
   v.Number("young_sigma_m", &young_sigma_m, 0.0, 10.0);
-  v.Number("max_cluster_weight", &max_cluster_weight, 1.0, 1e6);
   v.Number("kernel_start_sigma", &kernel_start_sigma, 0.1, 1e3);
   v.Number("kernel_end_sigma", &kernel_end_sigma, 0.1, 1e3);
   v.Number("max_distance_m", &max_distance_m, 0.01, 100.0);

@@ -70,15 +70,11 @@ struct ScanMatcherOptions {
   // Converged when a step is below both.
   double min_rotation_step_deg = 0.002;
   double min_translation_step_m = 0.0005;
-  // Standard deviation that no plane is believed to be better than.
-  double noise_floor_m = 0.02;
   // A plane along the line of sight that fewer frames have seen is young: the arc that a sweep
   // draws across a corner looks like a plane, too, and moves along with the sensor. Its residuals
   // weigh s^2 / (s^2 + young_sigma_m^2) of what others do.
   int young_frames = 3;
   double young_sigma_m = 0.1;
-  // Points that a cluster weighs at most: dense surfaces nearby must not outvote the far ones.
-  double max_cluster_weight = 4.0;
   // Scale of the robust kernel, in standard deviations, at the first and from the last graduation
   // on.
   double kernel_start_sigma = 12.0;

@@ -243,7 +243,7 @@ bool ShakenSweep::Find(const ShakenScan& scan, std::vector<PointCluster>* deskew
   if (sweep->of_scan) {
     if (found.evidence() < match->evidence()) return false;
   } else {
-    const double scale_m = options_.kernel_end_sigma * options_.noise_floor_m;
+    const double scale_m = options_.kernel_end_sigma * scan.map.options().noise_floor_m;
     const Explanation ours{*deskewed, found.T_world_lidar}, theirs{ordinary, match->T_world_lidar};
     // At the start it is the difference of two scans' motions, of twice the variance.
     State each = state;

@@ -103,7 +103,7 @@ void Odometry::SettleWeakest(Attempt* attempt) const {
   const std::vector<PointCluster> some =
       setting_off ? Thinned(attempt->deskewed, kEnoughClusters) : std::vector<PointCluster>();
   const DirectionProfile profile(setting_off ? some : attempt->deskewed, attempt->map,
-                                 match.T_world_lidar, v, options_.matcher.noise_floor_m);
+                                 match.T_world_lidar, v);
   if (!setting_off && !divided && profile.Blocks() > kManyBlocks) return;
   // Where the last pose was uncertain, so is the map that its scan made, and a profile against that
   // map cannot correct this pose.
@@ -160,8 +160,7 @@ void Odometry::DoubtUnbridged(const PosePrediction& prediction,
     }
   }
   if (vouched || match.worst_sigma_m < kWellKnownM) return;
-  const DirectionProfile profile(deskewed, map, match.T_world_lidar, match.weakest_direction,
-                                 options_.matcher.noise_floor_m);
+  const DirectionProfile profile(deskewed, map, match.T_world_lidar, match.weakest_direction);
   if (profile.Blocks() <= kManyBlocks) {
     DoubtWeakest(profile, match.weakest_direction, frame);
   }

@@ -34,7 +34,7 @@ StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& ma
   // Smaller ones hold too few points of sparse scans.
   constexpr double kLeastVoxelM = 0.4;
   steady_.voxel_size_m = std::max(kLeastVoxelM, map_options.LeafSize());
-  steady_.noise_m = options.matcher.noise_floor_m;
+  steady_.noise_m = map_options.noise_floor_m;
   steady_.speed_sigma_m_s = options.motion.start_speed_sigma_m_s;
   steady_.acceleration_sigma_m_s2 = options.motion.acceleration_sigma_m_s2;
 }

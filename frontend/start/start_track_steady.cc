@@ -221,7 +221,7 @@ bool StartTrack::SettleBeside(std::size_t scan, const Eigen::Vector3d& u, std::v
   const std::vector<PointCluster> clusters = scans_.Deskewed(scan, *poses);
   SE3& T = (*poses)[scan];
   const Vector6d along = StraightAlong(u);
-  const DirectionProfile profile(clusters, map, T, along, steady_.noise_m);
+  const DirectionProfile profile(clusters, map, T, along);
   const DirectionProfile::Posterior posterior = profile.With(0.0, kToldM);
   PosePrediction prediction;
   prediction.T_world_lidar = T;

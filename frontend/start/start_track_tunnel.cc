@@ -14,7 +14,7 @@ bool StartTrack::IsFaced(const Eigen::Vector3d& u, const std::vector<SE3>& poses
   for (std::size_t k = 0; blocks < least && k < poses.size(); ++k) {
     const VoxelMap map = scans_.MapOf(poses, poses.size(), k);
     const std::vector<PointCluster> clusters = scans_.Deskewed(k, poses);
-    blocks += DirectionProfile(clusters, map, poses[k], StraightAlong(u), steady_.noise_m).Blocks();
+    blocks += DirectionProfile(clusters, map, poses[k], StraightAlong(u)).Blocks();
   }
   return blocks >= least;
 }

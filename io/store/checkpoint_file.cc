@@ -4,7 +4,7 @@ namespace lamina {
 namespace {
 
 constexpr std::string_view kMagic = "LAMINAMP";
-constexpr std::uint32_t kVersion = 41;
+constexpr std::uint32_t kVersion = 42;
 constexpr SectionFileKind kKind = {kMagic, kVersion, "a checkpoint"};
 
 }  // namespace

@@ -295,7 +295,7 @@ class Adviser {
         "wall.",
         {},
         "`lamina calibrate` finds angles that are off; for a noisy sensor raise "
-        "frontend.matcher.noise_floor_m and backend.window.noise_floor_m to its range noise.");
+        "map.noise_floor_m to its range noise.");
   }
 
   void OfGap() {

@@ -49,7 +49,7 @@ Limits LimitOf(Symptom symptom, const LaminaConfig& config) {
     case Symptom::kDegenerate:
       return {config.frontend.max_tracked_sigma_m, false};
     case Symptom::kResidual:
-      return {rules::kMostResidualFloors * config.frontend.matcher.noise_floor_m, false};
+      return {rules::kMostResidualFloors * config.map.noise_floor_m, false};
     case Symptom::kOverBudget:
       return {static_cast<double>(config.map.budget_mb), false};
     case Symptom::kSkipped:

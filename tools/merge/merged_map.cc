@@ -88,8 +88,7 @@ MergedMap::MergedMap(const std::vector<Drive>& drives, const LaminaConfig& confi
     Refine(submaps, config, work);
     bundle.rounds *= kMoreRounds;
   }
-  bundle_ = AdjustSubmaps(submaps, joined_.graph, bundle, config.map,
-                          config.frontend.matcher.noise_floor_m, work.bundle);
+  bundle_ = AdjustSubmaps(submaps, joined_.graph, bundle, config.map, work.bundle);
   joined_.graph.poses = bundle_.anchors;
   CorrectDrives();
 }

@@ -35,8 +35,7 @@ void JoinedRun::Adjust(const std::vector<MapPiece>& parts, const LaminaConfig& c
   for (const MapPiece& part : parts) {
     for (const Submap& submap : *part.submaps) submaps.push_back(&submap);
   }
-  bundle_ = AdjustSubmaps(submaps, joined_.graph, config.loops.bundle, config.map,
-                          config.frontend.matcher.noise_floor_m);
+  bundle_ = AdjustSubmaps(submaps, joined_.graph, config.loops.bundle, config.map);
   joined_.graph.poses = bundle_.anchors;
 }
 

@@ -10,11 +10,11 @@ std::string ThickPlanesWarning(const MapThickness& map, const MappingOptions& op
   // recordings. The noise floor of matching is 20 mm.
   constexpr double kAllowedShare = 0.7;
   constexpr std::size_t kLeastPlanes = 200;
-  const double allowed_m = kAllowedShare * options.mapper.frontend.matcher.noise_floor_m;
+  const double allowed_m = kAllowedShare * options.mapper.map.noise_floor_m;
   if (map.planes < kLeastPlanes || map.thin_m <= allowed_m) return "";
   return fmt::format(
       "planes are thicker than the sensor's noise allows: three quarters of them more than "
-      "{:.0f} mm, and {:.0f} mm are expected (0.7 frontend.matcher.noise_floor_m). Beams whose "
+      "{:.0f} mm, and {:.0f} mm are expected (0.7 map.noise_floor_m). Beams whose "
       "angles or ranges are off do that, and make the poses drift: `lamina calibrate` finds "
       "preparation.vertical_correction_deg and preparation.range_offset_m, with --beams those "
       "of each beam",

@@ -11,7 +11,11 @@
 namespace lamina {
 namespace {
 
-constexpr double kBeamNoiseFloorM = 0.005;
+VoxelMapOptions SharpMap() {
+  VoxelMapOptions map;
+  map.noise_floor_m = 0.005;
+  return map;
+}
 
 // Beams that are off each by themselves, and all by 0.3 degrees.
 std::vector<RoomBeam> DifferentBeams(int count) {
@@ -51,8 +55,7 @@ std::vector<BeamCalibrationSegment> BeamSegments(const std::vector<RoomBeam>& be
 TEST(BeamCalibration, FindsWhatMakesPlanesThin) {
   const std::vector<RoomBeam> beams = DifferentBeams(16);
   std::vector<BeamCalibrationSegment> segments = BeamSegments(beams, 3);
-  const BeamCalibrationResult result =
-      CalibrateBeams(Elevations(beams), VoxelMapOptions(), kBeamNoiseFloorM, &segments);
+  const BeamCalibrationResult result = CalibrateBeams(Elevations(beams), SharpMap(), &segments);
   ASSERT_EQ(result.beams.size(), beams.size());
   EXPECT_TRUE(result.Thinner());
   EXPECT_LT(result.thickness_m, 0.4 * result.thickness_before_m);
@@ -66,14 +69,12 @@ TEST(BeamCalibration, FindsWhatMakesPlanesThin) {
 TEST(BeamCalibration, ASensorThatIsKnownIsLeftAlone) {
   const std::vector<RoomBeam> beams = RoomRings(16, 0.0, 0.0);
   std::vector<BeamCalibrationSegment> segments = BeamSegments(beams, 1);
-  EXPECT_FALSE(
-      CalibrateBeams(Elevations(beams), VoxelMapOptions(), kBeamNoiseFloorM, &segments).Thinner());
+  EXPECT_FALSE(CalibrateBeams(Elevations(beams), SharpMap(), &segments).Thinner());
 }
 
 TEST(BeamCalibration, OfNoPointsNothingIsSaid) {
   std::vector<BeamCalibrationSegment> segments(1, BeamCalibrationSegment(3));
-  const BeamCalibrationResult result =
-      CalibrateBeams({-0.1, 0.0, 0.1}, VoxelMapOptions(), kBeamNoiseFloorM, &segments);
+  const BeamCalibrationResult result = CalibrateBeams({-0.1, 0.0, 0.1}, SharpMap(), &segments);
   EXPECT_FALSE(result.Thinner());
   for (const BeamOffset& beam : result.beams) {
     EXPECT_EQ(beam.elevation_correction_deg, 0.0);

@@ -13,18 +13,13 @@ namespace lamina {
 inline VoxelMapOptions Voxels() {
   VoxelMapOptions map;
   map.root_size_m = 0.5;
+  map.max_cluster_weight = 1e6;
   return map;
-}
-
-inline SlidingWindowOptions Weights() {
-  SlidingWindowOptions weights;
-  weights.max_cluster_weight = 1e6;
-  return weights;
 }
 
 inline BatchRegistration Registration(RegistrationOptions options = {},
                                       const Formulation& formulation = CondensedFormulation()) {
-  return BatchRegistration(options, Voxels(), Weights(), formulation);
+  return BatchRegistration(options, Voxels(), SlidingWindowOptions(), formulation);
 }
 
 struct Batch {

@@ -11,7 +11,7 @@
 namespace lamina {
 namespace {
 
-constexpr double kBundleLeafM = 0.8, kNoiseFloorM = 0.02;
+constexpr double kBundleLeafM = 0.8;
 
 // Submaps of drives through one town, each with its true anchor.
 struct MappedTown {
@@ -76,7 +76,7 @@ MappedTown TwoDrives() {
 TEST(SubmapBundle, SubmapsThatOverlapComeTogether) {
   const MappedTown mapped = TwoDrives();
   const SubmapBundleResult result =
-      AdjustSubmaps(mapped.pointers(), mapped.graph, {}, VoxelMapOptions(), kNoiseFloorM);
+      AdjustSubmaps(mapped.pointers(), mapped.graph, {}, VoxelMapOptions());
   EXPECT_EQ(result.refusal, "");
   EXPECT_GT(result.planes, 100U);
   EXPECT_GT(mapped.ErrorM(mapped.graph.poses), 0.03);
@@ -87,7 +87,7 @@ TEST(SubmapBundle, SubmapsThatOverlapComeTogether) {
 TEST(SubmapBundle, TheSameBitsAtAnyNumberOfThreads) {
   const MappedTown mapped = TwoDrives();
   const auto adjust = [&] {
-    return AdjustSubmaps(mapped.pointers(), mapped.graph, {}, VoxelMapOptions(), kNoiseFloorM);
+    return AdjustSubmaps(mapped.pointers(), mapped.graph, {}, VoxelMapOptions());
   };
   const SubmapBundleResult two = adjust();
   const ThreadLimit limit(1);
@@ -112,7 +112,7 @@ TEST(SubmapBundle, AlongACorridorTheGraphDecides) {
   AddDrive(corridor, Drive({{-60, 0}, {60, 0}}), &draws, &mapped);
   Disturb(0.0005, 0.02, &draws, &mapped);
   const SubmapBundleResult result =
-      AdjustSubmaps(mapped.pointers(), mapped.graph, {}, VoxelMapOptions(), kNoiseFloorM);
+      AdjustSubmaps(mapped.pointers(), mapped.graph, {}, VoxelMapOptions());
   for (std::size_t i = 1; i < mapped.truth.size(); ++i) {
     const double before = (mapped.graph.poses[i - 1].Inverse() * mapped.graph.poses[i]).t.x();
     const double after = (result.anchors[i - 1].Inverse() * result.anchors[i]).t.x();
@@ -124,16 +124,13 @@ TEST(SubmapBundle, PartsThatNothingJoinsAndSingleSubmapsStayWhereTheyAre) {
   MappedTown mapped = TwoDrives();
   mapped.graph.odometry.clear();
   const SubmapBundleResult result =
-      AdjustSubmaps(mapped.pointers(), mapped.graph, {}, VoxelMapOptions(), kNoiseFloorM);
+      AdjustSubmaps(mapped.pointers(), mapped.graph, {}, VoxelMapOptions());
   EXPECT_EQ(result.rounds, 0);
   for (std::size_t i = 0; i < mapped.truth.size(); ++i)
     EXPECT_EQ(result.anchors[i].t, mapped.graph.poses[i].t);
   SubmapBundleOptions none;
   none.rounds = 0;
-  EXPECT_EQ(
-      AdjustSubmaps(mapped.pointers(), TwoDrives().graph, none, VoxelMapOptions(), kNoiseFloorM)
-          .rounds,
-      0);
+  EXPECT_EQ(AdjustSubmaps(mapped.pointers(), TwoDrives().graph, none, VoxelMapOptions()).rounds, 0);
 }
 
 }  // namespace

@@ -174,14 +174,14 @@ TEST(SlidingWindow, ProblemNamesFramesInOrderWithCappedWeights) {
     EXPECT_GE(plane.count, 2);
     EXPECT_TRUE(plane.fixed.Empty());
     EXPECT_GT(plane.weight, 0.0);
-    EXPECT_LE(plane.weight, 1.0 / (options.noise_floor_m * options.noise_floor_m));
+    EXPECT_LE(plane.weight, 1.0 / (map.options().noise_floor_m * map.options().noise_floor_m));
     int last = -1;
     for (int i = plane.first; i < plane.first + plane.count; ++i) {
       const PlaneObservation& o = problem.observations.at(static_cast<std::size_t>(i));
       EXPECT_GT(o.frame, last);
       EXPECT_LT(o.frame, 5);
-      EXPECT_LE(o.cluster.count, options.max_cluster_weight + 1e-9);
-      EXPECT_GT(o.cluster.count, 0.9 * options.max_cluster_weight);
+      EXPECT_LE(o.cluster.count, map.options().max_cluster_weight + 1e-9);
+      EXPECT_GT(o.cluster.count, 0.9 * map.options().max_cluster_weight);
       last = o.frame;
     }
   }
@@ -255,7 +255,7 @@ TEST(SlidingWindow, PlanesMuchThickerThanTheOthersWeighFarLess) {
   }
   map.Refresh();
   const BundleProblem problem = window.BuildProblem();
-  const double floor2 = options.noise_floor_m * options.noise_floor_m;
+  const double floor2 = map.options().noise_floor_m * map.options().noise_floor_m;
   std::size_t distrusted = 0;
   for (const Plane& plane : problem.planes) {
     const double variance =

@@ -10,8 +10,6 @@
 namespace lamina {
 namespace {
 
-constexpr double kNoiseFloorM = 0.02;
-
 // A corridor along x, and boards across it that alone tell where along it the sensor is.
 World WithBoards(const std::vector<double>& at_x, double moved_m) {
   World world = World::Corridor();
@@ -48,11 +46,10 @@ class DirectionProfileTest : public testing::Test {
   DirectionProfile::Posterior Posterior(const std::vector<PointCluster>& scan, double at_m,
                                         double predicted_m, double sigma_m) {
     const SE3 T(Eigen::Quaterniond::Identity(), {at_m, 0.0, 0.0});
-    return DirectionProfile(scan, map_, T, Vector6d::Unit(3), kNoiseFloorM)
-        .With(predicted_m, sigma_m);
+    return DirectionProfile(scan, map_, T, Vector6d::Unit(3)).With(predicted_m, sigma_m);
   }
   double Blocks(const std::vector<PointCluster>& scan) {
-    return DirectionProfile(scan, map_, SE3(), Vector6d::Unit(3), kNoiseFloorM).Blocks();
+    return DirectionProfile(scan, map_, SE3(), Vector6d::Unit(3)).Blocks();
   }
 
   Draws draws_{3};
@@ -125,7 +122,7 @@ TEST_F(DirectionProfileTest, PlanesThatStandInForTheMapsHaveAMinimumOfTheirOwn) 
   constexpr double kOlderM = -0.2;
   Surface older;
   const auto profile = [&](const PlanesInstead& instead) {
-    return DirectionProfile(scan, map_, SE3(), Vector6d::Unit(3), kNoiseFloorM, instead);
+    return DirectionProfile(scan, map_, SE3(), Vector6d::Unit(3), instead);
   };
   const auto moved = [&](double weight) {
     return [&, weight](VoxelMap::NodeId surface) {

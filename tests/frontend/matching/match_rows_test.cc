@@ -23,6 +23,7 @@ class MatchRowsTest : public ::testing::Test {
     settings_.R = Eigen::Quaterniond(Random4().normalized()).toRotationMatrix();
     settings_.t = 3.0 * Random3();
     settings_.kernel_sigma = 2.0;
+    settings_.most_weight = 4.0;
     settings_.floor2 = 4e-4;
     settings_.beam2 = 1e-4;
     for (int i = 0; i < kCount; ++i) {
@@ -106,7 +107,7 @@ TEST_F(MatchRowsTest, AreTheCostOfTheScanMatcher) {
     EXPECT_EQ(row.young, is_young);
     const double doubt = is_young ? options_.young_sigma_m * options_.young_sigma_m : 0.0;
     const double w = SightWeight(surface, normal_lidar, cluster.mean) * robust *
-                     std::min(cluster.count, options_.max_cluster_weight) / (variance + doubt);
+                     std::min(cluster.count, settings_.most_weight) / (variance + doubt);
     EXPECT_NEAR(row.robust, robust, 1e-10);
     EXPECT_NEAR(row.residual2, robust * distance * distance, 1e-12);
     EXPECT_NEAR(row.w, w, 1e-9 * (1.0 + w));

@@ -71,7 +71,7 @@ TEST_F(CheckpointFileTest, LargeSectionsComeBack) {
 
 TEST_F(CheckpointFileTest, TheLayoutIsThatOfTheHeader) {
   const std::string bytes = Make({{"HEAD", "abc"}});
-  EXPECT_EQ(bytes.substr(0, 12), "LAMINAMP" + Pack(std::uint32_t{41}));
+  EXPECT_EQ(bytes.substr(0, 12), "LAMINAMP" + Pack(std::uint32_t{42}));
   EXPECT_EQ(bytes.substr(12, 4), "HEAD");
   // CRC-32 of "HEADabc", from another program (Python's zlib.crc32).
   EXPECT_EQ(bytes.substr(16, 4), Pack(std::uint32_t{0xe9d59fc}));
@@ -116,7 +116,7 @@ TEST_F(CheckpointFileTest, MissingAndRepeatedSectionsAreFound) {
 TEST_F(CheckpointFileTest, OtherVersionsAreNamed) {
   std::string bytes = Make(kSections);
   bytes[8] = 1;
-  EXPECT_THAT(ErrorOf(bytes), AllOf(HasSubstr("version 1"), HasSubstr("version 41")));
+  EXPECT_THAT(ErrorOf(bytes), AllOf(HasSubstr("version 1"), HasSubstr("version 42")));
 }
 
 TEST_F(CheckpointFileTest, OtherFilesAreRefused) {

@@ -52,7 +52,7 @@ inline constexpr double kPoseErrorM = 0.05;
 inline constexpr double kPoseErrorDeg = 0.5;
 
 // Root mean square distance of a scan to its planes, in standard deviations of the range noise
-// (frontend.matcher.noise_floor_m): 1.5 to 3 where poses are right, in streets, rooms and woods.
+// (map.noise_floor_m): 1.5 to 3 where poses are right, in streets, rooms and woods.
 inline constexpr double kMostResidualFloors = 5.0;
 
 // An interval between stamps longer than so many usual ones of the recording: a scan is missing.
