@@ -209,12 +209,21 @@ class Assigner final : public NamedOptionVisitor {
   std::vector<std::string> names_;
 };
 
+// A name that is right but for its section is more often meant than one that looks alike.
+const std::string& MeantOption(const std::string& name, const std::vector<std::string>& names) {
+  const std::string last = name.substr(name.rfind('.') + 1);
+  const auto elsewhere = std::find_if(names.begin(), names.end(), [&](const std::string& other) {
+    return other.substr(other.rfind('.') + 1) == last;
+  });
+  return elsewhere != names.end() ? *elsewhere : NearestName(name, names);
+}
+
 void RefuseUnknown(const Settings& settings, const std::vector<std::string>& names) {
   const std::set<std::string> known(names.begin(), names.end());
   for (const auto& [name, setting] : settings) {
     if (known.count(name) > 0) continue;
     throw OptionError(fmt::format("{}: unknown option '{}'; did you mean '{}'?", setting.place,
-                                  name, NearestName(name, names)));
+                                  name, MeantOption(name, names)));
   }
 }
 

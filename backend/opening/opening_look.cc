@@ -5,6 +5,7 @@
 
 #include "backend/mapping/pipeline.h"
 #include "core/base/first_readable.h"
+#include "core/base/parallel.h"
 
 namespace lamina {
 namespace {
@@ -78,10 +79,14 @@ std::optional<std::pair<OpeningLook, OpeningLook>> LookUnderBoth(
     const TellsOfBoth& tells, const std::atomic<bool>* stop) {
   for (const std::size_t from : {begin, begin + (end - begin) / 2}) {
     const std::size_t to = std::min(end, from + kLookScans);
-    const OpeningLook first = LookAt(source, from, to, one, options, stop);
-    const OpeningLook second = LookAt(source, from, to, other, options, stop);
+    const ScanPreparationOptions* const ways[] = {&one, &other};
+    OpeningLook looks[2];
+    ParallelChunks(2, 1, [&](std::size_t first, std::size_t last) {
+      for (std::size_t i = first; i < last; ++i)
+        looks[i] = LookAt(source, from, to, *ways[i], options, stop);
+    });
     if (stop != nullptr && stop->load()) break;
-    if (tells(first, second)) return std::make_pair(first, second);
+    if (tells(looks[0], looks[1])) return std::make_pair(looks[0], looks[1]);
   }
   return std::nullopt;
 }

@@ -12,6 +12,7 @@
 #include "backend/opening/opening_look.h"
 #include "core/base/error.h"
 #include "core/base/first_readable.h"
+#include "core/base/parallel.h"
 #include "frontend/scan/horizontal_view.h"
 
 namespace lamina {
@@ -71,6 +72,15 @@ ScanPreparationOptions With(ScanPreparationOptions preparation, const Sweep& swe
   return preparation;
 }
 
+std::vector<Sweep> BothSenses(const std::vector<double>& starts_deg) {
+  std::vector<Sweep> sweeps;
+  for (const double start_deg : starts_deg) {
+    sweeps.push_back({Rotation::kClockwise, start_deg});
+    sweeps.push_back({Rotation::kCounterclockwise, start_deg});
+  }
+  return sweeps;
+}
+
 // How thick the planes of a map are, by most of them and by the thinnest, which clutter thickens
 // least: the geometric mean of both.
 double ThicknessOf(const OpeningLook& look) {
@@ -113,24 +123,25 @@ class SweepSearch {
     // Only the sector between a cut and another differs, and the quarters are common.
     constexpr double kClearly = 0.97;
     SweepLook best;
-    const auto look_under = [&](Rotation rotation, double start_deg, double clearly) {
-      SweepLook next = Under({rotation, std::remainder(start_deg, 360.0)});
-      if (next.thick_m < clearly * best.thick_m) best = std::move(next);
+    const auto look_under = [&](const std::vector<Sweep>& sweeps, double clearly) {
+      std::vector<SweepLook> looks(sweeps.size());
+      ParallelChunks(sweeps.size(), 1, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) looks[i] = Under(sweeps[i]);
+      });
+      for (SweepLook& look : looks) {
+        if (look.thick_m < clearly * best.thick_m) best = std::move(look);
+      }
     };
-    const auto both_senses = [&](double start_deg) {
-      look_under(Rotation::kClockwise, start_deg, 1.0);
-      look_under(Rotation::kCounterclockwise, start_deg, 1.0);
-    };
-    both_senses(180.0);
+    look_under(BothSenses({180.0}), 1.0);
     if (std::isfinite(best.thick_m) && best.thick_m > kHopelessByTwo * as_they_are_m) return best;
-    both_senses(0.0);
+    look_under(BothSenses({0.0}), 1.0);
     if (best.thick_m > kHopeless * as_they_are_m) return best;
-    both_senses(90.0);
-    both_senses(-90.0);
+    look_under(BothSenses({90.0, -90.0}), 1.0);
     for (double step_deg = 0.5 * kFirstStepDeg; step_deg > kLastStepDeg; step_deg *= 0.5) {
-      const Sweep from = best.sweep;
-      look_under(from.rotation, from.start_deg - step_deg, kClearly);
-      look_under(from.rotation, from.start_deg + step_deg, kClearly);
+      const auto turned = [&, from = best.sweep](double by_deg) {
+        return Sweep{from.rotation, std::remainder(from.start_deg + by_deg, 360.0)};
+      };
+      look_under({turned(-step_deg), turned(step_deg)}, kClearly);
     }
     return best;
   }

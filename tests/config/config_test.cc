@@ -97,7 +97,8 @@ TEST_F(Config, MisspeltKeyIsRefusedWithPlaceAndSuggestion) {
   EXPECT_THAT(complaint, HasSubstr("'map.root_size_m'"));
   EXPECT_THAT(Complaint("", {"backend.window.frame=3"}), HasSubstr("'backend.window.frames'"));
   // An option at the wrong level is unknown, too.
-  EXPECT_THAT(Complaint("root_size_m: 2.0\n"), HasSubstr("unknown option 'root_size_m'"));
+  EXPECT_THAT(Complaint("root_size_m: 2.0\n"),
+              HasSubstr("unknown option 'root_size_m'; did you mean 'map.root_size_m'?"));
 }
 
 TEST_F(Config, OptionsThatContradictOneAnotherAreBothNamed) {
