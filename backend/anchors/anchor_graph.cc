@@ -105,17 +105,24 @@ class CeresGraph {
     return edges;
   }
 
-  // The first pose of each part that edges join.
+  // The fixed poses, and the first pose of each part that edges join where there is none of them.
   void Hold() {
     DisjointSets parts(poses_.size());
     for (const auto* edges : {&graph_.odometry, &graph_.loops}) {
       for (const AnchorEdge& edge : *edges) parts.Join(edge.from, edge.to);
     }
-    for (std::size_t i = 0; i < poses_.size(); ++i) {
-      if (parts.Find(i) != i) continue;
-      problem_.SetParameterBlockConstant(poses_[i].q.coeffs().data());
-      problem_.SetParameterBlockConstant(poses_[i].t.data());
+    std::vector<bool> held(poses_.size(), false);  // the part of which this is the first pose
+    for (const std::size_t i : graph_.fixed) {
+      held.at(parts.Find(i)) = true;
+      Hold(&poses_[i]);
     }
+    for (std::size_t i = 0; i < poses_.size(); ++i) {
+      if (parts.Find(i) == i && !held[i]) Hold(&poses_[i]);
+    }
+  }
+  void Hold(SE3* pose) {
+    problem_.SetParameterBlockConstant(pose->q.coeffs().data());
+    problem_.SetParameterBlockConstant(pose->t.data());
   }
 
   const AnchorGraph& graph_;

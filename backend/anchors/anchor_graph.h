@@ -33,6 +33,8 @@ struct AnchorGraph {
   std::vector<AnchorEdge> odometry, loops;
   // Of the first loops: kept by an earlier solve, where this one begins.
   std::vector<bool> kept_before;
+  // Poses that stay where they are. A part of the graph without one is held at its first pose.
+  std::vector<std::size_t> fixed;
 };
 
 struct AnchorGraphOptions {

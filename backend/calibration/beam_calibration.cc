@@ -111,11 +111,9 @@ class RowMaker {
       row.plane = NumberOf(node);
       row.frame = static_cast<std::int32_t>(k);
       row.beam = beam;
-      row.residual = n.dot(x - plane.mean);
-      const double variance = noise_floor_m * noise_floor_m + static_cast<double>(plane.variance);
-      row.weight = kIndependent / variance *
-                   GemanMcClureWeight(row.residual * row.residual /
-                                      (kKernelSigma * kKernelSigma * variance));
+      row.residual = plane.Distance(x);
+      row.weight = kIndependent * PlaneWeight(static_cast<double>(plane.variance), noise_floor_m) *
+                   KernelWeight(plane, x, noise_floor_m, kKernelSigma);
       const Eigen::Vector3d on_plane = OnPlane(p, at_point, row.residual);
       if (on_plane.head<2>().norm() < kLeastRadiusM) continue;
       const Eigen::Vector3d from_mean = frame.T_world_lidar * (D * on_plane) - plane.mean;

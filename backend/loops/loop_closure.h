@@ -1,10 +1,11 @@
 // Loops between the submaps of one piece, and the anchors that agree with them.
 //
-//     submap complete -> described (place_image.h) -> looked up among the earlier ones
-//     (place_lookup.h)
-//       -> registered (submap_registration.h) -> within the drift of odometry -> agrees with a loop
-//       of another submap, or with the graph that those have made -> anchors solved
-//       (anchor_graph.h)
+//     submap complete
+//       -> described (place_image.h), looked up among the earlier ones (place_lookup.h)
+//       -> registered (submap_registration.h)
+//       -> within the drift of odometry
+//       -> agrees with a loop of another submap, or with the graph that those have made
+//       -> anchors solved (anchor_graph.h)
 //       -> submaps that the map can do without are trimmed (submap_trimming.h)
 //
 // A loop is accepted when all of that holds; until another one agrees with it, it waits. Odometry's

@@ -62,14 +62,19 @@ Mapping::~Mapping() = default;
 
 void Mapping::StartLocalising(const SE3& T_world_lidar) {
   localise_from_ = T_world_lidar;
-  loops_.reset();  // the map stays as it is
+  EndLoops();
 }
 
 void Mapping::StartLocalising(const std::vector<MapPlace>& places) {
   searches_ = std::make_unique<PieceSearches>(options_.loops, options_.mapper.frontend.matcher,
                                               places, map_);
   counts_.pieces = static_cast<std::size_t>(map_.LastPiece() + 1);
+  EndLoops();
+}
+
+void Mapping::EndLoops() {
   loops_.reset();
+  lost_searches_.reset();
 }
 
 DecodedScan Mapping::Decode(const ScanSource& source, std::size_t begin, std::size_t i) const {

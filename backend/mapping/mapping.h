@@ -163,6 +163,8 @@ class Mapping {
   // A piece of its own; localising from a start, the one that is there.
   void BeginPiece(const SE3& T_world_start, Recording* recording);
   void EndLongestSilent(std::size_t scan);
+  // The map stays as it is: neither loops nor lost scans are looked for in it.
+  void EndLoops();
   // Nothing more comes of this recording in its piece.
   void End(Recording* recording, std::size_t scan);
   // The scans of its piece so far were a start that is given up now, or of which nothing tells the
@@ -203,7 +205,7 @@ class Mapping {
   std::string newest_;  // recording
   bool finished_ = false;
   std::unique_ptr<PieceLoops> loops_;
-  std::unique_ptr<LostSearches> lost_searches_;  // with loops_
+  std::unique_ptr<LostSearches> lost_searches_;  // null where loops_ is
   std::unique_ptr<std::map<std::string, Recording>> recordings_;
   // The last stamps of each recording that Add(Scan) has seen; they tell the period of a sweep.
   std::map<std::string, std::vector<StampNs>> stamps_;

@@ -53,7 +53,7 @@ void Mapping::Archive(StateArchive& a) {
   a(&names);
   if (a.reading()) recordings_->clear();
   for (const std::string& name : names) ArchiveRecording(a, &(*recordings_)[name]);
-  if (localise_from_ || searches_ != nullptr) loops_.reset();
+  if (localise_from_ || searches_ != nullptr) EndLoops();
   if (loops_ == nullptr) return;
   lost_searches_->WaitForLooks();
   a(loops_.get(), lost_searches_.get());

@@ -41,8 +41,7 @@ void AmbiguousPlace::Follow(const OdometryFrame& frame, const MotionModel& motio
   }
   before_ = ambiguous;
   if (!open_) return;
-  const double z = Sigmas(frame, clusters, map, window);
-  const double clear = z * std::abs(z) + likelier_;
+  const double clear = ClearSquared(Sigmas(frame, clusters, map, window), likelier_);
   ++scans_;
   if (clear > kClearSigmas * kClearSigmas) Forget();
   if (clear < -kClearSigmas * kClearSigmas) scans_ = kMostScans;

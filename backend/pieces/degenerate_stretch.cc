@@ -5,7 +5,7 @@
 
 #include "backend/pieces/older_planes.h"
 #include "core/geometry/decompositions.h"
-#include "frontend/matching/degeneracy.h"
+#include "core/geometry/degeneracy.h"
 #include "frontend/matching/direction_profile.h"
 
 namespace lamina {

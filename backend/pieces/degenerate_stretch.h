@@ -6,7 +6,7 @@
 // it, and a scan that matches them well is as wrong against the map from before as they are.
 //
 // Followed is the error x of the pose against the map from before the stretch, and that of the
-// velocity, v (scaled tangent of frontend/matching/degeneracy.h, per second), by a Kalman filter of
+// velocity, v (scaled tangent of core/geometry/degeneracy.h, per second), by a Kalman filter of
 // their covariance alone. From scan to scan, dt apart,
 //
 //     v' = v + a dt,    x' = F x + v' dt,

@@ -51,7 +51,7 @@ struct MapperOptions {
   OdometryOptions frontend;
   BackendOptions backend;
   // Pieces are looked for in one another: lost where no search for the expected pose reaches, scans
-  // begin a piece as soon as they agree.
+  // begin a piece as soon as they agree. No option of files: Mapping sets it by loops.enabled.
   bool pieces_are_found = false;
   // The body velocity of the first scan, per second, where it is known beforehand, as from another
   // map of the same scans: nothing is searched for at the start then. No option of files.

@@ -88,7 +88,7 @@ void Mapper::DoubtRest(OdometryFrame* frame) {
   // A start is asked as a whole.
   if (!resting_.Contradict() || start_.open()) return;
   frame->match.MakeDegenerate(frame->match.weakest_direction);
-  if (resting_.contradictions() >= kBelievedNoMore) frame->status = OdometryFrame::Status::kLost;
+  if (resting_.contradictions() >= kBelievedNoMore) tracker_.odometry().Reject(frame);
 }
 
 std::vector<SE3> Mapper::TakeBack() {

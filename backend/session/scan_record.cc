@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "frontend/matching/degeneracy.h"
+#include "core/geometry/degeneracy.h"
 
 namespace lamina {
 namespace {

@@ -46,7 +46,7 @@ void ObservationWeights::FindPlanes(const std::deque<WindowFrame>& frames) {
       const Surface& surface = map_.plane(node);
       nodes_.push_back(node);
       planes_.push_back({surface.mean, surface.normal.cast<double>(),
-                         static_cast<double>(surface.variance), false});
+                         static_cast<double>(surface.variance), 0.0, false});
     }
   }
 }
@@ -57,11 +57,11 @@ void ObservationWeights::ScaleKernels(double kernel_sigma) {
   const double noise_floor_m = map_.options().noise_floor_m;
   std::vector<double> variances;
   variances.reserve(planes_.size());
-  for (const Support& plane : planes_) variances.push_back(plane.scale2);
+  for (const Support& plane : planes_) variances.push_back(plane.variance);
   const double most = kMostOfUsual * UpperMedian(&variances);
   for (Support& plane : planes_) {
     plane.scale2 = kernel_sigma * kernel_sigma *
-                   (noise_floor_m * noise_floor_m + std::min(plane.scale2, most));
+                   (noise_floor_m * noise_floor_m + std::min(plane.variance, most));
   }
 }
 

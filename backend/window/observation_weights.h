@@ -42,7 +42,8 @@ class ObservationWeights {
  private:
   struct Support {  // of one plane
     Eigen::Vector3d mean, normal;
-    double scale2 = 0.0;
+    double variance = 0.0;  // squared thickness, m^2
+    double scale2 = 0.0;    // of its kernel, m^2
     bool contested = false;
   };
   void FindPlanes(const std::deque<WindowFrame>& frames);

@@ -11,8 +11,8 @@
 #include "core/base/angle.h"
 #include "core/base/parallel.h"
 #include "core/geometry/cluster_lanes.h"
+#include "core/geometry/degeneracy.h"
 #include "core/geometry/sweep_motion.h"
-#include "frontend/matching/degeneracy.h"
 
 namespace lamina {
 namespace {
@@ -22,7 +22,7 @@ constexpr std::uint64_t kNoLeaf = ~std::uint64_t{0};
 
 // How far `to` is from `from` along a unit vector of the scaled tangent, either way.
 double DistanceAlong(const Vector6d& direction, const SE3& from, const SE3& to) {
-  return std::abs(direction.dot(TimesArm(LocalDelta(from, to))));
+  return std::abs(direction.dot(ScaledDelta(from, to)));
 }
 
 }  // namespace

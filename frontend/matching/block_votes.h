@@ -40,6 +40,10 @@ class BlockVotes {
   double sum_ = 0.0, squares_ = 0.0;
 };
 
+// What both have to say, as a signed square of standard deviations: z of the votes, and by how much
+// the other explanation is the unlikelier one beside them, as squared standard deviations.
+inline double ClearSquared(double z, double unlikelier) { return z * std::abs(z) + unlikelier; }
+
 // The D_b of clusters that come one by one.
 class BlockDifferences {
  public:

@@ -5,9 +5,9 @@
 #include <cstdint>
 #include <utility>
 
+#include "core/geometry/degeneracy.h"
 #include "core/geometry/robust_kernel.h"
 #include "frontend/matching/block_votes.h"
-#include "frontend/matching/degeneracy.h"
 #include "frontend/matching/line_of_sight.h"
 #include "frontend/matching/map_residuals.h"
 #include "frontend/matching/plane_score.h"

@@ -6,12 +6,12 @@
 #include <cstdint>
 #include <vector>
 
+#include "core/geometry/degeneracy.h"
 #include "core/geometry/point_cluster.h"
 #include "core/geometry/se3.h"
 #include "core/map/voxel_key.h"
 #include "core/map/voxel_map.h"
 #include "frontend/matching/block_votes.h"
-#include "frontend/matching/degeneracy.h"
 #include "frontend/matching/match_rows.h"
 #include "frontend/matching/planes_instead.h"
 #include "frontend/matching/seen_through.h"

@@ -6,7 +6,7 @@
 #include <cstring>
 
 #include "core/geometry/cluster_lanes.h"
-#include "frontend/matching/degeneracy.h"
+#include "core/geometry/degeneracy.h"
 #include "frontend/matching/line_of_sight.h"
 #include "frontend/matching/scan_matcher.h"
 

@@ -311,7 +311,7 @@ Vector6d PoseSearch::Elsewhere(const SearchedScan& scan, const PoseHypotheses& h
       return std::numeric_limits<double>::infinity();
     const double z = matcher_.CompareBlocks(scan.clusters, best.T_world_lidar, r.T_world_lidar,
                                             scan.map, kCompareScale * options_.score_scale_m);
-    return z * std::abs(z) + Unlikeliness(scan.prediction, r.T_world_lidar) - own;
+    return ClearSquared(z, Unlikeliness(scan.prediction, r.T_world_lidar) - own);
   };
   double least = kClearSigmas * kClearSigmas;
   Vector6d elsewhere = Vector6d::Zero();

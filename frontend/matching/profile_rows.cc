@@ -4,7 +4,7 @@
 
 #include "core/base/processor.h"
 #include "core/geometry/cluster_lanes.h"
-#include "frontend/matching/degeneracy.h"
+#include "core/geometry/degeneracy.h"
 #include "frontend/matching/line_of_sight.h"
 
 namespace lamina {

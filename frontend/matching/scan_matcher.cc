@@ -235,12 +235,12 @@ class Descent {
   Vector6d Step() const {
     const Matrix6d keep = Matrix6d::Identity() - held_.directions * held_.directions.transpose();
     const Vector6d gradient = DividedByArm(eq_.g);
-    const Vector6d from_prediction = TimesArm(LocalDelta(prediction_.T_world_lidar, T_));
+    const Vector6d from_prediction = ScaledDelta(prediction_.T_world_lidar, T_);
     Vector6d g = keep * gradient;
     for (int k = 0; k < held_.count; ++k) {
       const Vector6d v = held_.directions.col(k);
       const bool known = known_ != nullptr && k + 1 == held_.count;
-      const Vector6d off = known ? TimesArm(LocalDelta(T_known_, T_)) : from_prediction;
+      const Vector6d off = known ? ScaledDelta(T_known_, T_) : from_prediction;
       const double share = held_.seeming(k) > 0.0 ? held_.facing(k) / held_.seeming(k) : 0.0;
       g += (std::min(1.0, share) * v.dot(gradient) + held_.prior(k) * v.dot(off)) * v;
     }

@@ -55,12 +55,12 @@
 #include <cmath>
 #include <vector>
 
+#include "core/geometry/degeneracy.h"
 #include "core/geometry/point_cluster.h"
 #include "core/geometry/se3.h"
 #include "core/map/voxel_map.h"
 #include "core/options/options.h"
 #include "frontend/matching/block_votes.h"
-#include "frontend/matching/degeneracy.h"
 #include "frontend/matching/planes_instead.h"
 
 namespace lamina {

@@ -72,9 +72,8 @@ bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& cluste
   const PosePrediction prediction = motion_.Predict(stamp_ns);
   Vector6d twist = motion_.Twist(stamp_ns);
   // Scans that follow one another as a sensor delivers them lie where the motion before leads.
-  constexpr double kFollowS = 0.25;
   std::vector<PointCluster> deskewed = DeskewClusters(clusters, twist);
-  const bool follows = motion_.stamps_recorded() && motion_.Gap(stamp_ns) <= kFollowS;
+  const bool follows = motion_.stamps_recorded() && motion_.Gap(stamp_ns) <= kMostFollowingGapS;
   const bool far = search_options_.enabled && !follows;
   MatchResult match =
       far ? SearchFor(deskewed, prediction, map) : matcher_.MatchPose(deskewed, prediction, map);
@@ -166,9 +165,7 @@ bool LostTrack::Straighten(const PosePrediction& newest, const VoxelMap& map,
   }
   if (!bent || !Drivable(poses)) return false;
   const SE3 T_first_world = kept_.front().T_first_lidar * poses.front().Inverse();
-  const bool stamps_recorded = motion_.stamps_recorded();
-  motion_ = MotionModel(motion_options_);
-  motion_.SetStampsRecorded(stamps_recorded);
+  motion_.StartOver();
   for (std::size_t k = 0; k < kept_.size(); ++k) {
     kept_[k].T_first_lidar = T_first_world * poses[k];
     motion_.Accept(kept_[k].stamp_ns, kept_[k].T_first_lidar, k > 0);

@@ -10,6 +10,8 @@ namespace lamina {
 namespace {
 
 constexpr double kHeldS = 0.3;
+// So that covariances of velocities have inverses, rad^2/s^2 and m^2/s^2.
+constexpr double kLeastVariance = 1e-12;
 constexpr double kTurnDecayS = 0.5, kWayDecayS = 10.0;
 constexpr double kUneven = 0.5;
 // With each scan that comes soon after another one.
@@ -120,17 +122,20 @@ Matrix6d MotionModel::Drift(StampNs stamp_ns) const {
   return pose_covariance_ + dt * dt * velocity_covariance_;
 }
 
+Matrix6d MotionModel::PredictedVelocity(double dt) const {
+  return velocity_covariance_ + kLeastVariance * Matrix6d::Identity() + VelocityChange(dt);
+}
+
+Matrix6d MotionModel::MeasuredVelocity(double dt, const Matrix6d& covariance) const {
+  return (covariance + pose_covariance_) / (dt * dt) + kLeastVariance * Matrix6d::Identity();
+}
+
 void MotionModel::UpdateCovariances(double dt, const Matrix6d& covariance) {
-  constexpr double kLeast = 1e-12;
-  const bool before = velocity_known_ && !interrupted_;
-  const Matrix6d least = kLeast * Matrix6d::Identity();
-  const Matrix6d measured = (covariance + pose_covariance_) / (dt * dt) + least;
-  if (before) {
-    const Matrix6d kept = velocity_covariance_ + least + VelocityChange(dt);
-    velocity_covariance_ = Matrix6d(measured.inverse() + kept.inverse()).inverse();
-  } else {
-    velocity_covariance_ = measured;
-  }
+  const Matrix6d measured = MeasuredVelocity(dt, covariance);
+  velocity_covariance_ =
+      moving_known()
+          ? Matrix6d(Matrix6d(measured.inverse() + PredictedVelocity(dt).inverse()).inverse())
+          : measured;
 }
 
 Vector6d MotionModel::WithoutLeap(double dt, const Vector6d& velocity) const {
@@ -154,10 +159,10 @@ bool MotionModel::IsShort(double dt) const {
 
 Vector6d MotionModel::Between(double dt, const Matrix6d& covariance,
                               const Vector6d& velocity) const {
-  constexpr double kLeast = 1e-12;
-  const Matrix6d before = velocity_covariance_ + VelocityChange(dt) + kLeast * Matrix6d::Identity();
-  const Matrix6d measured = (covariance + pose_covariance_) / (dt * dt);
-  return velocity_ + before * Matrix6d(before + measured).inverse() * (velocity - velocity_);
+  const Matrix6d predicted = PredictedVelocity(dt);
+  const Matrix6d gain =
+      predicted * Matrix6d(predicted + MeasuredVelocity(dt, covariance)).inverse();
+  return velocity_ + gain * (velocity - velocity_);
 }
 
 void MotionModel::FollowSteps(StampNs stamp_ns, const SE3& T_world_lidar, bool follows) {
@@ -206,6 +211,12 @@ void MotionModel::StartMoving(const Vector6d& velocity) {
   velocity_known_ = true;
   last_gap_s_ = kPeriodS;
   velocity_covariance_ = 0.25 * VelocityChange(kPeriodS);
+}
+
+void MotionModel::StartOver() {
+  const bool recorded = stamps_recorded_;
+  *this = MotionModel(options_);
+  stamps_recorded_ = recorded;
 }
 
 void MotionModel::StartAt(const SE3& T_world_lidar) {

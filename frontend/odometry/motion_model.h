@@ -39,6 +39,10 @@ struct MotionOptions {
   void Visit(OptionVisitor& v);
 };
 
+// Scans farther apart in time do not follow one another as a sensor delivers them: what lies between
+// two of them is more than matching from a prediction can bridge without a known motion.
+inline constexpr double kMostFollowingGapS = 0.25;
+
 // Not thread-safe.
 class MotionModel {
  public:
@@ -89,6 +93,8 @@ class MotionModel {
   void StartMoving(const Vector6d& velocity);
   // Whether stamps are measured. As long as nothing is said they are.
   void SetStampsRecorded(bool recorded) { stamps_recorded_ = recorded; }
+  // Forgets all but whether stamps are measured.
+  void StartOver();
   // Makes this pose the last one; the next scan is expected there.
   void StartAt(const SE3& T_world_lidar);
 
@@ -110,6 +116,10 @@ class MotionModel {
   Vector6d Between(double dt, const Matrix6d& covariance, const Vector6d& velocity) const;
   // This velocity, over the last dt, as far as it may follow from the one before.
   Vector6d WithoutLeap(double dt, const Vector6d& velocity) const;
+  // Covariances of the velocity over dt: as the last one predicts it, and as a pose with this
+  // covariance and the last pose measure it.
+  Matrix6d PredictedVelocity(double dt) const;
+  Matrix6d MeasuredVelocity(double dt, const Matrix6d& covariance) const;
   void UpdateCovariances(double dt, const Matrix6d& covariance);
   void FollowSteps(StampNs stamp_ns, const SE3& T_world_lidar, bool follows);
 

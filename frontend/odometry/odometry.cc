@@ -6,7 +6,7 @@
 
 #include "core/base/angle.h"
 #include "core/base/median.h"
-#include "frontend/matching/degeneracy.h"
+#include "core/geometry/degeneracy.h"
 
 namespace lamina {
 namespace {
@@ -199,7 +199,7 @@ void Odometry::Rematch(const std::vector<TimedCluster>& clusters, const VoxelMap
   MatchDeskewed(&attempt);
   *frame = attempt.frame;
   if (frame->match.status == MatchResult::Status::kTooFewMatches) {
-    Lose(frame);
+    Reject(frame);
   } else {
     frame->T_world_lidar = frame->match.T_world_lidar;
   }
@@ -210,23 +210,26 @@ void Odometry::Judge(const SearchedScan& scan, const PoseHypotheses& hypotheses,
   frame->T_world_lidar = frame->match.T_world_lidar;
   frame->status = OdometryFrame::Status::kTracked;
   bool searched = false;
+  // Without a search no rival is known: then a descent from the prediction must have been enough.
   const auto unique = [&] {
     searched = true;
-    return search_.Unique(scan, hypotheses, frame->match);
+    return options_.search.enabled ? search_.Unique(scan, hypotheses, frame->match)
+                                   : WithinReach(scan.prediction);
   };
   if (Believed(*frame, scan, unique)) {
     frame->elsewhere = Elsewhere(scan, hypotheses, *frame, searched);
   } else {
-    Lose(frame);
+    Reject(frame);
   }
 }
 
-void Odometry::Lose(OdometryFrame* frame) const {
+void Odometry::Reject(OdometryFrame* frame) const {
   frame->status = OdometryFrame::Status::kLost;
   frame->T_world_lidar = frame->T_world_predicted;
   // What was found of the motion during the scan belongs to the match that is not believed.
   frame->sweep = motion_.Twist(frame->stamp_ns);
   frame->acceleration = SweepAcceleration();
+  frame->match.covariance = motion_.Predict(frame->stamp_ns).covariance;
 }
 
 double Odometry::RecentInliers() const { return MedianOf(recent_inliers_); }

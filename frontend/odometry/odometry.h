@@ -31,9 +31,6 @@
 
 namespace lamina {
 
-// At a start, scans farther apart leave more open than matching from a prediction can bridge.
-inline constexpr double kMostStartGapS = 0.25;
-
 // Not thread-safe; deterministic.
 class Odometry {
  public:
@@ -66,6 +63,9 @@ class Odometry {
   void Accept(const OdometryFrame& frame);
   // A frame that was called lost: the next one is for FindAgain.
   void Lose() { lost_ = true; }
+  // No match of the frame is to be trusted: it is lost, and the prediction stands for its pose, its
+  // motion and its covariance.
+  void Reject(OdometryFrame* frame) const;
   bool lost() const { return lost_; }
   // The last pose moves: T -> correction * T.
   void Correct(const SE3& correction) { motion_.Correct(correction); }
@@ -215,8 +215,6 @@ class Odometry {
                                  const VoxelMap& map, bool map_is_older, int passes) const;
   // How often a scan is deskewed again.
   int DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const;
-  // No match of the frame is to be trusted: the prediction stands for its pose and its motion.
-  void Lose(OdometryFrame* frame) const;
   // Status and pose of a frame that was matched.
   void Judge(const SearchedScan& scan, const PoseHypotheses& hypotheses,
              OdometryFrame* frame) const;

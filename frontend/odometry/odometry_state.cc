@@ -30,7 +30,7 @@ void Odometry::Accept(const OdometryFrame& frame) {
 }
 
 void Odometry::StartOver() {
-  motion_ = MotionModel(options_.motion);
+  motion_.StartOver();
   accelerations_ = RecentAccelerations(options_.motion);
   recent_inliers_.clear();
   recent_fits_.clear();

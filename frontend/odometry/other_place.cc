@@ -7,8 +7,8 @@ Vector6d Odometry::Elsewhere(const SearchedScan& scan, const PoseHypotheses& hyp
                              const OdometryFrame& frame, bool searched) const {
   if (!options_.search.enabled) return Vector6d::Zero();
   const bool again = !lost_ && !elsewhere_.isZero();
-  const bool open_start =
-      scan.starting && (!motion_.stamps_recorded() || motion_.Gap(frame.stamp_ns) > kMostStartGapS);
+  const bool open_start = scan.starting && (!motion_.stamps_recorded() ||
+                                            motion_.Gap(frame.stamp_ns) > kMostFollowingGapS);
   if (!again && !searched && !open_start) return Vector6d::Zero();
   if (!again && !hypotheses.empty()) return search_.Elsewhere(scan, hypotheses, frame.match);
   // What the last pose is mistaken by, its motion is as well: the scan is told from other places

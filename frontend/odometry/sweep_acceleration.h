@@ -11,8 +11,9 @@
 // acceleration. With the residuals e, their rows J and weights w, both are found together,
 //
 //     | sum w p^2 J'J          sum w p g J'J           | |delta|     | sum w p e J |
-//     | sum w p g J'J    c^-1 Sigma^-1 + sum w g^2 J'J | |  a  | = - | sum w g e J |,   p = 1 +
-//     tau/t,
+//     | sum w p g J'J    c^-1 Sigma^-1 + sum w g^2 J'J | |  a  | = - | sum w g e J |,
+//
+//     p = 1 + tau / t,
 //
 // Sigma being the second moment of the accelerations of late, and c the share of the information
 // that counts: clusters in one place have errors in common (scan_matcher.h). What is left unknown

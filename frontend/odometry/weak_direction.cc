@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "core/base/thinning.h"
-#include "frontend/matching/degeneracy.h"
+#include "core/geometry/degeneracy.h"
 #include "frontend/matching/direction_profile.h"
 #include "frontend/odometry/odometry.h"
 
@@ -92,7 +92,7 @@ void Odometry::SettleWeakest(Attempt* attempt) const {
     return;
   const Vector6d v =
       divided ? StraightAlong(match.block_step.step_m.normalized()) : match.weakest_direction;
-  const Vector6d off = TimesArm(LocalDelta(match.T_world_lidar, prediction.T_world_lidar));
+  const Vector6d off = ScaledDelta(match.T_world_lidar, prediction.T_world_lidar);
   const double doubtful_m = options_.matcher.max_direction_sigma_m;
   const bool open = Unbridged(prediction, match);
   if (open && std::abs(v.dot(off)) < doubtful_m) return;  // as expected, however unsure that is
@@ -187,7 +187,7 @@ void Odometry::DoubtSurprising(const PosePrediction& prediction, OdometryFrame* 
       match->worst_sigma_m <= kDoubtfulM)
     return;
   const Vector6d v = match->weakest_direction;
-  const Vector6d off = TimesArm(LocalDelta(match->T_world_lidar, prediction.T_world_lidar));
+  const Vector6d off = ScaledDelta(match->T_world_lidar, prediction.T_world_lidar);
   const double off_m = std::abs(v.dot(off));
   const double sigma_m = SigmaAlong(prediction.covariance + match->covariance, v);
   const double usual_m = std::max(kLeastSurpriseM, SwayM(last_shake_, dt, v));

@@ -18,7 +18,7 @@ bool RestAtStart::SetsOff(const OdometryFrame& frame, bool stamp_made_up,
                                      RotationAngle(T_world_rest_, T) > kRestsRad);
   const bool far = (T.t - T_world_begin_.t).norm() > kStartM;
   const bool gap =
-      rested_ > 0 && SecondsBetween(kept_.back().stamp_ns, frame.stamp_ns) > kMostStartGapS;
+      rested_ > 0 && SecondsBetween(kept_.back().stamp_ns, frame.stamp_ns) > kMostFollowingGapS;
   if (frame.status == OdometryFrame::Status::kLost || (far && !rested()) ||
       (moved && rested() && !repeated_)) {
     End();

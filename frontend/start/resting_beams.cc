@@ -45,30 +45,38 @@ void RaysSeenAgain::Add(const std::vector<PointCluster>& before,
   const double agree =
       step_m < kNoStepM ? shares.agree : std::max(shares.agree, beams.Of(clusters, T_turned));
   const double least = kAgree - kAgreeLessPerM * step_m;
-  repeated_ += shares.beside;
-  agree_ += agree;
-  least_ += least;
   // In the noise that is known they agree to no more than in the one that they show.
-  const double as_noise =
+  const double in_noise =
       agree >= kRests ? agree : AsNoise(beams.RangesOff(clusters, T_turned), noise_m_);
-  in_noise_ += as_noise;
-  as_noise_ += agree < least ? as_noise : 1.0;
-  ++pairs_;
+  pairs_.push_back({shares.beside, agree, least, in_noise});
+}
+
+template <typename Of>
+double RaysSeenAgain::Mean(const Of& of) const {
+  double sum = 0.0;
+  for (const Pair& pair : pairs_) sum += of(pair);
+  return sum / static_cast<double>(pairs_.size());
+}
+
+double RaysSeenAgain::Agree() const {
+  return Mean([](const Pair& pair) { return pair.agree; });
 }
 
 bool RaysSeenAgain::Repeated() const {
   constexpr double kRepeated = 0.5;
-  return pairs_ > 0 && repeated_ >= kRepeated * static_cast<double>(pairs_);
+  return !pairs_.empty() && Mean([](const Pair& pair) { return pair.repeated; }) >= kRepeated;
 }
 
 bool RaysSeenAgain::Rests() const {
-  return Repeated() && in_noise_ >= kRests * static_cast<double>(pairs_);
+  return Repeated() && Mean([](const Pair& pair) { return pair.in_noise; }) >= kRests;
 }
 
 bool RaysSeenAgain::Contradict() const {
   // What noise alone makes of it is 0.8.
   constexpr double kAsNoise = 0.72;
-  return Repeated() && agree_ < least_ && as_noise_ < kAsNoise * static_cast<double>(pairs_);
+  if (!Repeated() || Agree() >= Mean([](const Pair& pair) { return pair.least; })) return false;
+  return Mean([](const Pair& pair) { return pair.agree < pair.least ? pair.in_noise : 1.0; }) <
+         kAsNoise;
 }
 
 void RestingBeams::Add(const std::vector<TimedCluster>& clusters, const SE3& T_world_lidar) {

@@ -31,23 +31,29 @@ class RaysSeenAgain {
   // sensor has moved by 4 cm or turned by 0.2 deg: rays that go on by so much end elsewhere anyway.
   void Add(const std::vector<PointCluster>& before, const std::vector<PointCluster>& clusters,
            const SE3& T_before_this);
-  std::size_t pairs() const { return pairs_; }
+  std::size_t pairs() const { return pairs_.size(); }
   // Whether most rays are repeated.
   bool Repeated() const;
   // Whether they are, and all but few of them end where they did, as far as noise goes.
   bool Rests() const;
   // How well they agree, in [0, 1]; of at least one pair.
-  double Agree() const { return agree_ / static_cast<double>(pairs_); }
+  double Agree() const;
   // Whether rays are repeated, and do not end where they did.
   bool Contradict() const;
 
  private:
+  struct Pair {
+    double repeated = 0.0;  // share of the rays
+    double agree = 0.0;     // how well they agree
+    double least = 0.0;     // that, of rays that do not contradict
+    double in_noise = 0.0;  // how well they agree in the noise that they show, at least `agree`
+  };
+  // Of at least one pair.
+  template <typename Of>
+  double Mean(const Of& of) const;
+
   double noise_m_;
-  std::size_t pairs_ = 0;
-  double repeated_ = 0.0, agree_ = 0.0;
-  double least_ = 0.0;     // of agree_
-  double in_noise_ = 0.0;  // how well they agree in the noise that they show, or at least so well
-  double as_noise_ = 0.0;  // the same, and 1 where they agree to the least
+  std::vector<Pair> pairs_;
 };
 
 // The newest scan of a sensor, as long as it moves slowly. Not thread-safe.

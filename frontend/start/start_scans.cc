@@ -72,4 +72,9 @@ double Apart(const std::vector<SE3>& a, const std::vector<SE3>& b) {
   return apart_m;
 }
 
+bool Stands(const std::vector<SE3>& way) {
+  constexpr double kStandsM = 0.3;
+  return Apart(way, std::vector<SE3>(way.size(), way.front())) < kStandsM;
+}
+
 }  // namespace lamina

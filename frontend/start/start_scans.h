@@ -75,5 +75,7 @@ Eigen::Vector3d LeastFaced(const Eigen::Matrix3d& faced);
 
 // The largest distance between two ways.
 double Apart(const std::vector<SE3>& a, const std::vector<SE3>& b);
+// Whether a way stays within 0.3 m of where it begins.
+bool Stands(const std::vector<SE3>& way);
 
 }  // namespace lamina

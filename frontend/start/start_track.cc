@@ -60,7 +60,7 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
                      const std::vector<TimedCluster>& clusters) {
   if (!scans_.empty()) {
     const double gap_s = SecondsBetween(scans_.all().back().stamp_ns, frame.stamp_ns);
-    if (gap_s <= 0.0 || gap_s > kMostStartGapS) return Clear();
+    if (gap_s <= 0.0 || gap_s > kMostFollowingGapS) return Clear();
   }
   seen_.stamps_recorded = seen_.stamps_recorded && !stamp_made_up;
   scans_.Add({frame.stamp_ns, clusters, frame.T_world_lidar, SweepMotion()});

@@ -107,9 +107,8 @@ bool StartTrack::ToldByBeams(const MatchResult& second) const {
 }
 
 bool StartTrack::BeamsContradict(const std::vector<SE3>& poses) const {
-  constexpr double kStandsM = 0.3;
   constexpr std::size_t kLeastPairs = 3;
-  if (Apart(poses, std::vector<SE3>(poses.size(), poses.front())) >= kStandsM) return false;
+  if (!Stands(poses)) return false;
   RaysSeenAgain rays(steady_.noise_m);
   // What sets off has moved by the second half of the scans.
   for (std::size_t k = poses.size() / 2; k < poses.size(); ++k)

@@ -19,8 +19,8 @@ double StartTrack::Better(const Hypothesis& a, const Hypothesis& b) const {
       ++i;
     }
   }
-  const double z = differences.Sigmas();
-  const double squared = z * std::abs(z) + Unsteadiness(b.poses) - Unsteadiness(a.poses);
+  const double squared =
+      ClearSquared(differences.Sigmas(), Unsteadiness(b.poses) - Unsteadiness(a.poses));
   return std::copysign(std::sqrt(std::abs(squared)), squared);
 }
 

@@ -92,17 +92,13 @@ void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
   const SteadyAlong fine = FindAhead(poses, steady_.noise_m, Asked::kAll);
   const SteadyAlong rough = FindAhead(poses, kRoughM);
   // Of a way that is none to speak of all scans are of one place, whatever else moves.
-  constexpr double kStandsM = 0.3;
-  const auto is_way = [](const std::vector<SE3>& way) {
-    return Apart(way, std::vector<SE3>(way.size(), way.front())) >= kStandsM;
-  };
-  const bool stands = !is_way(own);
+  const bool stands = Stands(own);
   // A way that is one, and as sharp as the steady motion nearest to it, is not refuted by a speed
   // that decimetres see as well, as along a row of like things. Who sets off on foot walks evenly
   // half a second later, which differs from a constant acceleration.
   const bool near =
       fine.apart_m <= kAgreesM || (fine.apart_m <= kAlikeM && fine.sharper < kLikelySigmas);
-  if (near && is_way(poses) && rough.sharper < kDoubtedSigmas)
+  if (near && !Stands(poses) && rough.sharper < kDoubtedSigmas)
     return SameWay(poses, own) ? Clear() : TakeBest();
   if (Apart(own, fine.poses) <= kAgreesM && Apart(own, rough.poses) <= kAgreesM) {
     // What went along for a while may have drawn it aside by less than ways may differ.

@@ -1,6 +1,7 @@
 #include "tools/calibrate/command.h"
 
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
 #include <array>
@@ -13,6 +14,7 @@
 #include "core/base/error.h"
 #include "tools/cli/common.h"
 #include "tools/cli/options.h"
+#include "tools/run/opening_choice.h"
 
 namespace lamina {
 namespace {
@@ -64,8 +66,11 @@ class CalibrationInput {
       : source_(OpenScans(arguments.scans, config.scans)),
         range_(ParseFrameRange(arguments.frames, source_->size())),
         mode_(ProgressMode(arguments.progress)),
-        quiet_(arguments.progress == "off"),
-        mapping_(config.Mapping()) {
+        quiet_(arguments.progress == "off") {
+    // Sweeps that are taken for instantaneous bend what the sensor's angles are found by.
+    const OpeningChoice choice = ChooseOpening(*source_, range_, config, nullptr, StopOnSignals());
+    for (const std::string& warning : choice.Warnings()) spdlog::warn("{}", warning);
+    mapping_ = choice.config.Mapping();
     mapping_.loops.enabled = false;
     BeginProgress();
   }

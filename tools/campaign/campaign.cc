@@ -120,34 +120,36 @@ class Campaign {
   fs::path Drive(const std::string& name) const {
     return fs::path(arguments_.out) / "drives" / name;
   }
-  std::string MadeOf(const ListedRecording& recording) const {
-    return fmt::format("# scans: {}\n# frames: {}\n# topic: {}\n{}", recording.scans,
-                       recording.frames, recording.topic, ResultOptionsToYaml(config_));
+  // Of recording i. Its size tells that it has grown or was replaced.
+  std::string MadeOf(std::size_t i) const {
+    const ListedRecording& recording = recordings_[i];
+    return fmt::format("# scans: {}\n# bytes: {}\n# frames: {}\n# topic: {}\n{}", recording.scans,
+                       bytes_[i], recording.frames, recording.topic, ResultOptionsToYaml(config_));
   }
 
   void Map() {
-    std::vector<std::uintmax_t> bytes;
-    for (const ListedRecording& recording : recordings_) bytes.push_back(BytesOf(recording.scans));
+    for (const ListedRecording& recording : recordings_) bytes_.push_back(BytesOf(recording.scans));
     // Files may grow meanwhile: what rank 0 sees counts.
     StateArchive sizes;
-    sizes(&bytes);
+    sizes(&bytes_);
     const std::vector<std::string> seen = ranks_.Exchange(sizes.written());
     StateArchive of_first(seen.front());
-    of_first(&bytes);
-    const std::vector<std::size_t> owner = DealOut(bytes, ranks_.size());
+    of_first(&bytes_);
+    const std::vector<std::size_t> owner = DealOut(bytes_, ranks_.size());
     std::vector<Outcome> mine;
     Together(ranks_, [&] {
       for (std::size_t i = 0; i < recordings_.size(); ++i) {
-        if (owner[i] == ranks_.rank()) mine.push_back(MapOne(recordings_[i]));
+        if (owner[i] == ranks_.rank()) mine.push_back(MapOne(i));
       }
     });
     outcomes_ =
         ShareOut<Outcome>(owner, Sharing(), [&](const std::vector<std::size_t>&) { return mine; });
   }
 
-  Outcome MapOne(const ListedRecording& recording) const {
+  Outcome MapOne(std::size_t i) const {
+    const ListedRecording& recording = recordings_[i];
     if (stop_) throw InterruptedError("what is mapped until now is kept; start it again to go on");
-    const std::string made_of = MadeOf(recording);
+    const std::string made_of = MadeOf(i);
     const fs::path drive = Drive(recording.name);
     if (HoldsText(drive / kMadeOf, made_of) &&
         (!ByKeyframes() || fs::exists(drive / kKeyframeFileName))) {
@@ -196,7 +198,7 @@ class Campaign {
       for (std::size_t i = 0; i < recordings_.size(); ++i) {
         if (outcomes_[i].status == Status::kLeftOut) continue;
         folders.push_back(Drive(recordings_[i].name).string());
-        made_of += fmt::format("# drive: {}\n{}", recordings_[i].name, MadeOf(recordings_[i]));
+        made_of += fmt::format("# drive: {}\n{}", recordings_[i].name, MadeOf(i));
       }
       if (folders.empty()) throw InputError("not one of the recordings could be mapped");
     });
@@ -285,7 +287,8 @@ class Campaign {
   const std::atomic<bool>& stop_;
   std::vector<ListedRecording> recordings_;
   LaminaConfig config_;
-  std::vector<Outcome> outcomes_;  // of each recording
+  std::vector<std::uintmax_t> bytes_;  // of each recording, as rank 0 sees them
+  std::vector<Outcome> outcomes_;      // of each recording
 };
 
 }  // namespace

@@ -241,12 +241,20 @@ void DrawPictures(const EvalArguments& a, const std::vector<NamedTrajectory>& es
   for (const std::string& path : written) fmt::print("wrote {}\n", path);
 }
 
+// As the run whose trajectory is judged has read and deskewed its scans, unless it is said how.
+std::string ConfigFile(const EvalArguments& a) {
+  if (!a.config.file.empty()) return a.config.file;
+  const std::filesystem::path of_run =
+      std::filesystem::path(a.estimate).parent_path() / "config.yaml";
+  return std::filesystem::exists(of_run) ? of_run.string() : "";
+}
+
 int RunEval(const EvalArguments& a) {
   CheckArguments(a);
   LaminaConfig config;
   std::unique_ptr<ScanSource> scans;
   if (!a.scans.empty()) {
-    config = LoadConfig(a.config.file, a.config.set);
+    config = LoadConfig(ConfigFile(a), a.config.set);
     scans = OpenScans(a.scans, config.scans);
   }
   const PosedPart posed = FindPart(a, scans.get());
@@ -299,7 +307,9 @@ void AddScanOptions(CLI::App* command, EvalArguments* a) {
                    "from it. It also lends its stamps to KITTI pose files")
       ->type_name("PATH");
   AddTopicOption(command, &a->config);
-  AddConfigOptions(command, "; what counts is how scans are read, deskewed and corrected",
+  AddConfigOptions(command,
+                   "; what counts is how scans are read, deskewed and corrected. Default: the "
+                   "config.yaml beside --estimate",
                    &a->config);
 }
 

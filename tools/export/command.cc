@@ -17,6 +17,7 @@
 #include "tools/cli/options.h"
 #include "tools/export/cloud.h"
 #include "tools/export/trajectory.h"
+#include "tools/results/map_origin.h"
 #include "tools/results/output_folder.h"
 #include "tools/results/piece_poses.h"
 #include "tools/results/recording_part.h"
@@ -35,15 +36,85 @@ struct ExportArguments {
   std::string out;
   std::string trajectory;
   double resolution_m = 0.1;
+  std::int64_t piece = 0;
+  std::optional<std::int64_t> drive;
   ExportOptions options;
 };
+
+// Poses of a piece, and what frames.csv tells of each, or nothing of any.
+struct PosesOfRun {
+  Trajectory poses;
+  std::vector<FrameRow> rows;
+  std::size_t lost = 0;  // left out: where a scan was that matched nothing is not known
+
+  // Those for which `keep` holds.
+  template <typename Predicate>
+  void KeepIf(const Predicate& keep) {
+    Trajectory poses_kept;
+    std::vector<FrameRow> rows_kept;
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      if (!keep(rows[i])) continue;
+      poses_kept.push_back(poses[i]);
+      rows_kept.push_back(rows[i]);
+    }
+    poses = std::move(poses_kept);
+    rows = std::move(rows_kept);
+  }
+};
+
+// The drive of a merged map that is this recording. Stamps alone may not tell, as where recordings
+// begin at zero.
+std::int64_t DriveOf(const ScanSource& scans, const PosesOfRun& run,
+                     const ExportArguments& arguments) {
+  std::map<std::int64_t, Trajectory> drives;
+  for (std::size_t i = 0; i < run.rows.size(); ++i)
+    drives[run.rows[i].drive].push_back(run.poses[i]);
+  if (arguments.drive) {
+    if (drives.count(*arguments.drive) > 0) return *arguments.drive;
+    throw OptionError(fmt::format("--drive {}: {} has no poses of such a drive in piece {}",
+                                  *arguments.drive, arguments.run, arguments.piece));
+  }
+  std::map<std::int64_t, std::size_t> fitting;
+  for (const auto& [drive, poses] : drives) {
+    const std::size_t posed = PoseScans(scans, poses, kStampToleranceS).size();
+    if (2 * posed >= poses.size()) fitting[drive] = posed;
+  }
+  if (fitting.size() > 1) {
+    std::string names;
+    for (const auto& [drive, posed] : fitting)
+      names += fmt::format("{}{}", names.empty() ? "" : ", ", drive);
+    throw OptionError(fmt::format(
+        "--drive is needed: by their stamps the scans of {} may be those of drives {} of {}, in "
+        "the order in which summary.json lists them",
+        arguments.scans, names, arguments.run));
+  }
+  return fitting.empty() ? drives.begin()->first : fitting.begin()->first;
+}
+
+// In the frame of the map.
+PosesOfRun ReadPosesOf(const ScanSource& scans, const ExportArguments& arguments) {
+  PosesOfRun run;
+  run.poses = ReadPiece(arguments.run, arguments.piece, &run.rows);
+  const Eigen::Vector3d origin = ReadMapOrigin(arguments.run);
+  MoveIntoMap(origin, &run.poses);
+  if (!origin.isZero())
+    fmt::print("coordinates are those of the map, whose origin is at {} {} {} (summary.json)\n",
+               origin.x(), origin.y(), origin.z());
+  if (run.rows.empty()) return run;
+  const std::int64_t drive = DriveOf(scans, run, arguments);
+  run.KeepIf([&](const FrameRow& row) { return row.drive == drive; });
+  const std::size_t all = run.poses.size();
+  run.KeepIf([](const FrameRow& row) { return row.status != "lost"; });
+  run.lost = all - run.poses.size();
+  return run;
+}
 
 // Whether the scans are those that the run has posed: as many in all, and where the run tells, the
 // same points in the first, the middle and the last.
 void RequireSameRecording(const ScanSource& scans, const std::vector<PosedScan>& posed,
-                          const ExportArguments& arguments, const Trajectory& trajectory,
-                          const std::vector<FrameRow>& rows,
+                          const ExportArguments& arguments, const PosesOfRun& run,
                           const ScanPreparationOptions& preparation) {
+  const auto& [trajectory, rows, lost] = run;
   const auto refuse = [&](const std::string& why) {
     throw InputError(fmt::format("{} and {} do not belong together: {}; is it another recording?",
                                  arguments.run, arguments.scans, why));
@@ -53,7 +124,8 @@ void RequireSameRecording(const ScanSource& scans, const std::vector<PosedScan>&
     refuse(fmt::format("the run is of a recording of {} scans, this one has {}", part->scans,
                        scans.size()));
   }
-  const std::size_t wanted = part ? trajectory.size() : std::max(trajectory.size(), scans.size());
+  const std::size_t wanted =
+      part || arguments.drive ? trajectory.size() : std::max(trajectory.size(), scans.size());
   if (2 * posed.size() < (rows.empty() ? wanted : trajectory.size())) {
     refuse(fmt::format("{} of {} poses have the stamp of one of the {} scans", posed.size(),
                        trajectory.size(), scans.size()));
@@ -86,22 +158,21 @@ int ExportCloudOf(const ExportArguments& arguments) {
   const std::filesystem::path run = arguments.run;
   LaminaConfig config = LoadConfig((run / "config.yaml").string(), {});
   config.scans.topic = arguments.topic.value_or(config.scans.topic);
-  std::vector<FrameRow> rows;
-  const Trajectory trajectory = ReadFirstPiece(arguments.run, &rows);
   const std::unique_ptr<ScanSource> scans = OpenScans(arguments.scans, config.scans);
+  const PosesOfRun poses = ReadPosesOf(*scans, arguments);
   ExportOptions options = arguments.options;
   options.resolution_m = arguments.resolution_m;
   options.preparation = config.preparation;
   options.frame_period_s = config.scans.frame_period_s;
 
-  const std::vector<PosedScan> posed = PoseScans(*scans, trajectory, kStampToleranceS);
+  const std::vector<PosedScan> posed = PoseScans(*scans, poses.poses, kStampToleranceS);
   if (posed.empty()) {
     throw InputError(fmt::format(
         "{}: none of its {} poses has the stamp of one of the {} scans of {}; is it another "
         "recording?",
-        (run / "trajectory_tum.txt").string(), trajectory.size(), scans->size(), arguments.scans));
+        (run / "trajectory_tum.txt").string(), poses.poses.size(), scans->size(), arguments.scans));
   }
-  RequireSameRecording(*scans, posed, arguments, trajectory, rows, config.preparation);
+  RequireSameRecording(*scans, posed, arguments, poses, config.preparation);
   const std::string ending = arguments.format == "copc" ? "copc.laz" : arguments.format;
   const std::string out =
       arguments.out.empty() ? (run / ("cloud." + ending)).string() : arguments.out;
@@ -109,11 +180,21 @@ int ExportCloudOf(const ExportArguments& arguments) {
   CloudWriter writer(out);
   const ExportResult result = ExportCloud(*scans, posed, options, &writer, &StopOnSignals());
   if (result.interrupted) throw InterruptedError("nothing is written");
+  if (result.points == 0) {
+    throw InputError(fmt::format(
+        "no point is left: {} are too far from the origin for voxels of {} m, all others out of "
+        "range; nothing is written",
+        result.points_beyond_grid, options.resolution_m));
+  }
   writer.Commit();
   fmt::print("{}: {} points, one per {} m voxel, of {} scans ({} of {} poses, {} of the recording)",
              out, result.points, options.resolution_m, posed.size(), posed.size(),
-             trajectory.size(), scans->size());
+             poses.poses.size(), scans->size());
   fmt::print(", in {} {}\n", result.passes, result.passes == 1 ? "pass" : "passes");
+  if (poses.lost > 0) {
+    fmt::print("left out {} scans that were lost: where they were taken is not known\n",
+               poses.lost);
+  }
   if (result.points_beyond_grid > 0) {
     fmt::print("left out {} points too far from the origin for voxels of {} m\n",
                result.points_beyond_grid, options.resolution_m);
@@ -160,6 +241,20 @@ void AddExportCommand(CLI::App* app, std::function<int()>* run) {
                    "Edge of the voxels of which each keeps its first point")
       ->type_name("METRES")
       ->capture_default_str()
+      ->needs(scans);
+  command
+      ->add_option("--piece", arguments->piece,
+                   "The piece of the map of which poses are taken, with those joined to it")
+      ->type_name("N")
+      ->capture_default_str()
+      ->check(CLI::NonNegativeNumber)
+      ->needs(scans);
+  command
+      ->add_option("--drive", arguments->drive,
+                   "Of a merged map, the drive that the recording is. Default: the one whose "
+                   "stamps it has")
+      ->type_name("N")
+      ->check(CLI::NonNegativeNumber)
       ->needs(scans);
   command->add_option("--format", arguments->format, "Format of the default output file")
       ->check(CLI::IsMember({"ply", "pcd", "las", "laz", "copc"}))

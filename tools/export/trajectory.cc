@@ -28,15 +28,17 @@ std::string StampText(StampNs stamp_ns) {
 std::string CsvText(const Trajectory& poses, const std::vector<FrameRow>& rows) {
   const bool known = !rows.empty() && !rows.front().covariance.empty();
   std::string text = "stamp_s,x,y,z,qx,qy,qz,qw,piece";
+  if (!rows.empty()) text += ",status";
   text += known ? ",cov_rx,cov_ry,cov_rz,cov_x,cov_y,cov_z\n" : "\n";
   std::map<std::int64_t, std::string> pieces;
   for (std::size_t i = 0; i < poses.size(); ++i) {
     const std::int64_t piece = rows.empty() ? 0 : rows[i].piece;
     const SE3& T = poses[i].T_world_lidar;
-    pieces[piece] +=
-        fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{}{}{}\n",
-                    StampText(poses[i].stamp_ns), T.t.x(), T.t.y(), T.t.z(), T.q.x(), T.q.y(),
-                    T.q.z(), T.q.w(), piece, known ? "," : "", known ? rows[i].covariance : "");
+    pieces[piece] += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{}{}{}{}{}\n",
+                                 StampText(poses[i].stamp_ns), T.t.x(), T.t.y(), T.t.z(), T.q.x(),
+                                 T.q.y(), T.q.z(), T.q.w(), piece, rows.empty() ? "" : ",",
+                                 rows.empty() ? "" : rows[i].status, known ? "," : "",
+                                 known ? rows[i].covariance : "");
   }
   for (const auto& [piece, lines] : pieces) text += lines;
   return text;

@@ -32,6 +32,7 @@ bool IsOdometry(const G2oGraph& file, const G2oEdge& edge) {
 AnchorGraph GraphOf(const G2oGraph& file, bool robust) {
   AnchorGraph graph;
   graph.poses = file.poses;
+  graph.fixed = file.fixed;
   for (const G2oEdge& edge : file.edges) {
     const bool certain = !robust || IsOdometry(file, edge);
     (certain ? graph.odometry : graph.loops)

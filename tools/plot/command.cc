@@ -11,6 +11,7 @@
 #include "core/base/error.h"
 #include "io/points/scan_file.h"
 #include "tools/plot/gnuplot.h"
+#include "tools/results/map_origin.h"
 #include "tools/results/output_folder.h"
 #include "tools/results/piece_poses.h"
 
@@ -52,7 +53,9 @@ int DrawRun(const PlotArguments& arguments) {
   }
   plot.cloud.colour_range = HeightRange(plot.cloud.points);
   PlotSeries path{"trajectory", {}};
-  for (const StampedPose& pose : ReadFirstPiece(arguments.run)) {
+  Trajectory poses = ReadPiece(arguments.run, 0);
+  MoveIntoMap(ReadMapOrigin(arguments.run), &poses);
+  for (const StampedPose& pose : poses) {
     path.points.push_back(pose.T_world_lidar.t.head<2>());
   }
   plot.series.push_back(std::move(path));

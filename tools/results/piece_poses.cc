@@ -34,7 +34,7 @@ std::vector<FrameRow> ReadFrameRows(const std::string& folder) {
     return static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin());
   };
   const std::size_t status = column("status"), stamp = column("stamp_s"), points = column("points");
-  const std::size_t own = column("piece");
+  const std::size_t own = column("piece"), drive = column("drive");
   const std::size_t piece = column("frame") < names.size() ? column("frame") : own;
   const std::size_t covariance = column("cov_rx");
   const bool has_covariance = column("cov_z") < names.size() && column("cov_z") == covariance + 5;
@@ -54,6 +54,7 @@ std::vector<FrameRow> ReadFrameRows(const std::string& folder) {
     FrameRow& row = rows.emplace_back();
     row.piece = static_cast<std::int64_t>(number(piece));
     row.own_piece = static_cast<std::int64_t>(number(own));
+    if (drive < names.size()) row.drive = static_cast<std::int64_t>(number(drive));
     row.status = cells[status];
     row.has_pose = is("first") || is("tracked") || is("degenerate") || is("lost");
     StampNs stamp_ns = 0;
@@ -120,25 +121,27 @@ std::map<std::int64_t, Trajectory> SplitIntoPieces(const std::string& path, cons
   return split;
 }
 
-Trajectory ReadFirstPiece(const std::string& folder, std::vector<FrameRow>* rows) {
+Trajectory ReadPiece(const std::string& folder, std::int64_t piece, std::vector<FrameRow>* rows) {
   const Trajectory all =
       ReadTrajectory((std::filesystem::path(folder) / "trajectory_tum.txt").string());
   const std::vector<FrameRow> of_all = ReadPosedRows(folder, all);
   if (rows != nullptr) rows->clear();
-  if (of_all.empty()) return all;
-  Trajectory first;
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    if (of_all[i].piece != 0) continue;
-    first.push_back(all[i]);
+  if (of_all.empty() && piece == 0) return all;
+  Trajectory own;
+  for (std::size_t i = 0; i < of_all.size(); ++i) {
+    if (of_all[i].piece != piece) continue;
+    own.push_back(all[i]);
     if (rows != nullptr) rows->push_back(of_all[i]);
   }
-  if (first.size() < all.size()) {
+  if (own.empty())
+    throw InputError(fmt::format("{}: has no poses in the frame of piece {}", folder, piece));
+  if (own.size() < all.size()) {
     spdlog::warn(
-        "{}: {} of {} poses are of pieces of the map that are not connected to the first one, and "
-        "left out",
-        folder, all.size() - first.size(), all.size());
+        "{}: {} of {} poses are of pieces of the map that are not connected to piece {}, and left "
+        "out",
+        folder, all.size() - own.size(), all.size(), piece);
   }
-  return first;
+  return own;
 }
 
 }  // namespace lamina

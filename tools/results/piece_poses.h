@@ -22,6 +22,7 @@ std::vector<std::string_view> SplitAtCommas(std::string_view line);
 struct FrameRow {
   std::int64_t piece = 0;      // in whose frame the pose is
   std::int64_t own_piece = 0;  // that it was mapped in
+  std::int64_t drive = 0;      // of a merged map
   bool has_pose = false;       // it was not skipped
   std::string status;
   // Nothing if there is no such column.
@@ -51,8 +52,9 @@ std::vector<std::int64_t> ReadPieces(const std::string& folder, const Trajectory
 std::map<std::int64_t, Trajectory> SplitIntoPieces(const std::string& path, const Trajectory& poses,
                                                    std::size_t first_line = 0);
 
-// The poses of trajectory_tum.txt that are of the first piece. `rows` become those of these poses,
-// or empty. Throws InputError.
-Trajectory ReadFirstPiece(const std::string& folder, std::vector<FrameRow>* rows = nullptr);
+// The poses of trajectory_tum.txt that are of a piece. `rows` become those of these poses, or empty.
+// Throws InputError, also where there is no such piece.
+Trajectory ReadPiece(const std::string& folder, std::int64_t piece,
+                     std::vector<FrameRow>* rows = nullptr);
 
 }  // namespace lamina

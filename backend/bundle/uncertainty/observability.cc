@@ -11,7 +11,7 @@
 #include "backend/bundle/plane_geometry.h"
 #include "backend/bundle/uncertainty/sliding_groups.h"
 #include "core/base/disjoint_sets.h"
-#include "frontend/matching/degeneracy.h"
+#include "core/geometry/degeneracy.h"
 
 namespace lamina {
 namespace {

@@ -8,7 +8,7 @@
 //   sliding group    frames that are determined among themselves, but not against the others: two
 //                    rooms that have the floor in common, and nothing else
 //
-// A frame's directions are judged as in matching (frontend/matching/degeneracy.h), with the rows of
+// A frame's directions are judged as in matching (core/geometry/degeneracy.h), with the rows of
 // the condensed cost: a direction is open where what faces it leaves it less certain than
 // `max_direction_sigma_m`. The same holds for the directions of a group against what it shares
 // planes with (rigid_groups.h, sliding_groups.h). A gap between neighbours makes a group, not the

@@ -6,7 +6,7 @@
 #include <queue>
 #include <utility>
 
-#include "frontend/matching/degeneracy.h"
+#include "core/geometry/degeneracy.h"
 
 namespace lamina {
 namespace {

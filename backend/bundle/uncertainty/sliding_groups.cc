@@ -7,7 +7,7 @@
 #include <map>
 #include <utility>
 
-#include "frontend/matching/degeneracy.h"
+#include "core/geometry/degeneracy.h"
 
 namespace lamina {
 namespace {

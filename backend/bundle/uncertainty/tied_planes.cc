@@ -4,7 +4,7 @@
 #include <algorithm>
 
 #include "core/base/parallel.h"
-#include "frontend/matching/degeneracy.h"
+#include "core/geometry/degeneracy.h"
 
 namespace lamina {
 namespace {

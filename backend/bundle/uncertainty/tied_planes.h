@@ -14,7 +14,7 @@
 // plane ties no better than the one that knows it worse.
 //
 // Part of it may be feigned by a wrong normal, as for single frames
-// (frontend/matching/degeneracy.h): with E_1, E_2 the same sums for the motion along u1 and u2, and
+// (core/geometry/degeneracy.h): with E_1, E_2 the same sums for the motion along u1 and u2, and
 // a^2 = NormalError2 of the plane, what counts is
 //
 //     weight * max(0, E_n - a^2 (E_n + E_1 + E_2))

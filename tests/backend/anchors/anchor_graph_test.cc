@@ -150,6 +150,23 @@ TEST(AnchorGraph, PartsThatNothingJoinsKeepTheirFirstPose) {
   EXPECT_THROW(SolveAnchorGraph(graph, {}), std::out_of_range);
 }
 
+TEST(AnchorGraph, FixedPosesStayWhereTheyAre) {
+  const auto at = [](double x) { return SE3(Eigen::Quaterniond::Identity(), {x, 0.0, 0.0}); };
+  AnchorGraph graph;
+  graph.poses = {at(0.0), at(1.1), at(2.3)};
+  graph.odometry = {{0, 1, at(1.0), Information(0.1, 0.1)}, {1, 2, at(1.0), Information(0.1, 0.1)}};
+  graph.fixed = {2};
+  AnchorGraphResult result = SolveAnchorGraph(graph, {});
+  ASSERT_TRUE(result.good);
+  EXPECT_EQ(result.poses[2].t.x(), 2.3);
+  EXPECT_NEAR(result.poses[0].t.x(), 0.3, 1e-6);
+  graph.fixed = {0, 2};
+  result = SolveAnchorGraph(graph, {});
+  EXPECT_EQ(result.poses[0].t.x(), 0.0);
+  EXPECT_EQ(result.poses[2].t.x(), 2.3);
+  EXPECT_NEAR(result.poses[1].t.x(), 1.15, 1e-6);
+}
+
 TEST(AnchorGraph, NothingIsSolvedAtOnce) {
   EXPECT_TRUE(SolveAnchorGraph({}, {}).good);
   AnchorGraph one;

@@ -7,8 +7,8 @@
 #include <random>
 #include <vector>
 
+#include "core/geometry/degeneracy.h"
 #include "core/geometry/robust_kernel.h"
-#include "frontend/matching/degeneracy.h"
 #include "frontend/matching/line_of_sight.h"
 #include "frontend/matching/map_residuals.h"
 #include "frontend/matching/scan_matcher.h"

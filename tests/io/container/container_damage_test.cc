@@ -84,7 +84,9 @@ TEST_F(ContainerTest, OfACutFileThereIsWhatIsBeforeTheCut) {
         EXPECT_TRUE(before == 0 || name == "cut.db3") << error.what();
       }
     }
-    EXPECT_GE(before, name == "cut.db3" ? 0U : 17U) << name;
+    // A database keeps its rows in no order that a cut would leave.
+    if (name == "cut.db3") continue;
+    EXPECT_GE(before, 17U) << name;
   }
 }
 

@@ -95,6 +95,11 @@ TEST_F(CampaignTest, MapsAndJoinsLeavesOutWhatIsBrokenAndGoesOn) {
   const auto map = fs::last_write_time(Path("out/map/submaps.bin"));
   EXPECT_THAT(Lamina(Arguments(list, "out")).out, HasSubstr("their map is there already"));
   EXPECT_EQ(fs::last_write_time(Path("out/map/submaps.bin")), map);
+  // A recording that has changed is mapped anew.
+  fs::remove(Path("second/velodyne/" + ScanName(25)));
+  Lamina(Arguments(list, "out"));
+  EXPECT_EQ(Figures("out")["recordings"][0]["status"], "there already");
+  EXPECT_EQ(Figures("out")["recordings"][1]["status"], "mapped");
   std::vector<std::string> other = Arguments(list, "out");
   other.insert(other.end(), {"--set", "backend.window.frames=12"});
   Lamina(other);

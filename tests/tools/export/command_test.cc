@@ -125,10 +125,10 @@ TEST_F(ExportCommandTest, TrajectoriesAreTablesAndLinesOfMaps) {
   ASSERT_EQ(Run({"--trajectory", Path("known.csv")}, false), 0);
   std::ifstream known(Path("known.csv"));
   std::getline(known, line);
-  EXPECT_EQ(line, "stamp_s,x,y,z,qx,qy,qz,qw,piece,cov_rx,cov_ry,cov_rz,cov_x,cov_y,cov_z");
+  EXPECT_EQ(line, "stamp_s,x,y,z,qx,qy,qz,qw,piece,status,cov_rx,cov_ry,cov_rz,cov_x,cov_y,cov_z");
   std::getline(known, line);
   std::getline(known, second);
-  EXPECT_EQ(second, "1.500000000,0,0.25,0,0,0,0,1,0,1e-6,2e-6,3e-6,4e-4,5e-4,6e-4");
+  EXPECT_EQ(second, "1.500000000,0,0.25,0,0,0,0,1,0,tracked,1e-6,2e-6,3e-6,4e-4,5e-4,6e-4");
   ASSERT_EQ(Run({"--trajectory", Path("way.geojson")}, false), 0);
   const auto json = nlohmann::json::parse(std::ifstream(Path("way.geojson")));
   EXPECT_EQ(json["type"], "FeatureCollection");
@@ -138,6 +138,74 @@ TEST_F(ExportCommandTest, TrajectoriesAreTablesAndLinesOfMaps) {
   EXPECT_EQ(json["features"][0]["geometry"]["coordinates"][3], nlohmann::json({0.0, 1.0, 0.0}));
   EXPECT_EQ(json["features"][0]["properties"]["last_stamp_s"], "4.500000000");
   EXPECT_THROW(Run({"--trajectory", Path("way.kml")}, false), OptionError);
+}
+
+TEST_F(ExportCommandTest, ScansThatWereLostAreLeftOut) {
+  std::ofstream(Path("run/frames.csv")) << "scan,stamp_s,status,piece\n"
+                                           "0,0.500000000,first,0\n"
+                                           "1,1.500000000,lost,0\n"
+                                           "2,2.500000000,too few points,0\n"
+                                           "3,3.500000000,tracked,0\n"
+                                           "4,4.500000000,degenerate,0\n";
+  ASSERT_EQ(Run({}), 0);
+  const Scan cloud = ReadScanFile(Path("run/cloud.ply"), {});
+  ASSERT_EQ(cloud.points.size(), 3U);
+  for (const ScanPoint& p : cloud.points) EXPECT_NE(p.intensity, 1.0F);
+}
+
+TEST_F(ExportCommandTest, APieceOfItsOwnIsWrittenWhereItIsAskedFor) {
+  std::ofstream(Path("run/frames.csv")) << "scan,stamp_s,status,piece\n"
+                                           "0,0.500000000,first,0\n"
+                                           "1,1.500000000,tracked,0\n"
+                                           "3,3.500000000,first,2\n"
+                                           "4,4.500000000,tracked,2\n";
+  ASSERT_EQ(Run({"--piece", "2"}), 0);
+  const Scan cloud = ReadScanFile(Path("run/cloud.ply"), {});
+  ASSERT_EQ(cloud.points.size(), 2U);
+  for (const ScanPoint& p : cloud.points) EXPECT_GE(p.intensity, 3.0F);
+  EXPECT_THROW(Run({"--piece", "1"}), InputError);
+}
+
+// Both drives of a merged map begin at zero.
+TEST_F(ExportCommandTest, TheDriveOfAMergedMapIsToldWhereStampsDoNot) {
+  Trajectory both;
+  std::ofstream frames(Path("run/frames.csv"));
+  frames << "scan,stamp_s,status,piece,frame,drive\n";
+  for (int drive = 0; drive < 2; ++drive) {
+    for (int i = 0; i < 5; ++i) {
+      both.push_back({i * StampNs{1000000000} + 500000000,
+                      SE3(Eigen::Quaterniond::Identity(), {0.0, 0.25 * i, 10.0 * drive})});
+      frames << i << "," << i << ".500000000,tracked,0,0," << drive << "\n";
+    }
+  }
+  frames.close();
+  WriteTumTrajectory(Path("run/trajectory_tum.txt"), both);
+  try {
+    Run({});
+    FAIL() << "one of two drives was taken";
+  } catch (const OptionError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("--drive is needed"));
+    EXPECT_THAT(error.what(), HasSubstr("drives 0, 1"));
+  }
+  ASSERT_EQ(Run({"--drive", "1"}), 0);
+  const Scan cloud = ReadScanFile(Path("run/cloud.ply"), {});
+  ASSERT_EQ(cloud.points.size(), 5U);
+  for (const ScanPoint& p : cloud.points) EXPECT_NEAR(p.z, 10.0, 1e-6);
+  EXPECT_THROW(Run({"--drive", "2"}), OptionError);
+}
+
+TEST_F(ExportCommandTest, PosesOnANationalGridAreBroughtIntoTheMap) {
+  const Eigen::Vector3d grid(500'000.0, 5'400'000.0, 300.0);
+  Trajectory poses = ReadTrajectory(Path("run/trajectory_tum.txt"));
+  for (StampedPose& pose : poses) pose.T_world_lidar.t += grid;
+  WriteTumTrajectory(Path("run/trajectory_tum.txt"), poses);
+  EXPECT_THROW(Run({}), InputError) << "all points are too far away";
+  EXPECT_FALSE(std::filesystem::exists(Path("run/cloud.ply")));
+  std::ofstream(Path("run/summary.json")) << R"({"map_origin_m": [500000.0, 5400000.0, 300.0]})";
+  ASSERT_EQ(Run({}), 0);
+  const Scan cloud = ReadScanFile(Path("run/cloud.ply"), {});
+  ASSERT_EQ(cloud.points.size(), 4U);
+  for (const ScanPoint& p : cloud.points) EXPECT_NEAR(p.x, 10.0, 1e-4);
 }
 
 TEST_F(ExportCommandTest, SaysWhatIsWrongAndLeavesNothing) {

@@ -82,7 +82,9 @@ TEST(SimulateStudy, ARowsSeedGivesItsSceneAgain) {
 TEST(SimulateStudy, WithoutNoisePosesAreExact) {
   StudyOptions study = SmallStudy({"condensed", "evm2", "huang", "plane_landmarks"});
   study.sweeps[0].values = {0.0};
-  for (const TrialResult& r : Results(study)) {
+  const std::vector<TrialResult> results = Results(study);
+  ASSERT_FALSE(results.empty());
+  for (const TrialResult& r : results) {
     const std::string name = r.formulation->name;
     EXPECT_LT(r.rot_error_deg, 1e-5) << name;
     EXPECT_LT(r.trans_error_m, 1e-6) << name;

@@ -1,4 +1,4 @@
-#include "frontend/matching/degeneracy.h"
+#include "core/geometry/degeneracy.h"
 
 #include <gtest/gtest.h>
 

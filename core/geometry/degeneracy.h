@@ -47,6 +47,11 @@ inline Matrix6d TimesArm(Matrix6d m) {
   return m;
 }
 
+// The step from one pose to another in the scaled tangent.
+inline Vector6d ScaledDelta(const SE3& from, const SE3& to) {
+  return TimesArm(LocalDelta(from, to));
+}
+
 // Largest standard deviation over all directions of the scaled tangent, metres, of a covariance
 // that is not scaled.
 double WorstSigmaM(const Matrix6d& covariance);
