@@ -24,8 +24,8 @@ struct FinalPose {
   StampedPose pose;
   bool skipped = false;    // the pose is not of its own points
   std::int64_t piece = 0;  // of the map, in the frame of whose odometry it is
-  // Of a start that was given up (frontend/start/start_track.h): no motion explains its scans, and
-  // the pose may be off by any part of the way.
+  // Whether it is of a start that was given up (frontend/start/start_track.h): no motion explains
+  // its scans, and the pose may be off by any part of the way.
   bool given_up = false;
 };
 
@@ -40,17 +40,19 @@ class FinalPoses {
                std::int64_t piece = 0);
   // The next poses of a stream, of its scans that were not skipped.
   void AddPoses(const Trajectory& poses, Stream stream = 0);
-  // The scans of a stream that are not handed on and have this stamp or a later one had a stamp
-  // that was wrong: they count as skipped, with the pose before them.
+  // Marks the scans of a stream that are not handed on and have this stamp or a later one as
+  // skipped, with the pose before them: their stamps were wrong.
   void Disown(Stream stream, StampNs from_ns);
-  // The scans of a stream that are not handed on were a start that was given up. Their number.
+  // Marks the scans of a stream that are not handed on as those of a start that was given up.
+  // Returns their number.
   std::size_t GiveUp(Stream stream);
   // No more scans and poses come in this stream.
   void Close(Stream stream);
   // Hands on what is final, in order. A skipped scan with a number below `before_scan` does not
   // wait any longer for the scan after it.
   void HandOn(std::int64_t before_scan, const Visit& visit);
-  // What is left, given the poses that are still open by stream, as if nothing were to come.
+  // Visits the scans that are left, with the poses that are still open by stream, as if nothing
+  // were to come.
   void ShowOpen(const std::map<Stream, Trajectory>& open, const Visit& visit) const;
 
   void Archive(StateArchive& a);
@@ -73,9 +75,9 @@ class FinalPoses {
     std::int64_t open = 0;  // scans that are not handed on
     bool closed = false;
   };
-  // The next of its stream after the first scan, skipped ones left out; null if there is none.
+  // The next scan of the first open scan's stream, skipped ones left out; null if there is none.
   const Scan* NextOfStream() const;
-  // Whether the first scan has its pose. `late`: it does not wait.
+  // Gives the first open scan its pose; false if it must wait. `late`: a skipped one does not wait.
   bool PoseFirst(bool late);
 
   std::deque<Scan> open_;

@@ -37,8 +37,9 @@ struct MappedScan {
   bool keyframe = false;
   std::int64_t piece = 0;    // of the map, in whose frame the pose is
   bool began_piece = false;  // with this scan
-  // From the frame of the pose, that of odometry, to that of the map as loops have corrected it by
-  // now (backend/loops/loop_track.h); identity before any has. It may jump; the pose does not.
+  // Transform from the frame of the pose, that of odometry, to that of the map as loops have
+  // corrected it by now (backend/loops/loop_track.h); identity before any has. It may jump; the
+  // pose does not.
   SE3 T_map_world;
   // Milliseconds of wall time. Of the solve: the one that was taken in before this scan. Of the
   // map: to take that in and to build the next problem, since the scan before.
@@ -48,7 +49,7 @@ struct MappedScan {
   void Skip(SkipReason skip_reason, const std::string& why);
 };
 
-// In a word, as in results: tracked, degenerate (tracked, and planes do not determine some
+// Status in a word, as in results: tracked, degenerate (tracked, and planes do not determine some
 // direction, or not to OdometryOptions::max_tracked_sigma_m), first, lost, or the reason of a skip.
 const char* StatusName(const MappedScan& scan);
 

@@ -15,7 +15,7 @@ namespace lamina {
 namespace {
 
 constexpr std::int64_t kAllScans = std::numeric_limits<std::int64_t>::max();
-// Of scans that no piece has room for.
+// Stream of the scans that no piece has room for.
 constexpr FinalPoses::Stream kNoStream = -1;
 
 // Whether a recording that begins with this stamp comes after one that has got so far.
@@ -237,7 +237,7 @@ void Mapping::Map(Recording* recording, MappedScan* report, std::vector<TimedClu
   const RegisteredScan frame = Register(recording, report, clusters);
   report->odometry = frame.odometry;
   MatchResult& match = report->odometry.match;
-  // Of what only lacks certainty no direction is held: the mapper takes it as it is.
+  // A match that only lacks certainty has no direction held: the mapper has taken it as it is.
   const bool tracked = frame.odometry.status == OdometryFrame::Status::kTracked;
   if (tracked && match.worst_sigma_m > options_.mapper.frontend.max_tracked_sigma_m)
     match.MakeDegenerate();
@@ -282,7 +282,8 @@ RegisteredScan Mapping::Register(Recording* recording, MappedScan* report,
 }
 
 void Mapping::BeginNextPiece(const RegisteredScan& last, std::size_t scan, Recording* recording) {
-  // Where the sensor is, or would be had it not been lost: what is drawn stays readable.
+  // The next piece begins at the estimated pose, or at the predicted one if the sensor is lost, so
+  // that plots stay readable.
   const bool continued = last.ends == PieceEnd::kContinued;
   const SE3 start = continued ? last.odometry.T_world_lidar : last.odometry.T_world_predicted;
   const bool holds = map_.CanHold(start.t);

@@ -40,14 +40,14 @@
 // and open solve of its own, so scans of several may alternate and each gets the poses that it
 // would get alone. It begins a piece of the map (VoxelMap), and another one when it was lost for
 // too long: nothing is known of where one piece lies in the frame of another, and nothing of one is
-// matched to another or drawn over it, until it is found there. For that a recording rests that was
-// silent for half of backend.final_after_frames, or whose last stamp is 15 s before another one
-// began: its piece is closed, others may be found in it and go on with it, and what comes of it
-// later goes on as well, or begins a new piece where another has taken its place. (Localising, all
-// recordings are matched to the map that is there, from the same start; or, without one, as a piece
-// of its own until the map shows where it is.) The number of recordings under way is bounded: when
-// one more comes, the one that was silent longest is ended, and what comes of it later begins a new
-// piece.
+// matched to another or drawn over it, until it is found there. To make its piece available, a
+// recording is suspended once it is silent for half of backend.final_after_frames, or if its last
+// stamp is 15 s before another one begins: its piece is closed, others may be found in it and go on
+// with it, and later scans of the recording go on with it as well, or begin a new piece if another
+// has taken its place. (Localising, all recordings are matched to the map that is there, from the
+// same start; or, without one, as a piece of its own until the map shows where it is.) The number
+// of recordings under way is bounded: when one more comes, the one that was silent longest is
+// ended, and what comes of it later begins a new piece.
 #pragma once
 
 #include <cstdint>
@@ -148,15 +148,14 @@ class Mapping {
   void GoOnAt(const FoundPlace& found, Recording* recording, const MappedScan& report);
   // Maps on in a piece that was closed, after these poses in its frame.
   void GoOnIn(std::int64_t piece, const Trajectory& last, Recording* recording);
-  // Older than that of the scan, mapped by no recording that is not silent, and with earlier stamps
-  // alone: those of a piece ascend.
+  // Pieces older than that of the scan, mapped by no recording that is not silent, whose stamps are
+  // all earlier: those of a piece ascend.
   std::vector<std::int64_t> SilentPiecesBefore(const MappedScan& scan) const;
   bool IsSilent(const Recording& recording, std::size_t scan) const;
-  // The recordings that map these, so that they change no more.
+  // Suspends the recordings that map these pieces, so that the pieces change no more.
   void Rest(const std::vector<std::int64_t>& pieces, std::size_t scan);
   bool IsMapped(std::int64_t piece) const;
-  // Whether a recording that rests has gone on, which it cannot if there is no room for the piece
-  // that it must begin.
+  // Resumes a suspended recording; false if there is no room for the piece that it must begin.
   bool Wake(Recording* recording);
   // Null if the map has no room for another piece.
   Recording* FindOrBegin(const MappedScan& report);
@@ -167,8 +166,8 @@ class Mapping {
   void EndLoops();
   // Nothing more comes of this recording in its piece.
   void End(Recording* recording, std::size_t scan);
-  // The scans of its piece so far were a start that is given up now, or of which nothing tells the
-  // way: their poses are not certain.
+  // Marks the poses of its piece so far as not certain: they are of a start that is given up now,
+  // or nothing determines their motion.
   void GiveUpStart(Recording* recording);
   // Skips a scan whose stamp is not after that of the last one, unless so many of those before were
   // skipped for it that the clock was set, and one that is of the same sweep as the last.
@@ -179,12 +178,12 @@ class Mapping {
   void Map(Recording* recording, MappedScan* report, std::vector<TimedCluster>* clusters);
   RegisteredScan Register(Recording* recording, MappedScan* report,
                           std::vector<TimedCluster>* clusters);
-  // After the last one, which `scan` has ended.
+  // Begins the piece after the one that `scan` has ended.
   void BeginNextPiece(const RegisteredScan& last, std::size_t scan, Recording* recording);
-  // For its piece, and tells of keyframes that leave its window.
+  // Makes the mapper of its piece, which hands on keyframes that leave the window.
   void MakeMapper(const SE3& T_world_start, Recording* recording);
   void ForwardFinalKeyframes(Mapper* mapper);
-  // The map of the piece, when a correction by loops takes effect.
+  // Corrects the map of a piece, when a correction by loops takes effect.
   void CorrectMap(std::int64_t piece);
   void SolveSilent(std::size_t scan);
   std::int64_t SilentScans() const;

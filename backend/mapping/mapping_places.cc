@@ -38,7 +38,7 @@ void Mapping::Rest(const std::vector<std::int64_t>& pieces, std::size_t scan) {
     const bool among = std::count(pieces.begin(), pieces.end(), recording.piece) > 0;
     if (!among || recording.mapper == nullptr) continue;
     recording.mapper->FinishSolves();
-    // Those of one that was silent for long are final, and were kept before.
+    // The poses of a recording that was silent for long are final, and were kept by SolveSilent().
     Trajectory last = recording.LastPoses();
     if (!last.empty()) recording.last = std::move(last);
     End(&recording, scan);
@@ -89,7 +89,7 @@ void Mapping::FindInOlderPieces(Recording* recording, const MappedScan& report) 
                               *loops_);
   } else if (step == LostSearches::Step::kLookHasEnded) {
     std::optional<FoundPlace> found = lost_searches_->found(report.piece);
-    // Another one may have gone on there meanwhile.
+    // Another recording may have gone on in that piece meanwhile.
     if (found && IsMapped(found->piece)) found.reset();
     TakeLook(found, lost_searches_->search(report.piece), recording, report);
   }
@@ -105,7 +105,8 @@ void Mapping::TakeLook(const std::optional<FoundPlace>& found, const PlaceSearch
 
 void Mapping::GoOnAt(const FoundPlace& found, Recording* recording, const MappedScan& report) {
   const bool localising = searches_ != nullptr;
-  // Of the map as loops have corrected it, in the frame of its odometry.
+  // The place was found in the map as loops have corrected it; scans go on in the frame of its
+  // odometry.
   const SE3 T_world_own =
       localising ? found.T_piece_own
                  : loops_->Find(found.piece)->T_map_world().Inverse() * found.T_piece_own;

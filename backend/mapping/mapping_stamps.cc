@@ -1,4 +1,4 @@
-// Which scans come at a time when one can.
+// Accepts or skips scans by their stamps.
 #include <string>
 
 #include "backend/mapping/mapping.h"
@@ -8,8 +8,8 @@ namespace lamina {
 
 void Mapping::CheckStamp(Recording* recording, double sweep_s, MappedScan* report) {
   constexpr StampNs kLeastApartNs = 10'000'000;
-  // The way between scans that are closer than a part of their sweep is lost in the errors of their
-  // poses, which would be taken for a speed.
+  // The distance between scans that are closer than this part of their sweep is below the error of
+  // their poses, which would be taken for a speed.
   constexpr double kLeastSweeps = 0.2;
   const std::string times = "scan " + std::to_string(report->index) + ": its stamp " +
                             std::to_string(report->stamp_ns) + " ns is not ";
@@ -22,7 +22,7 @@ void Mapping::CheckStamp(Recording* recording, double sweep_s, MappedScan* repor
       return poses_.Disown(recording->stream, report->stamp_ns);
     if (!ClockWasSet(report->stamp_ns, recording))
       return report->Skip(SkipReason::kStampNotAfterLast, times + "after the last one, " + last);
-    // A sensor that is only to be near where it began goes on where it was.
+    // A recording that is localised from a start goes on where it was.
     if (localise_from_) return;
     RegisteredScan before;
     before.ends = PieceEnd::kUnconnected;
@@ -43,8 +43,8 @@ void Mapping::CheckStamp(Recording* recording, double sweep_s, MappedScan* repor
   }
 }
 
-// One stamp far ahead of all others is wrong, and its scan is lost: the map is nowhere where it
-// would be by then.
+// A single stamp far ahead of all others is wrong, and its scan is lost: the pose predicted for
+// that time is far from where the sensor is.
 bool Mapping::WasAhead(StampNs stamp_ns, const Recording& recording) {
   return recording.lost && stamp_ns > recording.matched_stamp_ns &&
          stamp_ns < recording.lost_stamp_ns;

@@ -28,9 +28,9 @@ class PieceMapper {
   // After it, when no caller waits for the pose any more: starts the next solve, and takes one in
   // that is due before the next scan if it is there already.
   void StartDueSolve();
-  // What is under way, then one last solve that includes the newest frames.
+  // Takes in the solve under way, then runs one last solve that includes the newest frames.
   void FinishSolves();
-  // Those taken in since the last call.
+  // Solves taken in since the last call.
   std::vector<SolveReport> TakeSolves();
   // Wall time of all that since the last call.
   double TakeHandOverMs();

@@ -20,7 +20,7 @@ namespace lamina {
 struct Mapping::Recording {
   bool any = false;  // scan that was not skipped
   StampNs last_stamp_ns = 0;
-  // Of the last scan that was not lost, and of the first one that was lost after it.
+  // Stamps of the last scan that was not lost, and of the first one that was lost after it.
   StampNs matched_stamp_ns = 0, lost_stamp_ns = 0;
   bool lost = false;
   std::string last_sensor;
@@ -29,12 +29,14 @@ struct Mapping::Recording {
   std::int64_t not_after = 0;
   StampNs not_after_ns = 0;
   std::int64_t last_scan = 0;  // skipped or not
-  bool over = false;           // by its stamps, when another one began; until it goes on
+  bool over = false;           // considered silent because a later recording began; cleared by its
+                               // next scan
   std::int64_t piece = 0;      // that its scans are matched to now
   FinalPoses::Stream stream = 0;
   std::size_t certain = 0;  // scans of this one that are tracked, not degenerate
-  Trajectory last;          // poses that tell how it moved when it fell silent
-  // One of these: the piece is being made, or stays as it is. None while it rests.
+  Trajectory last;          // the last poses before it fell silent, which tell its motion
+  // What processes its scans: a mapper if the piece is being made, a localiser if it stays as it
+  // is. None while the recording is suspended.
   std::unique_ptr<PieceMapper> mapper;
   std::unique_ptr<Localiser> localiser;
 
@@ -42,7 +44,7 @@ struct Mapping::Recording {
   RegisteredScan Process(const MapperScan& scan, bool may_restart);
   Trajectory TakeFinal(std::int64_t before_scan);
   Trajectory OpenPoses() const;
-  // Of the open ones those that say how the sensor moves.
+  // The last of the open poses, which tell the motion.
   Trajectory LastPoses() const;
 };
 

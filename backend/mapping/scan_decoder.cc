@@ -30,14 +30,16 @@ double PeriodByStamps(const std::vector<StampNs>& stamps) {
   return SweepPeriod(stamps, kFallbackS);
 }
 
-// Why the times of a scan's points are none of a sweep, by which it would be torn apart; empty if
-// they may be. Several sweeps in one scan are no sweep either, but two or three are deskewed well
-// enough.
+// Why the times of a scan's points cannot be those of a sweep, so that deskewing by them would
+// distort it; empty if they can. Several sweeps in one scan are no sweep either, but two or three
+// are deskewed well enough.
 std::string TimesMisfit(const Scan& scan, const ScanPreparationOptions& preparation,
                         const std::vector<StampNs>& stamps) {
-  // In sweeps; and of a first scan, whose stamp tells nothing of how long these are.
+  // Longest span of the times in periods of a sweep; and in seconds for a first scan, whose stamp
+  // tells no period.
   constexpr double kMostPeriods = 3.0, kMostS = 10.0;
-  // From the stamp. Readers of files put it near to the points (io/points/point_times.h).
+  // Largest distance from the stamp. Readers of files put it near to the points
+  // (io/points/point_times.h).
   constexpr double kMostOffS = 60.0;
   const bool used = preparation.deskew == ScanPreparationOptions::Deskew::kTime ||
                     preparation.deskew == ScanPreparationOptions::Deskew::kAuto;

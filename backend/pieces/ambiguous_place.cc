@@ -26,8 +26,8 @@ void AmbiguousPlace::Follow(const OdometryFrame& frame, const MotionModel& motio
   constexpr double kClearSigmas = 2.5, kLeastGapS = 0.1;
   if (frame.status != OdometryFrame::Status::kTracked) return;
   const bool ambiguous = !frame.elsewhere.isZero();
-  // The second scan of a map may be where what moves along with the sensor has the first one, and
-  // so may all that follow it: no piece is to begin with these.
+  // The second scan of a map may be matched to objects that move along with the sensor, and so may
+  // all that follow it: no piece is to begin with these.
   if (!open_ && ambiguous && !before_ && motion.moving_known()) {
     open_ = true;
     scans_ = 0;

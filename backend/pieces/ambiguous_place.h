@@ -35,22 +35,23 @@ class AmbiguousPlace {
               const std::vector<TimedCluster>& clusters, const VoxelMap& map,
               const SlidingWindow& window, std::int64_t next_keyframe);
 
-  // Nothing has told the two places apart, or what has is for the other one.
+  // Whether the two places were not told apart by kMostScans scans, or the other one is better.
   bool over() const { return open_ && scans_ >= kMostScans; }
   // The first keyframe of these scans, if one of them became one.
   std::int64_t first_keyframe() const { return first_keyframe_; }
   void Forget() { open_ = false; }
-  // The match of the newest frame as one of either place: degenerate along the way to the other.
+  // Adds the other place to the covariance of the newest frame's match: degenerate along the way
+  // there.
   void Widen(MatchResult* match) const;
 
   void Archive(StateArchive& a);
 
  private:
-  // In standard deviations, by how much the place is better than the other one.
+  // By how many standard deviations the place is better than the other one.
   double Sigmas(const OdometryFrame& frame, const std::vector<TimedCluster>& clusters,
                 const VoxelMap& map, const SlidingWindow& window) const;
 
-  // So many scans see what there is to see; later ones are farther from what was mapped before.
+  // Scans that are compared; later ones are farther from what was mapped before.
   static constexpr int kMostScans = 5;
 
   bool open_ = false;

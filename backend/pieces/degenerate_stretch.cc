@@ -11,8 +11,8 @@
 namespace lamina {
 namespace {
 
-// In generated streets the next minimum was as near as this. A pose that is open by less than
-// kMinimumM is in the right one.
+// Distance of the next minimum in generated streets. A pose that is open by less than kMinimumM is
+// in the right one.
 constexpr double kNextMinimumM = 0.25, kMinimumM = 0.1, kLikelySigmas = 2.0;
 
 // Information in a match's covariance (scaled) but for the prediction's share.
@@ -25,20 +25,21 @@ Matrix6d MeasuredInformation(const MatchResult& match) {
          solver.eigenvectors().transpose();
 }
 
-// Where a match may be instead of where it is.
+// Other minima in which a match may be instead of its own.
 class MinimaBeside {
  public:
   MinimaBeside(const OdometryFrame& frame, const std::vector<PointCluster>& deskewed,
                const VoxelMap& map, const ScanMatcherOptions& options)
       : frame_(frame), deskewed_(deskewed), map_(map), options_(options) {}
 
-  // Along the direction that is open most, or along the one that the match knows least.
+  // Whether one lies along the direction that is open most, or along the one that the match knows
+  // least.
   bool InMap(const Vector6d& most_open) const {
     constexpr double kBesideM = 0.5;
     return IsOpen(ProfileOf(most_open, nullptr), kBesideM) ||
            IsOpen(ProfileOf(frame_.match.weakest_direction, nullptr), kBesideM);
   }
-  // Among older planes alone, along a direction that is open by so much.
+  // Whether one lies among older planes alone, along a direction that is open by so much.
   bool AmongOlder(const Vector6d& direction, double open_m, const PlanesInstead& older) const {
     // A profile of fewer blocks is flat, whatever clusters say that face the direction slightly.
     constexpr double kFewBlocks = 0.5;
@@ -99,7 +100,7 @@ void DegenerateStretch::StartOver(StampNs stamp_ns, const SE3& T_world_lidar, do
   Begin(next_keyframe);
   stamp_ns_ = stamp_ns;
   T_world_lidar_ = T_world_lidar;
-  // The velocity is that of the last two.
+  // The velocity is that between the last two poses.
   covariance_.diagonal().segment<3>(3).setConstant(sigma_m * sigma_m);
   covariance_.diagonal().segment<3>(9).setConstant(2.0 * sigma_m * sigma_m / (gap_s * gap_s));
 }
@@ -146,8 +147,8 @@ void DegenerateStretch::Compare(const OdometryFrame& frame,
   if (open_m > kMinimumM && minima.InMap(most_open)) return;
   OlderPlanes older(map, window, first_keyframe_);
   const PlanesInstead planes = [&](VoxelMap::NodeId surface) { return older.Of(surface); };
-  // The stretch has made most of what the map shows: that has its minimum where the stretch has put
-  // it. Where the next one is in reach, older planes alone must have theirs there as well.
+  // Most planes of the map were made in the stretch, and have their minimum where it has put it. If
+  // the next one is in reach, older planes alone must have theirs there as well.
   if (kLikelySigmas * open_m > kNextMinimumM && minima.AmongOlder(most_open, open_m, planes))
     return;
   const DirectionEvidence evidence =

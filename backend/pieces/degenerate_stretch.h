@@ -48,17 +48,17 @@ class DegenerateStretch {
               const std::vector<TimedCluster>& clusters, const VoxelMap& map,
               const SlidingWindow& window, std::int64_t next_keyframe);
 
-  // The scans so far have poses anew, which all of them together have told: the newest of them, and
-  // by how much each may be wrong, a standard deviation along each axis. From here on what has been
-  // mapped is what these have made. A stretch that there is begins anew with that.
+  // Restarts an open stretch after the scans so far got new poses, by all of them together: the
+  // pose of the newest, and the standard deviation of each along each axis. All that has been
+  // mapped from here on counts as made in the stretch.
   void StartOver(StampNs stamp_ns, const SE3& T_world_lidar, double gap_s, double sigma_m,
                  std::int64_t next_keyframe);
 
-  // By how much the newest pose may be wrong against what was mapped before, along the direction
-  // that is known least: a standard deviation. 0 if there is no stretch.
+  // Standard deviation of the newest pose against what was mapped before, along the direction that
+  // is known least. 0 if there is no stretch.
   double SigmaM() const;
-  // Scans determine all directions again, but none sees enough of what was mapped before: what is
-  // unknown stays so.
+  // Whether scans determine all directions again, but none sees enough of what was mapped before,
+  // so that what is unknown stays so.
   bool over() const { return open_ && settled_ >= kSettled; }
   // The first keyframe of these scans, if one of them became one.
   std::int64_t settled_keyframe() const { return settled_keyframe_; }
@@ -92,7 +92,7 @@ class DegenerateStretch {
   int scans_ = 0;  // of the stretch so far
   std::int64_t settled_keyframe_ = 0;
   std::int64_t first_keyframe_ = 0;  // that may have entered the map in it
-  // Of the last frame.
+  // The last frame.
   bool any_ = false;
   StampNs stamp_ns_ = 0;
   SE3 T_world_lidar_;

@@ -13,18 +13,18 @@
 namespace lamina {
 namespace {
 
-// What two scans may be wrong by that met planes of one another.
+// Error of the relative pose of two scans that met planes of one another.
 constexpr double kOpenM = 0.5, kOpenRad = 0.1;
 // Differences that bundle adjustment settles.
 constexpr double kSettledM = 0.03, kSettledRad = Radians(0.3);
-// By how much it must fit better, at a scale on which decimetres differ.
+// Margin by which another pose must fit better, at a scale that distinguishes decimetres.
 constexpr double kScaleM = 0.1, kClearSigmas = 5.0, kClearEvidence = 0.02;
 
-// Those that may lie aside together, and those after them that show it at least.
+// Most frames that may be off together, and fewest frames after them that show it.
 constexpr std::size_t kMostAside = 5, kFewestOthers = 4;
 
-// The pose of a frame in the map of others, expected at `expected`; none where that is not clearly
-// another than it has.
+// The pose of a frame in the map of others, searched for about `expected`; none if it does not
+// clearly differ from the one that the frame has.
 std::optional<SE3> PoseByOthers(const WindowFrame& frame, const SE3& expected, const VoxelMap& map,
                                 double usual_inliers, const OdometryOptions& options) {
   PosePrediction prediction;

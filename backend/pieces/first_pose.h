@@ -1,10 +1,10 @@
 // The poses of the first scans of a piece, found again once others show what they saw.
 //
-// The first scan is what the second is matched to, when nothing is known of how the sensor moves:
-// if the two are brought together wrongly, all that follows agrees with itself, and the first lies
-// aside, or the first few where the sensor turns at once. Their own clusters hold them there, so
-// each is matched to the map of those after it alone, from the last of them back, and searched for
-// as in odometry where it fits badly.
+// The second scan is matched to the first one while nothing is known of the motion: if that match
+// is wrong, all later scans agree with one another, and the first one is displaced, or the first
+// few if the sensor turns at once. Their own clusters hold them there, so each is matched to the
+// map of those after it alone, from the last of them back, and searched for as in odometry where it
+// fits badly.
 //
 // Private to backend/pieces.
 #pragma once

@@ -46,7 +46,7 @@ RegisteredScan Localiser::Process(const MapperScan& scan, bool may_restart) {
     if (may_restart && may_restart_ && tracker_.MayRestart(/*matched=*/true))
       result.ends = PieceEnd::kUnconnected;
   } else {
-    // From the second scan on the way since the one before tells it.
+    // From the second scan on the motion since the one before tells the speed.
     const bool way_known = tracker_.odometry().motion().Gap(frame.stamp_ns) > 0.0;
     if (!way_known) LeaveSpeedOpen(motion_, scan, &frame.match);
     tracker_.Accept(frame);

@@ -22,8 +22,8 @@ class Localiser {
 
   // The first scan is near this pose. However long it is lost, it begins no piece of its own.
   void Start(const SE3& T_world_lidar);
-  // The map is known to have had the sensor in these last scans. When it is lost for long, a scan
-  // is to begin a piece of its own.
+  // Goes on from these last scans, in which the sensor was found in the map. When it is lost for
+  // long, a scan is to begin a piece of its own.
   void Start(const Trajectory& last);
 
   // Clusters are left as they are. The pose of the first scan is as uncertain as its speed. Without
@@ -31,7 +31,7 @@ class Localiser {
   RegisteredScan Process(const MapperScan& scan, bool may_restart = true);
   // Poses of the frames since the last call, at their stamps.
   Trajectory TakeFinal();
-  // The same, but for taking them.
+  // The same, without taking them.
   const Trajectory& final_poses() const { return final_; }
 
   std::int64_t piece() const { return piece_; }

@@ -12,7 +12,7 @@
 namespace lamina {
 namespace {
 
-// Of the clusters of a window: as many are moved out of their leaves by a sensor that sets off.
+// Share of the clusters of a window that a sensor setting off moves out of their leaves.
 constexpr double kFewAstray = 0.05;
 
 }  // namespace
@@ -59,7 +59,8 @@ RegisteredScan Mapper::Process(const MapperScan& scan, bool may_restart) {
     open_.Add(scan, frame);
     stretch_.Widen(&frame.match);
     ambiguous_.Widen(&frame.match);
-    // Not before: no stretch is to begin with these.
+    // Marked after DegenerateStretch::Follow, so that these frames do not open a degenerate
+    // stretch.
     if (!frame.elsewhere.isZero()) frame.match.MayBeElsewhere(frame.elsewhere);
     if (start_.unproven()) frame.match.MakeDegenerate();
   }
@@ -130,8 +131,8 @@ void Mapper::AgreeWithFirst(const MapperScan& scan, OdometryFrame* frame) {
   for (int i = 0; i < kRounds && RefineFirstOrLast(*frame); ++i) {
     MoveToStart(frame);
     if (PlaceWindowAnew(few)) few = 0.0;
-    // The first scan is deskewed now: this one must be from the beginning, or lies off by the way
-    // of half a sweep where the stamp is at its start.
+    // The first scan is deskewed now, so this one must be deskewed from the beginning as well:
+    // otherwise it is off by the motion during half a sweep, if its stamp is at the start.
     tracker_.odometry().Rematch(*scan.clusters, *map_, frame);
   }
 }
@@ -157,7 +158,7 @@ SE3 Mapper::FirstMiddle(const SweepMotion& sweep) const {
 }
 
 void Mapper::MoveToStart(OdometryFrame* frame) {
-  // A sensor that goes on in a map that was there before is where it was found.
+  // If the window does not begin with a first scan the piece was there before, and its pose stays.
   const WindowFrame& first = window_.frames().front();
   if (!first.alone || open_.size() == 0 || open_.FirstMiddleNs() == 0) return;
   // A first pose that is final already stays.
@@ -175,12 +176,12 @@ void Mapper::MoveToStart(OdometryFrame* frame) {
 }
 
 bool Mapper::IsKeyframe(const SE3& T) const {
-  // The first ones wherever the sensor is: one that stands still makes a map, too, however short
-  // the recording.
+  // The first frames are keyframes wherever the sensor is: one that stands still makes a map, too,
+  // however short the recording.
   if (!open_.any_keyframe() || open_.NextKeyframe() < options_.backend.min_surfel_frames)
     return true;
   const int most = options_.backend.keyframe_after_frames;
-  // Where the sensor sets off, those of the rest are taken back.
+  // Keyframes of a rest stay in the window, to be taken back if the sensor sets off.
   const bool may_leave = window_.full() && rest_.rests() && RestIsWhole();
   if (most > 0 && frames_since_keyframe_ >= most && !may_leave) return true;
   const SE3& last = open_.newest_keyframe();
@@ -202,9 +203,9 @@ bool Mapper::RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar) {
   const std::size_t last = window_.frames().size() - 1;
   const WindowFrame& frame = window_.frames()[last];
   const double dt = SecondsBetween(frame.stamp_ns, stamp_ns);
-  // Of the motion during the first scan nothing else tells.
+  // Nothing else tells the motion during the first scan, so that a longer gap is allowed.
   const double most_s = last == 0 ? MotionModel::kMotionOfS : SlidingWindow::kMaxTwistGapS;
-  // The first scan after it tells most of the motion during it.
+  // Only the first scan after a keyframe is used: it tells most of the motion during that.
   if (frames_since_keyframe_ > 0 || dt <= 0.0 || dt > most_s) return false;
   const StampedPose next{stamp_ns, T_world_lidar};
   window_.Move(last, frame.T_world_lidar, window_.MotionAt(last, &next, most_s));

@@ -58,10 +58,11 @@ class Mapper {
   void SetOnFinalKeyframe(OnFinalKeyframe tell) { on_final_keyframe_ = std::move(tell); }
   // Calls it with those still in the window, at the end of the recording.
   void EmitWindowKeyframes() const;
-  // Those in the window, as they stand.
+  // Keyframes of the window, as they stand.
   std::vector<FinalKeyframe> WindowKeyframes() const;
 
-  // Where a stretch of degenerate scans is over: the keyframes that determine one another again.
+  // The keyframes that the next piece goes on with, after a degenerate stretch or in an ambiguous
+  // place: those since then, which determine one another.
   std::vector<WindowFrame> SettledFrames() const;
   // The first scans come after those of another mapper, which lost them or gave up a start.
   void StartAfter(const Mapper& before) { start_.FollowPiece(before.start_given_up()); }
@@ -103,40 +104,41 @@ class Mapper {
   // The second scan, and with it the motion of the first one; as that of a sensor that is shaken if
   // the two do not agree otherwise (shaken_sweep.h).
   OdometryFrame RegisterSecond(const MapperScan& scan);
-  // The clusters of a window that begins with the first scan go into the leaves where they lie now,
-  // if a larger share than `few` has been moved out of those they were added to, where no scan
-  // would look for them. Whether it was.
+  // Moves the clusters of a window that begins with the first scan into the leaves in which they
+  // lie now, if more of them than the share `few` have left those they were added to, where no scan
+  // would find them. True if so.
   bool PlaceWindowAnew(double few);
   void AgreeWithFirst(const MapperScan& scan, OdometryFrame* frame);
   // Follows what may end the piece: its start, degenerate scans, losses.
   PieceEnd EndOfPiece(const MapperScan& scan, const OdometryFrame& frame, bool may_restart);
-  // Of scans that determine all directions, but whose place against what was mapped before is not
-  // known, or may be another: whether they are to begin a piece that goes on.
+  // Whether scans that determine all directions, but whose place in what was mapped before is
+  // unknown or ambiguous, are to begin a piece that goes on from this one.
   bool EndsInOpen(bool may_restart);
   void DropWindow();
   void PopOldest();
   bool IsKeyframe(const SE3& T_world_lidar) const;
   void AddKeyframe(const OdometryFrame& frame, std::vector<TimedCluster> clusters);
-  // While the first scans have several explanations. *result has what odometry made of this one.
-  // True if they are taken again under another explanation.
+  // Follows the first scans as long as they have several explanations; *result has odometry's frame
+  // of this one. True if they are taken again under another explanation.
   bool FollowStart(const MapperScan& scan, RegisteredScan* result);
-  // Whether all that was made of a sensor that has hardly done more than rest since the piece began
-  // can be taken back.
+  // Whether all that entered the map since the piece began, during which the sensor has hardly done
+  // more than rest, can be taken back.
   bool RestIsWhole() const;
-  // The newest scan is where *result has it. Its clusters are taken if it becomes a keyframe.
+  // Accepts the newest scan at the pose of *result. Its clusters are taken if it becomes a
+  // keyframe.
   void Accept(bool started_over, RegisteredScan* result, std::vector<TimedCluster>* clusters);
   // The sensor has rested and sets off: takes back what was made of its scans, begins with the last
   // of them, and registers this one anew.
   OdometryFrame StartFromRest(const MapperScan& scan);
-  // Takes back the window, all of which is of the start or of scans before it. The poses of these,
-  // which are to be hung on the first keyframe that follows.
+  // Takes back the window, all of which is of the start or of scans before it. Returns the poses of
+  // the latter, for HangBefore().
   std::vector<SE3> TakeBack();
   void HangBefore(const std::vector<SE3>& before);
-  // Neither is asked about: the piece begins with what is known.
+  // Ends the detection of starts and rests: the initial motion is known.
   void ClearStart();
-  // A sensor that rests though its rays say otherwise may be anywhere; soon it is lost.
+  // If ranges contradict a sensor that seems to rest, the frame is degenerate, and soon lost.
   void DoubtRest(OdometryFrame* frame);
-  // Pieces that follow begin where that velocity is none of theirs.
+  // MapperOptions::start_velocity applies to piece 0 only.
   bool StartsMoving() const { return piece_ == 0 && options_.start_velocity.has_value(); }
   // Takes back the scans of the start and takes them again as start_ has them; *frame is of the
   // newest.
@@ -144,22 +146,22 @@ class Mapper {
   // The first scan is at T_world_start_ at its stamp, which is known to lie elsewhere than the
   // middle of its sweep once the motion is: moves it there, and with it *frame, the scan after it.
   void MoveToStart(OdometryFrame* frame);
-  // Where the first scan was in the middle of its sweep, under this motion.
+  // Pose of the first scan in the middle of its sweep, under this motion.
   SE3 FirstMiddle(const SweepMotion& sweep) const;
-  // Of the first two scans, the second being this one of a sensor that is shaken, only the
-  // difference of their motions is known so far: splits it between them.
+  // Splits a shake between the first two scans, `second` being the shaken one: only the difference
+  // of their motions is known so far.
   bool SplitShake(const OdometryFrame& second);
-  // One of the two ways to deskew the last keyframe anew, now that this frame is known. False if it
-  // makes no difference.
+  // SplitShake or RefineLastTwist, now that this frame is known. False if it makes no difference.
   bool RefineFirstOrLast(const OdometryFrame& frame);
   // Deskews the last keyframe again, now that the motion after it is known too. False if it makes
   // no difference.
   bool RefineLastTwist(StampNs stamp_ns, const SE3& T_world_lidar);
 
-  // Puts the first scan where the map of the keyframes after it has it, once these are enough: it
-  // stays, and they move.
+  // Matches the first scan to the map of the keyframes after it, once these are enough, to correct
+  // its place among them: it stays, and they move.
   void SettleFirst();
-  // Keyframes of these ids to these poses; those after them with the last, and odometry.
+  // Moves the keyframes of these ids to these poses, and with the last one those after it and
+  // odometry.
   void MoveKeyframes(const std::vector<std::int64_t>& ids, const std::vector<SE3>& poses);
 
   MapperOptions options_;
@@ -177,7 +179,7 @@ class Mapper {
   AmbiguousPlace ambiguous_;
   RestingBeams resting_;
   RestAtStart rest_;
-  std::size_t before_start_ = 0;  // so many open poses are of scans before the start
+  std::size_t before_start_ = 0;  // number of open poses of scans before the start
   OnFinalKeyframe on_final_keyframe_;
   bool matched_ = false;        // any scan, ever
   bool first_settled_ = false;  // SettleFirst

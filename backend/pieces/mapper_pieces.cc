@@ -1,4 +1,4 @@
-// Where a piece of the map ends, what it leaves, and how the next one goes on from it.
+// How a piece of the map ends, what it leaves, and how the next one goes on from it.
 #include <utility>
 
 #include "backend/pieces/mapper.h"
@@ -7,7 +7,7 @@ namespace lamina {
 
 PieceEnd Mapper::EndOfPiece(const MapperScan& scan, const OdometryFrame& frame, bool may_restart) {
   if (start_.given_up() && may_restart) {
-    matched_ = false;  // not as it should be: nothing of it is to stay
+    matched_ = false;  // Close() is to keep nothing of it
     return PieceEnd::kUnconnected;
   }
   stretch_.Follow(frame, tracker_.odometry().motion(), *scan.clusters, *map_, window_,

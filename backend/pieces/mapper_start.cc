@@ -19,7 +19,7 @@ bool AtRest(const std::vector<StartScan>& scans, const SE3& T_world_lidar) {
 
 bool Mapper::FollowStart(const MapperScan& scan, RegisteredScan* result) {
   OdometryFrame* const frame = &result->odometry;
-  // Only as long as all that the scans have left can be taken back.
+  // A start is followed only as long as all that its scans left in the map can be taken back.
   if (window_.full() || open_.size() < before_start_ + start_.scans().size()) start_.Clear();
   if (!start_.open()) return false;
   bool rests = AtRest(start_.scans(), frame->T_world_lidar);
@@ -52,7 +52,8 @@ OdometryFrame Mapper::StartFromRest(const MapperScan& scan) {
   start_.BeginAgain();
   stretch_.Forget();
   ambiguous_.Forget();
-  // That is for a first scan whose motion was not known when it entered the map.
+  // SettleFirst() is for a first scan whose motion was unknown when it entered the map; this one
+  // rests.
   first_settled_ = true;
   for (std::size_t k = 0; k < kept.size(); ++k) {
     MapperScan again;
@@ -85,7 +86,7 @@ void Mapper::DoubtRest(OdometryFrame* frame) {
   constexpr int kBelievedNoMore = 5;
   if (frame->status == OdometryFrame::Status::kLost) return;
   resting_.MoveTo(frame->T_world_lidar);
-  // A start is asked as a whole.
+  // While the start is open, all of its scans are judged together.
   if (!resting_.Contradict() || start_.open()) return;
   frame->match.MakeDegenerate(frame->match.weakest_direction);
   if (resting_.contradictions() >= kBelievedNoMore) tracker_.odometry().Reject(frame);
@@ -100,7 +101,7 @@ std::vector<SE3> Mapper::TakeBack() {
   std::vector<SE3> before;
   for (std::size_t i = 0; i < before_start_; ++i) before.push_back(open_.Middle(i).T_world_lidar);
   open_.ForgetKeyframes();
-  // What is being solved is of poses that are taken back: nothing of it is to be applied.
+  // The solve under way is of poses that are taken back: its result is not to be applied.
   constexpr std::int64_t kTakenBack = -1;  // before the first keyframe
   if (!solving_.empty()) solving_ = {kTakenBack};
   keyframes_since_solve_ = frames_since_keyframe_ = 0;

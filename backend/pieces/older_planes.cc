@@ -27,7 +27,7 @@ OlderPlanes::Older OlderPlanes::Make(VoxelMap::NodeId surface) const {
   int frames = map_.frames(surface);
   const auto newer = newer_.find(surface);
   if (newer != newer_.end()) {
-    // What rounding leaves of nothing is no plane.
+    // If all frames are newer, what is left is rounding, and no plane.
     if (newer->second.frames >= frames) return {};
     cluster -= newer->second.cluster;
     frames -= newer->second.frames;

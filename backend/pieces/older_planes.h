@@ -1,9 +1,9 @@
 // The map's planes as they were before a keyframe: made of what is older alone.
 //
-// What frames since then have added and the window still holds is subtracted, cluster by cluster.
-// Of what has left the window only a bound is known (VoxelMap::FixedSince): where such points are a
-// share 1 - s of a plane, and carry the error x of the poses since then, a scan that carries it too
-// is off from the plane by s x instead of x. Such a plane counts s^2.
+// Clusters that frames since then have added, and the window still holds, are subtracted. Of points
+// that have left the window only a bound is known (VoxelMap::FixedSince): where these points are a
+// share 1 - s of a plane, and carry the error x of the poses since then, a scan with that error is
+// off from the plane by s x instead of x. Such a plane counts s^2.
 //
 // Private to backend/pieces.
 #pragma once
@@ -23,8 +23,8 @@ class OlderPlanes {
  public:
   OlderPlanes(const VoxelMap& map, const SlidingWindow& window, std::int64_t first_keyframe);
 
-  // In the place of a surface of the map; its plane is null where too little is that old, or is no
-  // plane.
+  // The older plane in the place of a surface of the map; null where too little is that old, or is
+  // no plane.
   WeightedPlane Of(VoxelMap::NodeId surface);
 
  private:

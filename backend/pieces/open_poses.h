@@ -18,7 +18,7 @@ namespace lamina {
 
 class OpenPoses {
  public:
-  // Keyframes have numbers, the next one this.
+  // Number of the next keyframe.
   std::int64_t NextKeyframe() const {
     return first_id_ + static_cast<std::int64_t>(keyframes_.size());
   }
@@ -29,31 +29,31 @@ class OpenPoses {
   const SE3& Keyframe(std::int64_t id) const {
     return keyframes_[static_cast<std::size_t>(id - first_id_)];
   }
-  // Before any: the first one has this number.
+  // Sets the number of the first keyframe; before there is any.
   void CountFrom(std::int64_t keyframe) { first_id_ = keyframe; }
   void ForgetKeyframes() { keyframes_.clear(); }
 
   // The frame of a scan, on the newest keyframe. The motion during those before is better known
   // now.
   void Add(const MapperScan& scan, const OdometryFrame& frame);
-  // Frame i is here after all, on the newest keyframe.
+  // Replaces the pose of frame i, and hangs it on the newest keyframe.
   void Set(std::size_t i, const SE3& T_world_lidar, const SweepMotion& sweep);
-  // Of frame i, in the middle of its sweep.
+  // Pose of frame i in the middle of its sweep.
   StampedPose Middle(std::size_t i) const { return MiddleOf(frames_[i]); }
-  // The keyframe of frame i is gone: hangs it on the newest, where it is.
+  // Hangs frame i, whose keyframe is gone, on the newest one, at this pose.
   void HangAnew(std::size_t i, const SE3& T_world_lidar);
   // Keyframes have moved: finds the motion during all frames anew.
   void UpdateMotions();
   std::size_t size() const { return frames_.size(); }
-  // From the stamp of the oldest frame to the middle of its sweep.
+  // Time from the stamp of the oldest frame to the middle of its sweep.
   StampNs FirstMiddleNs() const { return frames_.front().middle_ns; }
-  // Of the oldest frame, in the middle of its sweep.
+  // Pose of the oldest frame in the middle of its sweep.
   StampedPose FirstMiddle() const { return MiddleOf(frames_.front()); }
 
-  // At their stamps, those of the frames on keyframes before `first_open`, and of all scans with a
-  // number below `before_scan`, which nothing will move any more.
+  // Takes the poses, at their stamps, that nothing will move any more: of the frames on keyframes
+  // before `first_open`, and of all scans with a number below `before_scan`.
   Trajectory TakeFinal(std::int64_t first_open, std::int64_t before_scan);
-  // Those of all others, as known now.
+  // Poses of all other frames at their stamps, as known now.
   Trajectory AtStamps() const;
 
   void Archive(StateArchive& a);
@@ -74,7 +74,7 @@ class OpenPoses {
 
   // Finds the motion during frame i from the poses around it. There must be a frame after it.
   void UpdateMotion(std::size_t i);
-  // In the middle of its sweep, and at its stamp.
+  // Poses of a frame in the middle of its sweep, and at its stamp.
   StampedPose MiddleOf(const Frame& frame) const;
   StampedPose PoseOf(const Frame& frame) const;
 

@@ -44,11 +44,12 @@ OdometryFrame ScanTracker::Register(StampNs stamp_ns, bool stamp_made_up,
 
 OdometryFrame ScanTracker::FindAgain(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                                      const VoxelMap& map) {
-  // However long it is lost, it more likely goes on as it did than it stands.
+  // However long the sensor is lost, it more likely keeps its velocity than stands.
   Vector6d twist = odometry_.Twist(stamp_ns);
   twist.tail<3>() = odometry_.velocity().tail<3>();
   lost_track_.Add(stamp_ns, clusters, twist, odometry_.RecentInliers());
-  // A scan that agrees with no other is worth a search or two; a long track one now and then.
+  // Scans that agree with no other are searched for until kAlone are lost in a row; those of a
+  // track until it has kEach of them, then every kThen-th one.
   constexpr int kAlone = 3, kEach = 8, kThen = 5;
   const std::int64_t scans = lost_track_.scans();
   const bool search = scans > 1 ? scans <= kEach || scans % kThen == 0 : lost_in_a_row_ < kAlone;
@@ -73,11 +74,12 @@ void ScanTracker::Lose(const OdometryFrame& frame, const std::vector<TimedCluste
 }
 
 bool ScanTracker::MayRestart(bool matched) const {
-  // After spray or a gap a few scans are needed to be found again; then the map does not have them.
+  // After spray or a gap a few scans are needed to be found again; if so many agree and are not
+  // found, they are not of the map.
   constexpr int kAgreeing = 5;
   const int after = restart_after_lost_frames_;
-  // Nothing is given up with a map of one scan, in which no other was found: not even if those
-  // others do not agree, as of a sensor that is shaken. Another first scan may be bent less.
+  // Abandoning a map of a single scan loses nothing, even if the lost scans disagree, as those of a
+  // shaken sensor do: another first scan may be less distorted.
   if (!matched) return lost_in_a_row_ >= std::min(kAgreeing, after);
   if (lost_track_.scans() < std::min(kAgreeing, after)) return false;
   if (pieces_are_found_ && !odometry_.InReach(lost_track_.first_stamp_ns())) return true;

@@ -20,17 +20,20 @@ struct MapperScan {
   StampNs stamp_ns = 0;
   bool stamp_made_up = false;                     // Scan::stamp_made_up
   std::vector<TimedCluster>* clusters = nullptr;  // taken if the scan becomes a keyframe
-  // The instant after the stamp from which the clusters' times count. Poses in the window are those
-  // at that instant, the middle of a sweep: motion within the scan that is not steady shifts a
-  // point by acceleration * time^2 / 2, which is four times as much from one end.
+  // Reference instant of the scan (SweepMotion), ns after its stamp: the clusters' times count from
+  // it. Poses in the window are those at that instant, the middle of the sweep: motion within the
+  // scan that is not steady shifts a point by acceleration * time^2 / 2, which is four times as
+  // much from one end.
   StampNs middle_ns = 0;
 };
 
 // Why a scan ends a piece of the map. It is left out of that piece, and begins the next one.
 enum class PieceEnd {
   kNone,  // it does not
-  // The sensor has been lost for long. The last scans agree with one another, as those of rain and
-  // spray do not, and are not in the map.
+  // The next scans have no known place in this piece, and are not in its map: the start was given
+  // up; or the sensor is lost and the last scans agree with one another, as those of rain and spray
+  // do not; or no scan was ever matched, or more in a row are lost than were tracked; or the clock
+  // was set back.
   kUnconnected,
   // The sensor is tracked, but its place against what was mapped before is unknown. The next piece
   // begins with the keyframes before this scan.
@@ -41,16 +44,17 @@ struct RegisteredScan {
   OdometryFrame odometry;
   bool keyframe = false;
   PieceEnd ends = PieceEnd::kNone;
-  bool start_uncertain = false;  // nothing tells the way of this piece's scans so far
+  bool start_uncertain = false;  // nothing determines the motion of this piece's scans so far
 };
 
 // Not thread-safe; deterministic.
 class ScanTracker {
  public:
-  // Those of `options` that say how scans are matched, and when a lost one is to begin a piece.
+  // Takes those of `options` that say how scans are matched, and when a lost one is to begin a
+  // piece.
   explicit ScanTracker(const MapperOptions& options);
 
-  // Begins anew where these poses lead.
+  // Forgets the motion, and continues these poses.
   void StartAfter(const Trajectory& last);
 
   // Takes over what another one knows of the motion and of how scans fit.
@@ -61,7 +65,7 @@ class ScanTracker {
   OdometryFrame Register(StampNs stamp_ns, bool stamp_made_up,
                          const std::vector<TimedCluster>& clusters, VoxelMap* map,
                          bool map_is_older);
-  // What became of it: one of these two.
+  // Takes in the outcome of Register: one of these two.
   void Accept(const OdometryFrame& frame);
   void Lose(const OdometryFrame& frame, const std::vector<TimedCluster>& clusters);
 
@@ -69,18 +73,18 @@ class ScanTracker {
   // Whether a lost scan is to begin a piece of its own. `matched`: a scan was ever tracked in the
   // map.
   bool MayRestart(bool matched) const;
-  // Whether more scans in a row are lost than were ever tracked, and so many that this may be: a
-  // map of a few scans is no reason to wait for longer, though those that are lost do not agree.
+  // Whether more scans in a row are lost than were ever tracked, and enough to begin a piece: a map
+  // of a few scans is not worth waiting for longer, though those that are lost do not agree.
   bool LostLongerThanTracked() const;
 
   Odometry& odometry() { return odometry_; }
-  // Forgets all that it knows of the way.
+  // Forgets the motion and the lost track.
   void StartOver();
 
   void Archive(StateArchive& a);
 
  private:
-  // Of a scan that follows a lost one.
+  // Register of a scan that follows a lost one.
   OdometryFrame FindAgain(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                           const VoxelMap& map);
 

@@ -6,7 +6,7 @@ namespace lamina {
 
 SE3 AtStamp(const SweepMotion& sweep, StampNs middle_ns) {
   if (middle_ns == 0) return SE3();
-  // The square of a long time outweighs all that is known of an acceleration.
+  // Over longer times the acceleration, which counts by the square, is not known well enough.
   constexpr double kSweepS = 0.5;
   const double tau = SecondsBetween(middle_ns, 0);
   return std::abs(tau) <= kSweepS ? sweep.PoseAt(tau) : SweepMotion(sweep.twist).PoseAt(tau);

@@ -1,10 +1,10 @@
 // Robust weight of each cluster of the window on the plane that it lies on.
 //
-// Whatever stands before a wall for a few frames shares the wall's voxels, draws the plane towards
-// itself and thickens it. So neither the plane nor its thickness may be taken from the map as they
-// are: the kernel's scale is bounded by what thickness is usual among the planes of the window, and
-// where clusters disagree with their plane, the plane is estimated again from all of its clusters
-// under the weights so far, fixed ones included, and the weights from that plane.
+// An object that stands before a wall for a few frames shares the wall's voxels, biases the plane
+// towards itself and thickens it. So neither the plane nor its thickness may be taken from the map
+// as they are: the kernel's scale is bounded by what thickness is usual among the planes of the
+// window, and where clusters disagree with their plane, the plane is estimated again from all of
+// its clusters under the weights so far, fixed ones included, and the weights from that plane.
 //
 // The weights are applied to the clusters before aggregation, held during a solve, and kept when
 // the frame is marginalised.
@@ -26,7 +26,7 @@ class ObservationWeights {
  public:
   static constexpr std::int32_t kNone = -1;
 
-  // Of all clusters of the frames, at the frames' present poses; the map must be refreshed.
+  // Weighs all clusters of the frames, at the frames' present poses; the map must be refreshed.
   ObservationWeights(const VoxelMap& map, const std::deque<WindowFrame>& frames,
                      double kernel_sigma);
 
@@ -48,13 +48,13 @@ class ObservationWeights {
   };
   void FindPlanes(const std::deque<WindowFrame>& frames);
   void ScaleKernels(double kernel_sigma);
-  // Of all clusters that are on a plane.
+  // Computes the weights of all clusters that are on a plane.
   void Weigh(const std::deque<WindowFrame>& frames);
   // Cluster `cluster` of frame `frame`.
   struct Use {
     std::uint32_t frame, cluster;
   };
-  // Those on planes that are contested, in order.
+  // The clusters on contested planes, in order.
   std::vector<Use> Contested() const;
   // Estimates their planes again from them, under their weights, and weighs them anew.
   void EstimateContested(const std::deque<WindowFrame>& frames, const std::vector<Use>& contested);

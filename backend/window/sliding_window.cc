@@ -17,7 +17,7 @@
 namespace lamina {
 namespace {
 
-// In the place of a path: the cluster is in no leaf.
+// Stands for a path where the cluster is in no leaf.
 constexpr std::uint64_t kNoLeaf = ~std::uint64_t{0};
 
 // How far `to` is from `from` along a unit vector of the scaled tangent, either way.
@@ -34,7 +34,7 @@ class ObservationPlaces {
   // `planes`: how many planes of the map there are.
   explicit ObservationPlaces(std::size_t planes) : number_of_(planes, -1) {}
 
-  // Of plane `on` of the map. Returns a number of the observation, the same one for all that a
+  // Adds an observation of plane `on` of the map. Returns its number, the same one for all that a
   // frame sees of a plane.
   std::int32_t Add(std::int32_t on, int frame) {
     std::int32_t& plane = number_of_[static_cast<std::size_t>(on)];
@@ -187,10 +187,11 @@ void SlidingWindow::PopOldest(FinalKeyframe* left) {
 }
 
 double SlidingWindow::MarginalWeight(const WindowFrame& frame, std::size_t i) const {
-  // What stays for good must be able to overrule what was there.
+  // Least weight: clusters that stay for good must be able to overrule those that were there.
   constexpr double kLeast = 0.005;
   if (!frame.weights.empty() && frame.weights[i] >= 0.0) return std::max(kLeast, frame.weights[i]);
-  // Something that stands before a wall makes of both no plane at all; the wall's own past is one.
+  // An object before a wall may keep both together from being a plane, where the fixed clusters of
+  // the wall alone are one.
   const PointCluster fixed = map_->FixedAggregate(frame.leaves[i]);
   const Surface surface = map_->SurfaceOf(fixed, 0);
   if (surface.kind != Surface::Kind::kPlane) return 1.0;
@@ -212,7 +213,7 @@ void SlidingWindow::Move(std::size_t i, const SE3& T_world_lidar, const SweepMot
 
 SweepMotion SlidingWindow::MotionAt(std::size_t i, const StampedPose* next,
                                     double max_gap_s) const {
-  // Those that have left the window stay neighbours of its oldest frames.
+  // Poses that have left the window stay neighbours of its oldest frames.
   Trajectory poses = left_;
   for (std::size_t k = i - std::min(i, kMotionNeighbours);
        k < std::min(i + kMotionNeighbours + 1, frames_.size()); ++k) {
@@ -328,7 +329,7 @@ void SlidingWindow::Archive(StateArchive& a) {
       &frame.sweep.acceleration, &frame.sweep.of_scan, &frame.held, &frame.held_information,
       &frame.T_previous_this, &frame.weakest, &frame.weakest_sigma_m, &frame.alone, &frame.weights,
       &frame.measured);
-    // What follows from other members is made again.
+    // Members that follow from others are computed again.
     if (frame.measured.empty()) {
       a(&frame.deskewed);
     } else if (a.reading()) {
@@ -357,7 +358,8 @@ RelativePrior SlidingWindow::MotionPrior(std::size_t i) const {
   root << Eigen::Vector3d::Constant(Degrees(1.0) / options_.prior_rotation_deg),
       Eigen::Vector3d::Constant(1.0 / options_.prior_translation_m);
   Matrix6d information = root.cwiseAbs2().asDiagonal();
-  // What the frontend could not see, bundle adjustment must not invent from the same scans.
+  // Directions that the frontend's planes left open must not be determined by bundle adjustment
+  // from the same scans.
   const WindowFrame& frame = frames_[i];
   for (int k = 0; k < 6 && frame.held_information(k) > 0.0; ++k) {
     Vector6d direction = frame.held.col(k);

@@ -5,7 +5,7 @@
 // exchanges exactly those clusters in the map, leaf by leaf; association to leaves is made once,
 // when the frame enters. The oldest frame leaves by marginalisation: its clusters join the fixed
 // clusters of their leaves at the final pose, with the robust weights that they had in the last
-// bundle adjustment: what that let go of does not become an anchor.
+// bundle adjustment, so that clusters which it rejected do not anchor the map.
 //
 // Not thread-safe. The map must outlive the window and be changed by the window alone.
 #pragma once
@@ -43,11 +43,11 @@ struct SlidingWindowOptions {
 
 struct WindowFrame {
   std::int64_t id = 0;
-  StampNs stamp_ns = 0;
+  StampNs stamp_ns = 0;  // of the reference instant (SweepMotion)
   SE3 T_world_lidar;
   SweepMotion sweep;                     // during the scan
   std::vector<TimedCluster> measured;    // emptied if they carry no time: nothing to deskew
-  std::vector<PointCluster> deskewed;    // LiDAR frame at the stamp
+  std::vector<PointCluster> deskewed;    // LiDAR frame at the reference instant (SweepMotion)
   std::vector<PointCluster> in_map;      // world frame, capped weight
   std::vector<VoxelMap::NodeId> leaves;  // kNoNode: outside of what the map can hold
   std::vector<VoxelMap::LeafAddress> addresses;
@@ -66,7 +66,8 @@ struct WindowFrame {
   // pose, and its standard deviation there; 0 where no prediction confirms the match.
   Vector6d weakest = Vector6d::Zero();
   double weakest_sigma_m = 0.0;
-  // From the covariance of the match (MatchResult). A prediction confirms it within kAstrayM.
+  // Sets these two by the covariance of the match (MatchResult). A prediction confirms it within
+  // kAstrayM.
   void SetWeakest(const Matrix6d& covariance, const SE3& T_world_predicted);
 };
 
@@ -74,7 +75,7 @@ class SlidingWindow {
  public:
   // Frames farther apart in time say nothing of the velocity at either.
   static constexpr double kMaxTwistGapS = 0.5;
-  // What makes planes sharper moves a frame by less.
+  // A bundle adjustment that makes planes sharper moves a frame by less than this.
   static constexpr double kAstrayM = 0.05;
 
   SlidingWindow(const SlidingWindowOptions& options, VoxelMap* map);
@@ -140,8 +141,8 @@ class SlidingWindow {
   void FillObservations(std::size_t f, const std::vector<std::int32_t>& of_clusters,
                         const std::vector<std::int32_t>& places, BundleProblem* problem) const;
   void FindLeaves(WindowFrame* frame) const;
-  // Along what its planes left open, the first frame stays: motion priors hold the others to it,
-  // and nothing else would keep the window from sliding as a whole.
+  // Holds the first frame along the directions that its planes left open: motion priors hold the
+  // others to it, and nothing else would keep the window from sliding as a whole.
   void HoldFirst(BundleProblem* problem) const;
   RelativePrior MotionPrior(std::size_t i) const;
   // Adds frame->in_map, and notes its leaves.

@@ -78,8 +78,8 @@ struct PointCluster {
   PointCluster Moved(const SE3& T) const { return Moved(T.R(), T.t); }
 };
 
-// Points p_i, each measured at time tau_i (seconds, relative to the scan's stamp) in the LiDAR
-// frame of that very instant.
+// Points p_i, each measured at time tau_i (seconds, relative to the scan's reference instant,
+// sweep_motion.h) in the LiDAR frame of that very instant.
 struct TimedCluster {
   PointCluster points;                                   // as measured, not deskewed
   double mean_time_s = 0.0;                              // mean of tau

@@ -8,8 +8,11 @@
 
 namespace lamina {
 
-// The body velocity [w; v] (rad/s, m/s) at the scan's stamp, and how fast it changes (rad/s^2,
-// m/s^2). The pose tau seconds after the stamp, relative to the one at the stamp, is
+// The *reference instant* of a scan is the one from which the times of its points count, tau = 0:
+// its stamp, or, inside mapping (after CentreTimes), the middle of its sweep.
+//
+// The body velocity [w; v] (rad/s, m/s) at the reference instant, and how fast it changes (rad/s^2,
+// m/s^2). The pose tau seconds after that instant, relative to the one at it, is
 //
 //     Exp(tau xi + tau^2/2 a):
 //
@@ -27,8 +30,8 @@ struct SweepMotion {
   SweepMotion(const Vector6d& at_stamp, const Vector6d& change)
       : twist(at_stamp), acceleration(change) {}
 
-  // With this mean velocity over the `seconds` before the stamp, or after it where they are
-  // negative.
+  // With this mean velocity over the `seconds` before the reference instant, or after it where they
+  // are negative.
   static SweepMotion WithMean(const Vector6d& mean, double seconds, const Vector6d& change) {
     return {mean + 0.5 * seconds * change, change};
   }
@@ -63,8 +66,8 @@ bool MotionThrough(const Trajectory& poses, std::size_t i, double max_gap_s, Swe
 
 // The motions during two scans of which only the difference is known, as at the start of a map: one
 // that is made of a scan bent by its motion bends the next scan's motion along. With the mean
-// velocity m over the time t between the stamps, D and A the differences of twist and acceleration
-// (second less first), and the scans' motions meeting half-way in time,
+// velocity m over the time t between the reference instants, D and A the differences of twist and
+// acceleration (second less first), and the scans' motions meeting half-way in time,
 //
 //     xi_1 = m + t A / 8 - D / 2,    a_1 = -A / 2,    xi_2 = xi_1 + D,    a_2 = a_1 + A:
 //

@@ -16,7 +16,7 @@
 
 namespace lamina {
 
-// Of the block in which p lies.
+// Key of the block in which p lies.
 inline VoxelKey BlockAround(const Eigen::Vector3d& p) {
   constexpr double kTogetherM = 4.0;
   return VoxelKeyOf(p, 1.0 / kTogetherM);
@@ -27,7 +27,7 @@ constexpr double kHalfVoteInformation = 400.0;
 
 class BlockVotes {
  public:
-  // Of one block: D_b, positive where the first explanation is better.
+  // Adds the vote of one block by its D_b, positive where the first explanation is better.
   void Add(double difference) {
     const double vote = difference / std::hypot(1.0, difference);
     sum_ += vote;
@@ -62,9 +62,8 @@ class BlockDifferences {
   std::vector<double> differences_;
 };
 
-// Where the blocks that a scan meets would have the sensor, in the world, if each had one vote,
-// however many clusters it has; and how many standard deviations of these votes that is from the
-// pose.
+// The step of the sensor, in the world, that the blocks met by a scan lead to if each has one vote,
+// however many clusters it has; and its length in standard deviations of these votes.
 struct BlockStep {
   Eigen::Vector3d step_m = Eigen::Vector3d::Zero();
   double sigmas = 0.0;

@@ -17,16 +17,17 @@ namespace lamina {
 namespace {
 
 constexpr double kKappa = 2.0;
-// Clusters of a block that make half an edge, and frames that a plane needs to have one.
+// d_0: clusters of a block that make half an edge; and frames that a plane needs to have one.
 constexpr double kHalfEdge = 4.0;
 constexpr int kEdgeFrames = 3;
 // Edges are as broad as planes are known.
 constexpr double kEdgeStepM = 0.05;
-// A column or a ring alone is a line, which is met again where the sensor takes the next one.
+// Least breadth: a single column or ring is a line, which matches the next column or ring as well.
 constexpr double kBroadM = 0.05;
 
-// The plane around a cluster that is moved in steps smaller than a leaf: looked up once for each
-// leaf that it comes to. What stands in for a plane need not last until the next one is asked for.
+// The plane around a cluster that is moved in steps smaller than a leaf, looked up once for each
+// leaf that it comes to. It is copied: a plane that `instead` gives need not outlive the next
+// look-up.
 class PlaneAround {
  public:
   // True if the plane was looked up.
@@ -56,7 +57,7 @@ double Leak2(const Surface& surface) {
   return NormalError2(static_cast<double>(surface.variance), breadth2, 0.0);
 }
 
-// Of a residual with this scaled row, along the direction, per weight.
+// Information along the direction, per weight, that counts of a residual on this surface.
 double CountingAlong(const Surface& surface, double leak2, const Eigen::Vector3d& normal_lidar,
                      const Eigen::Vector3d& mu, const Vector6d& direction) {
   Vector6d j;
@@ -79,7 +80,7 @@ double KernelFit(const Surface& surface, const Eigen::Vector3d& p, double invers
   return GemanMcClureFit(distance * distance * inverse_scale2);
 }
 
-// Those of the clusters whose middle eigenvalue is that of more than a line.
+// The clusters whose middle eigenvalue is that of more than a line.
 std::vector<PointCluster> BroadOnes(const std::vector<PointCluster>& clusters) {
   std::vector<Symmetric3> covariances;
   covariances.reserve(clusters.size());
@@ -132,8 +133,8 @@ class MovedMisfit {
   double sight_ = 0.0, inverse_scale2_ = 0.0;
 };
 
-// Of a posterior that is narrower than its places are apart: the parabola through the cost of the
-// likeliest one and of those beside it.
+// Mean and standard deviation of a posterior narrower than the distance of its places: by the
+// parabola through the cost of the likeliest place and of those beside it.
 DirectionProfile::Posterior Narrow(const std::vector<double>& places,
                                    const std::vector<double>& costs) {
   constexpr double kLeastSigmaM = 5e-4;  // planes of a map are off by as much, however many
@@ -163,7 +164,7 @@ class DirectionProfile::MovedCluster {
 
   std::size_t block() const { return block_; }
 
-  // Where it is moved to this leaf: the plane around it, or null.
+  // Moves the cluster to this leaf; returns the plane around it, or null.
   const ProfilePlane* MoveTo(const DirectionProfile& profile, const LeafPlace& leaf) {
     const bool is_new = around_.MoveTo(leaf, profile.map_, profile.instead_);
     if (around_.plane() == nullptr) return nullptr;
@@ -272,7 +273,7 @@ DirectionProfile::MovedClusters DirectionProfile::Facing(double from_m, double t
     const SE3 T = At(from_m + i * (to_m - from_m) / steps);
     places.push_back({T.R(), T.t, {}});
   }
-  // Asked for one cluster after the other: leaves are found for many of them at once.
+  // Called for one cluster after the other: leaves are looked up for many of them at once.
   return ClustersThat([&](std::size_t i) {
     const std::size_t k = i % kTogether, count = std::min(kTogether, clusters_.size() - i);
     for (Place& place : places) {
@@ -311,7 +312,7 @@ std::vector<double> DirectionProfile::EdgeLosses(double from_m, double to_m, int
     for (std::size_t i = 0; i < broad.size(); ++i)
       fits[blocks_of[i]][k] -= misfits[i].At(leaves[i], R, T.t);
   }
-  // As many of them as the pose has parameters are fitted, whatever it is.
+  // The pose, having so many parameters, fits as many blocks, whatever it is.
   constexpr double kFitted = 6.0;
   const double blocks = static_cast<double>(fits.size());
   const double counts = kKappa * std::max(0.0, blocks - kFitted) / std::max(1.0, blocks);

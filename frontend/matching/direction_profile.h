@@ -1,4 +1,4 @@
-// What planes say of a pose along one direction that few of them face.
+// Evidence of planes about a pose along one direction that few of them face.
 //
 // Where a handful of surfaces hold a direction, the minimum of the cost there is sharp and may
 // still be the wrong one: next to it lie others nearly as deep, of things that move, of a column of
@@ -53,8 +53,8 @@ inline Vector6d StraightAlong(const Eigen::Vector3d& u) {
 // Refers to its arguments, which must not change. Thread-safe, as far as `instead` is.
 class DirectionProfile {
  public:
-  // About a pose, along a unit vector of the scaled tangent. `instead`: of the planes that stand
-  // in for the map's, if there are any.
+  // About a pose, along a unit vector of the scaled tangent. `instead`: gives the planes that stand
+  // in for the map's, or is null.
   DirectionProfile(const std::vector<PointCluster>& clusters, const VoxelMap& map,
                    const SE3& T_world_lidar, const Vector6d& direction,
                    PlanesInstead instead = nullptr)
@@ -81,9 +81,9 @@ class DirectionProfile {
   struct Loss {
     double loss = 0.0, blocks = 0.0;
   };
-  // A cluster of which the loss is asked at one place after the other.
+  // A cluster whose loss is computed at one place after the other.
   class MovedCluster;
-  // Some of the clusters, and of how many blocks they are.
+  // Some of the clusters, and the number of their blocks.
   struct MovedClusters {
     std::vector<PointCluster> clusters;
     std::vector<MovedCluster> moved;
@@ -92,7 +92,7 @@ class DirectionProfile {
   Loss LossAt(double s_m, MovedClusters* of) const;
   template <typename Wanted>
   MovedClusters ClustersThat(const Wanted& wanted) const;
-  // Those that may meet a plane which faces the direction between the two places.
+  // The clusters that may meet a plane which faces the direction between the two places.
   MovedClusters Facing(double from_m, double to_m) const;
   // The second sum of L at steps + 1 places from the one to the other, evenly.
   std::vector<double> EdgeLosses(double from_m, double to_m, int steps) const;

@@ -1,10 +1,10 @@
-// What a plane of the map is worth to the beam that meets it.
+// Weight of a plane of the map for the beam that meets it.
 //
-// A surface is seen from where it can be hit. Points at random depths along the beams of one ring
-// or one stroke of a scan pattern, in foliage or smoke or where edges follow one another, lie in
-// the sheet that these beams sweep: a thin plane, which holds the lines of sight and moves along
-// with the sensor. A forest under a sensor that draws the same pattern again and again is full of
-// them, and they fit best where the sensor does not move at all.
+// Points at random depths along the beams of one ring or one stroke of a scan pattern, in foliage
+// or smoke or where edges follow one another, lie in the sheet that these beams sweep: a thin
+// plane, which contains the lines of sight and moves along with the sensor. A forest under a sensor
+// that repeats its pattern is full of such planes, and they fit best if the sensor does not move at
+// all.
 #pragma once
 
 #include "core/geometry/symmetric3.h"
@@ -13,7 +13,8 @@
 namespace lamina {
 
 inline constexpr double kAtSensorM2 = 1e-12;  // m^2: a point without a line of sight counts nothing
-inline constexpr double kAlongSine = 0.2;     // of the angle below which a plane holds a line
+inline constexpr double kAlongSine = 0.2;     // sine of the angle below which a plane holds a line
+                                              // of sight
 
 // In [0, 1]: near 0 where the line of sight runs within the plane's own slab, whose half-thickness
 // over half-breadth is sqrt(flatness), 1 where it crosses it,
@@ -36,9 +37,9 @@ inline bool AlongSight(const Eigen::Vector3d& normal, const Eigen::Vector3d& sig
   return along * along < kAlongSine * kAlongSine * sight.squaredNorm();
 }
 
-// Age does not tell the sheets of a sensor that stood for long from roads and walls that it meets
-// as flatly, nor do the points in them. Planes met flatter than this say nothing of a pose that
-// others determine.
+// Neither age nor points distinguish the sheets of a sensor that stood for long from roads and
+// walls that it meets as flatly. Planes met flatter than this do not count for a pose that others
+// determine.
 inline constexpr double kFlatSine = 0.1;
 
 // The line that one ring draws across a surface is narrow in two directions. The surface faces one

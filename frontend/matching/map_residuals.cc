@@ -187,8 +187,8 @@ std::vector<MapResiduals::Block> MapResiduals::Blocks(const SE3& T, double kerne
 
 Matrix6d MapResiduals::SurfaceScatter(const SE3& T, double kernel_sigma, VoxelKey block) const {
   const RowSettings settings = SettingsAt(T, kernel_sigma);
-  // In the order of the clusters: ids of surfaces are others once a map was saved and loaded, and
-  // the sum has the same bits.
+  // In the order of the clusters, so that the sum has the same bits after a map was saved and
+  // loaded, which changes the ids of surfaces.
   std::map<VoxelMap::NodeId, std::size_t> places;
   std::vector<Vector6d> gradients;
   for (std::size_t i = 0; i < clusters_.size(); ++i) {
@@ -233,7 +233,7 @@ BlockStep MapResiduals::StepOf(const std::vector<Block>& blocks) {
 }
 
 Matrix6d MapResiduals::GradientScatter(const SE3& T, double kernel_sigma, BlockStep* step) {
-  // A block that determines a direction nearly alone says nothing of how well.
+  // Bound on a block's share: one that determines a direction nearly alone shows no error of it.
   constexpr double kMostShare = 0.9, kSmallShare = 0.02, kLargeShare = 0.5;
   const std::vector<Block> blocks = Blocks(T, kernel_sigma);
   *step = StepOf(blocks);
@@ -338,11 +338,10 @@ void MapResiduals::FindLeastThickness() {
     if (plane == nullptr || plane->variance < kBroad2 * plane->flatness) continue;
     variances.push_back(plane->variance);
   }
-  // A quarter of them are thinner than this. Clutter thickens some planes; beams that disagree,
-  // all.
+  // The lower quartile. Clutter thickens some planes; beams that disagree thicken all.
   const double thickness =
       variances.empty() ? 0.0 : std::sqrt(static_cast<double>(Quantile(&variances, 0.25)));
-  // kNoiseM: what the noise of ranges alone makes of it.
+  // kNoiseM: thickness due to the noise of ranges alone.
   constexpr double kBelief = 1.5, kBeams = 5.0, kNoiseM = 0.008;
   floor2_ = std::pow(std::max(map_.options().noise_floor_m, kBelief * thickness), 2);
   beam2_ = std::pow(kBeams * std::max(0.0, thickness - kNoiseM), 2);

@@ -58,8 +58,8 @@ struct MetPlanes {
   BeamsOfScan beams;
 };
 
-// Of the planes that face the direction those that the scan sees through, and what they and the
-// others have in the matrix of the normal equations.
+// The planes facing a direction that the scan sees through, and the contributions of these and of
+// the others that face it to the normal matrix.
 struct SeenThrough {
   std::vector<VoxelMap::NodeId> planes;
   Matrix6d H = Matrix6d::Zero(), H_opaque = Matrix6d::Zero();
@@ -80,45 +80,45 @@ class MapResiduals {
 
   const VoxelMap& map() const { return map_; }
 
-  // Rough structure takes part as well.
+  // Whether rough leaves take part.
   bool use_rough = false;
-  // Planes that the scan meets flatly count.
+  // Whether planes that the scan meets flatly (kFlatSine) take part.
   bool use_flat = true;
 
   // Evidence along the columns of *watched (scaled tangent) is gathered if it is not null.
   NormalEquations At(const SE3& T, double kernel_sigma, const Matrix6d* watched) {
     return Sum(T, kernel_sigma, watched, /*with_normal=*/true);
   }
-  // That evidence alone, without what costs most: the rest is zero.
+  // The evidence alone, without the normal equations, which cost most: the rest is zero.
   NormalEquations EvidenceAt(const SE3& T, double kernel_sigma, const Matrix6d& watched) {
     return Sum(T, kernel_sigma, &watched, /*with_normal=*/false);
   }
 
-  // What other planes in the place of the map's surfaces say along the columns of `directions`. The
-  // object serves for nothing else thereafter.
+  // Evidence that other planes, in the place of the map's surfaces, give along the columns of
+  // `directions`. The object cannot be used for anything else thereafter.
   DirectionEvidence EvidenceOf(const PlanesInstead& planes, const SE3& T, double kernel_sigma,
                                const Matrix6d& directions);
 
   // `direction`: scaled tangent.
   MetPlanes Meet(const SE3& T, double kernel_sigma, const Vector6d& direction);
-  // Which planes that face the direction the scan sees through (seen_through.h). None where the
-  // others that face it have more of the information along it than these have, together with
-  // `feigned` of such planes dropped before: that shows before all are looked at.
+  // Which planes that face the direction the scan sees through (seen_through.h). None if the others
+  // that face it have more information along it than these together with `feigned`, that of planes
+  // dropped before: this is known before all are tested.
   SeenThrough FindSeenThrough(const MetPlanes& met, const Vector6d& direction,
                               double feigned) const;
-  // Whether the beams come from where the scan says: those of several sensors in one scan, or
-  // points drawn on surfaces whatever stands before them, pass planes that do not face the
-  // direction as well.
+  // Whether all beams start at the scan's pose: those of several sensors merged in one scan, or
+  // points sampled on surfaces without occlusion, pass planes that do not face the direction as
+  // well.
   bool OfOneSensor(const MetPlanes& met) const;
-  // Nothing meets these planes from now on.
+  // Excludes these planes from now on.
   void Drop(const std::vector<VoxelMap::NodeId>& planes);
 
-  // How the gradient scatters, at the pose and kernel of the last At: the sum of scan_matcher.h
-  // over blocks of space, without H^-1 on both sides. *step is where these blocks would have the
-  // pose, had each one vote.
+  // Scatter of the gradient at the pose and kernel of the last At: the sum of scan_matcher.h over
+  // blocks of space, without H^-1 on both sides. *step is the pose step by the votes of these
+  // blocks.
   Matrix6d GradientScatter(const SE3& T, double kernel_sigma, BlockStep* step);
 
-  // Sums of a step of the pose and of another at once, of which cluster i has shares[i].
+  // Sums for a pose step and a second step at once, which cluster i enters with shares[i].
   TwoStepRows TwoStepsAt(const SE3& T, double kernel_sigma, const std::vector<StepShares>& shares);
 
  private:
@@ -141,8 +141,8 @@ class MapResiduals {
   bool IsDropped(VoxelMap::NodeId id) const {
     return !dropped_.empty() && std::binary_search(dropped_.begin(), dropped_.end(), id);
   }
-  // How thick even the thin ones of the planes around the scan are. A plane that looks thinner does
-  // so because few points made it, or one beam.
+  // Sets floor2_ and beam2_ by the thickness of the thinner ones of the planes around the scan. A
+  // plane that looks thinner still does so because few points made it, or one beam.
   void FindLeastThickness();
   RowSettings SettingsAt(const SE3& T, double kernel_sigma) const;
   // Calls visit(rows, clusters, count) for the rows of the clusters in [begin, end) that meet

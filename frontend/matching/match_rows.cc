@@ -56,7 +56,7 @@ struct alignas(32) SurfaceLanes {
   *errors2 = kLeastNormalError * kLeastNormalError + (thick + beam2) / breadth2;
 }
 
-// What MakePlaneRows makes of four.
+// The rows of four clusters (MakePlaneRows).
 struct alignas(32) RowLanes {
   Four j[6], distance, normal_error2, w, robust, residual2;
   FourIntegers matched, young;

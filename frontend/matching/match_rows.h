@@ -27,7 +27,7 @@ struct alignas(32) MatchRow {
   double distance = 0.0;       // m
   double normal_error2 = 0.0;  // rad^2: NormalError2
   double w = 0.0;              // 1/m^2
-  // Of a plane alone: the kernel's weight in [0, 1], and that times distance^2.
+  // For planes only: the kernel's weight in [0, 1], and that times distance^2.
   double robust = 0.0, residual2 = 0.0;
   bool matched = false;  // a plane within reach; where it is farther off, all weights are 0
   bool rough = false;    // one of the axes of a leaf without a plane
@@ -36,7 +36,7 @@ struct alignas(32) MatchRow {
 };
 static_assert(sizeof(MatchRow) == 96);
 
-// Where rows are made, and what is known of the sensor's noise (MapResiduals).
+// Pose at which rows are made, and noise of the sensor (MapResiduals).
 struct RowSettings {
   Eigen::Matrix3d R;
   Eigen::Vector3d t;
@@ -74,7 +74,7 @@ struct alignas(32) RowSums {
 
 // Sums of what rows say along directions (degeneracy.h).
 struct alignas(32) EvidenceSums {
-  // By direction: the first four, and the last two with what fills the lanes up.
+  // By direction: the first four, and the last two with padding.
   struct Sums {
     Four upper, lower, upper_squares, lower_squares;
   };
@@ -91,12 +91,12 @@ struct alignas(32) EvidenceSums {
   static void Store(const Sums& sums, DirectionEvidence* evidence);
 };
 
-// What a step of the pose and another step have of a row.
+// Factors by which a row's Jacobian enters the pose step and the second step.
 struct StepShares {
   double pose = 1.0, other = 0.0;
 };
-// Sums over rows of which one step has a share p and the other q: `pose` weighs H by p^2 and g by
-// p, `other` by q^2 and q, `across` H by p q.
+// Sums over rows with the factors p of the pose step and q of the second step: `pose` weighs H by
+// p^2 and g by p, `other` by q^2 and q, `across` H by p q.
 struct TwoStepRows {
   RowSums pose, across, other;
 

@@ -37,9 +37,9 @@ class PlaneScore {
     const Surface* plane = map_.PlaneAt(p);
     return plane == nullptr ? kNone : Fit(*plane, p);
   }
-  // That, where a cluster without a plane says nothing.
+  // A fit, or 0 for a cluster without a plane.
   static double OrNothing(double fit) { return fit > kNone ? fit : 0.0; }
-  // Calls visit with that of every `stride`-th one of many clusters, in their order.
+  // Calls visit with Of() of every `stride`-th one of many clusters, in their order.
   template <typename Visit>
   void OfEach(const std::vector<PointCluster>& clusters, std::size_t stride,
               const Visit& visit) const {
@@ -55,10 +55,10 @@ class PlaneScore {
     }
   }
 
-  // Where the cluster is.
+  // The cluster's mean in the map's frame.
   Eigen::Vector3d InMap(const PointCluster& cluster) const { return R_ * cluster.mean + t_; }
 
-  // The same as if this plane extended as far as the cluster.
+  // The fit to this plane, as if it extended as far as the cluster.
   double On(const Surface& plane, const PointCluster& cluster) const {
     return Fit(plane, InMap(cluster));
   }

@@ -8,7 +8,7 @@
 
 namespace lamina {
 
-// `weight` times what it says is counted; null: it says nothing.
+// A plane whose evidence counts `weight` times; null: no evidence.
 struct WeightedPlane {
   const Surface* plane = nullptr;
   double weight = 0.0;
@@ -16,8 +16,8 @@ struct WeightedPlane {
 
 using PlanesInstead = std::function<WeightedPlane(VoxelMap::NodeId surface)>;
 
-// Of a surface of the map, which may be VoxelMap::kNoNode: what stands in for it, or, if there is
-// no `instead`, itself if it is a plane.
+// The plane in the place of a surface of the map, which may be VoxelMap::kNoNode: that of
+// `instead`, or, without one, the surface itself if it is a plane.
 inline WeightedPlane PlaneOf(const VoxelMap& map, VoxelMap::NodeId surface,
                              const PlanesInstead& instead) {
   if (surface == VoxelMap::kNoNode) return WeightedPlane();

@@ -13,7 +13,7 @@ int StepsIn(double range, double step) { return static_cast<int>(std::floor(rang
 
 // How far from the prediction coarse hypotheses lie, in standard deviations.
 constexpr double kSigmas = 2.0;
-// Steps from the middle of which a coarse descent finds the way.
+// Distance of hypotheses: a coarse descent converges from half of it.
 constexpr double kStepM = 1.0;
 
 // Offsets to all sides, as far as the prediction is uncertain where that is beyond what
@@ -42,7 +42,7 @@ std::vector<SE3> OffsetsAround(const PoseSearchOptions& options, const PosePredi
 std::vector<SE3> AlongTheWay(const PoseSearchOptions& options, const PosePrediction& prediction,
                              const Eigen::Vector3d& way, double way_m) {
   constexpr double kTurn = Radians(6.0);
-  // What a turn does not explain: a part of the way.
+  // Deviation to the side of a steady turn, relative to the distance.
   constexpr double kSideways = 0.05;
   const double sigma = SigmaM(prediction);
   const double turn_sigma = SigmaRad(prediction);

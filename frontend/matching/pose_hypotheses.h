@@ -1,5 +1,5 @@
-// Where a search for a scan's pose looks: turns and offsets about a prediction, as far as it leaves
-// them open.
+// Hypotheses of a search for a scan's pose: turns and offsets about a prediction, as far as it
+// leaves them open.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,7 +12,7 @@
 namespace lamina {
 
 struct PoseHypotheses {
-  // As dense as matching reaches: the best by score are refined.
+  // As close together as matching reaches: the best by score are refined.
   std::vector<SE3> dense;
   // Too far apart for a score to tell which are near a minimum: PoseSearch::Best brings each to one
   // first, on a part of the clusters.
@@ -20,8 +20,8 @@ struct PoseHypotheses {
   // Direction in which they are spread, a unit vector in the world.
   Eigen::Vector3d way = Eigen::Vector3d::Zero();
 
-  // What to look at where no motion is known yet, and where the prediction goes on with one: as far
-  // as it leaves open, along the way no farther than max_way_m.
+  // The hypotheses if no motion is known yet, and if the prediction continues one: as far as it
+  // leaves open, along the way no farther than max_way_m.
   static PoseHypotheses Starting(const PoseSearchOptions& options, const PosePrediction& prediction,
                                  const SE3& T_world_last);
   static PoseHypotheses GoingOn(const PoseSearchOptions& options, const PosePrediction& prediction,

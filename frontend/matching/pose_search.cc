@@ -21,12 +21,11 @@ bool Apart(const SE3& a, const SE3& b, double share = 1.0) {
   return (a.t - b.t).norm() > share * kApartM || RotationAngle(a, b) > share * kApartRad;
 }
 
-// By which a descent turns a pose at most, as a rule.
+// Angle by which a descent turns a pose at most, as a rule.
 constexpr double kDescentRad = Radians(15.0);
 
-// Whether a pose is turned away from all turns that were tried, farther than descents turn: what is
-// about there was not looked at. Where none were tried, as about a start that is given without a
-// heading, this says nothing.
+// Whether a pose is farther from all turns that were tried than descents turn: no search was made
+// around it. False if no turns were tried, as about a start that is given without a heading.
 bool TurnedAway(const std::vector<SE3>& dense, const SE3& T_world_lidar) {
   const auto away = [&](const SE3& T) { return RotationAngle(T, T_world_lidar) > kDescentRad; };
   const bool turned = !dense.empty() && RotationAngle(dense.front(), dense.back()) > kDescentRad;
@@ -39,7 +38,7 @@ bool MayHaveTurnedAbout(const PosePrediction& prediction) {
   return kLikelySigmas * SigmaRad(prediction) > 0.5 * M_PI;
 }
 
-// Of poses that are minima of their own: beside the right one there are others.
+// Share of the distance of another place at which two poses are different minima.
 constexpr double kMinimaApart = 0.3;
 
 // U (CauchyCost) of a pose by its prediction.
@@ -48,14 +47,14 @@ double Unlikeliness(const PosePrediction& prediction, const SE3& T_world_lidar) 
   return CauchyCost(delta.dot(prediction.covariance.ldlt().solve(delta)));
 }
 
-// Half-way between the outermost of the values, single ones beyond them left aside.
+// Half-way between the 5 % and the 95 % quantile of the values.
 double Middle(std::vector<double> values) {
   constexpr double kOutside = 0.05;
   return 0.5 * (Quantile(&values, kOutside) + Quantile(&values, 1.0 - kOutside));
 }
 
-// A pose turned by quarters about the sensor's z axis through the middle of what it sees: a room,
-// or a court, whose walls are a rectangle comes upon itself.
+// A pose turned by quarters about the sensor's z axis through the middle of what it sees: a
+// rectangular room, or court, coincides with itself.
 std::vector<SE3> TurnedByQuarters(const std::vector<PointCluster>& clusters, const SE3& T) {
   std::vector<SE3> turned;
   if (clusters.empty()) return turned;
@@ -114,7 +113,8 @@ std::vector<SE3> PoseSearch::Promising(const SearchedScan& scan, const std::vect
     scores.resize(std::max(kFew, scores.size() / kLeft));
   }
   SortByScore(scan, stride, chance, &scores);
-  // What fits far worse before matching hardly ever fits best after it. A young map is no measure.
+  // A pose that fits far worse before matching hardly ever fits best after it, except in a young
+  // map.
   constexpr double kLeastShare = 0.8;
   const double least = scan.starting || scores.empty() ? -1.0 : kLeastShare * scores[0].score;
   std::vector<SE3> best;
@@ -150,7 +150,7 @@ void PoseSearch::Descend(const SearchedScan& scan, PoseHypotheses* hypotheses) c
 std::vector<SE3> PoseSearch::Starts(const SearchedScan& scan, const PoseHypotheses& hypotheses,
                                     std::size_t most, const Wanted& wanted) const {
   std::vector<SE3> starts = Promising(scan, hypotheses.dense, 0.0, 1.0, most, wanted);
-  // At a minimum the fit tells, however much of the scan meets planes at all.
+  // At a minimum the fit decides, however much of the scan meets planes at all.
   const std::vector<SE3> minima =
       Promising(scan, hypotheses.coarse, MatchResult::kChanceFit, kMinimaApart, most, wanted);
   starts.insert(starts.end(), minima.begin(), minima.end());
@@ -176,7 +176,7 @@ std::vector<SE3> PoseSearch::LeadElsewhere(const SearchedScan& scan, std::vector
   const MatchResult& known = ends.back();
   constexpr double kBetter = 0.003;
   std::vector<SE3> elsewhere;
-  // A narrow minimum may be one of all clusters alone: a part of them leads out of it.
+  // A narrow minimum may exist for all clusters together only: a part of them leads out of it.
   if (known.status != MatchResult::Status::kTooFewMatches &&
       Apart(known.T_world_lidar, given.T_world_lidar, kMinimaApart))
     elsewhere.push_back(known.T_world_lidar);
@@ -196,7 +196,8 @@ bool PoseSearch::Better(double sigmas, const SearchedScan& scan, const MatchResu
       matcher_.Compare(scan.clusters, ours.T_world_lidar, theirs.T_world_lidar, scan.map,
                        kCompareScale * options_.score_scale_m);
   if (scan.starting) return difference.votes_sigmas > sigmas;
-  // Clusters beside one another err alike.
+  // Errors of neighbouring clusters are correlated, so that their sum must be significant by size,
+  // too.
   constexpr double kLeastEvidence = 0.002;
   return difference.evidence_sigmas > sigmas && difference.evidence > kLeastEvidence;
 }
@@ -205,13 +206,13 @@ bool PoseSearch::Beats(const SearchedScan& scan, const MatchResult& r,
                        const MatchResult& best) const {
   if (r.status == MatchResult::Status::kTooFewMatches) return false;
   if (best.status == MatchResult::Status::kTooFewMatches) return true;
-  // What meets hardly any plane speaks neither for its pose nor against it.
+  // A match that meets hardly any plane is evidence neither for its pose nor against it.
   constexpr double kLeastOverlap = 0.1;
   if (r.overlap() < kLeastOverlap) return false;
   if (best.overlap() < kLeastOverlap) return true;
   const bool says_more = r.evidence() > best.evidence();
   if (!Apart(r.T_world_lidar, best.T_world_lidar)) return says_more;
-  // Where one place is as good as another, along a corridor, the one met first stays: that of the
+  // If one place is as good as another, as along a corridor, the one met first stays: that of the
   // prediction. A place that planes hold is better than one that the prediction holds.
   const bool held_by_planes = best.degenerate > 0 && r.worst_sigma_m < 0.5 * best.worst_sigma_m;
   if (held_by_planes && says_more) return true;
@@ -233,7 +234,7 @@ MatchResult PoseSearch::Best(const SearchedScan& scan, PoseHypotheses* hypothese
     if (Beats(scan, r, best)) best = r;
   }
   if (!hypotheses->way.isZero()) best = BestBeside(scan, hypotheses->way, best);
-  // From afar a weak direction takes more steps than from a good prediction.
+  // Along a weak direction a distant start takes more steps than a good prediction.
   constexpr int kMoreRounds = 4;
   for (int i = 0; i < kMoreRounds && best.status == MatchResult::Status::kIterationLimit; ++i)
     best = MatchFrom(scan, scan.clusters, {best.T_world_lidar})[0];
@@ -268,7 +269,7 @@ bool PoseSearch::Unique(const SearchedScan& scan, const PoseHypotheses& hypothes
   double clear_sigmas = scan.starting || scan.agreed ? kLessClearSigmas : kClearSigmas;
   if (RotationAngle(best.T_world_lidar, scan.prediction.T_world_lidar) > kDescentRad &&
       MayHaveTurnedAbout(scan.prediction)) {
-    // A place that repeats does so for each scan that follows.
+    // In structure that repeats, following scans confirm a wrong place as well.
     clear_sigmas = kClearSigmas;
     const std::vector<SE3> turned = TurnedByQuarters(scan.clusters, best.T_world_lidar);
     rivals.insert(rivals.end(), turned.begin(), turned.end());
@@ -315,7 +316,7 @@ Vector6d PoseSearch::Elsewhere(const SearchedScan& scan, const PoseHypotheses& h
   };
   double least = kClearSigmas * kClearSigmas;
   Vector6d elsewhere = Vector6d::Zero();
-  // A part of the clusters tells which rivals are none; where it stops, all may lead on.
+  // A part of the clusters rejects most rivals; from where its descent ends, all may lead on.
   for (const MatchResult& part : MatchFrom(scan, Part(scan.clusters), rivals)) {
     if (clear_of(part) >= least) continue;
     const MatchResult r = MatchFrom(scan, scan.clusters, {part.T_world_lidar})[0];

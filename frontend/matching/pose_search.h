@@ -19,7 +19,7 @@
 
 namespace lamina {
 
-// What is searched for, and where. Refers to its parts.
+// A scan that is searched for, and the map. Refers to its parts.
 struct SearchedScan {
   const std::vector<PointCluster>& clusters;
   const PosePrediction& prediction;
@@ -27,9 +27,9 @@ struct SearchedScan {
   // The map is young, and the sensor may never have moved in it: places are compared by votes
   // (FitDifference), which the errors of its beams do not sway.
   bool starting = false;
-  // What was known before leads to the same place: it need not be told from others so clearly.
+  // Earlier evidence leads to the same place: a smaller margin over others suffices.
   bool agreed = false;
-  // Its points have times: what it has of the motion between them may make it fit badly.
+  // Its points have times: distortion by the motion between them may make it fit badly.
   bool timed = false;
 };
 
@@ -44,18 +44,18 @@ class PoseSearch {
   MatchResult Best(const SearchedScan& scan, PoseHypotheses* hypotheses,
                    const MatchResult& given) const;
   // Whether no other place that the hypotheses lead to fits about as well, and the match is turned
-  // no farther than they reach: after seconds in a hand a descent may turn a room's half into the
-  // other one, and no hypothesis would show it.
+  // no farther than they reach: after seconds of motion in a hand a descent may match one half of a
+  // room to the other, and no hypothesis would show it.
   bool Unique(const SearchedScan& scan, const PoseHypotheses& hypotheses,
               const MatchResult& best) const;
   // Another place that explains what the scan meets about as well as the match does, of those that
   // the hypotheses, at minima, lead to, and of all headings that the prediction leaves open:
   // tangent from the match to the likeliest; zero if the match is told from all of them. Each block
   // of space has one vote (ScanMatcher::CompareBlocks, z), and each place costs what its distance
-  // from the prediction does, s standard deviations, U = 2 log(1 + s^2). Told from a rival, z' and
-  // U', is what has z |z| + U' - U > 2^2. Unlike in Unique, seeing more of the map says nothing:
-  // that it does where the sensor has been before, in all that repeats, and beside what moves
-  // along.
+  // from the prediction does, s standard deviations, U = 2 log(1 + s^2). A match is told from a
+  // rival, z' and U', if z |z| + U' - U > 2^2. Unlike in Unique, meeting more of the map is no
+  // evidence: it occurs where the sensor has been before, in all that repeats, and beside objects
+  // that move along.
   Vector6d Elsewhere(const SearchedScan& scan, const PoseHypotheses& hypotheses,
                      const MatchResult& best) const;
   // Brings the coarse hypotheses to the minima near them.
@@ -64,9 +64,9 @@ class PoseSearch {
  private:
   // Every how many-th cluster is scored.
   std::size_t Stride(std::size_t clusters) const;
-  // For coarse hypotheses: a wide kernel throughout, and few steps.
+  // Options for coarse hypotheses: a wide kernel throughout, and few steps.
   static ScanMatcherOptions Coarse(ScanMatcherOptions options);
-  // Where other headings are within what the prediction leaves open, these, at minima.
+  // Other headings, at minima, if the prediction leaves them open.
   PoseHypotheses Turned(const SearchedScan& scan) const;
   // Every Stride-th cluster.
   std::vector<PointCluster> Part(const std::vector<PointCluster>& clusters) const;
@@ -75,9 +75,9 @@ class PoseSearch {
   using Wanted = std::function<bool(const SE3&)>;
   std::vector<SE3> Starts(const SearchedScan& scan, const PoseHypotheses& hypotheses,
                           std::size_t most, const Wanted& wanted) const;
-  // Those of the starts from which a part of the clusters does not lead to where it leads from the
-  // match that is given, brought on as far as the part goes: a search that confirms a match costs
-  // no more than matching that part. At a start all of them: minima lie close together there.
+  // The starts whose descent with a part of the clusters ends elsewhere than that of the given
+  // match, moved to where it ends: a search that confirms a match costs no more than matching that
+  // part. At a start all of them, since minima lie close together there.
   std::vector<SE3> LeadElsewhere(const SearchedScan& scan, std::vector<SE3> starts,
                                  const MatchResult& given) const;
   // Without covariances. Along what planes leave open, each start is its own prediction.

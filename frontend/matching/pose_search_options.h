@@ -15,8 +15,8 @@ struct PoseSearchOptions {
   // Turns: -range, ..., -step, 0, step, ..., range about each axis.
   double range_deg = 15.0;
   double step_deg = 5.0;
-  // Clusters scored for each hypothesis, if there are so many, and fewer than twice as many; and
-  // the scale of the score.
+  // Least number of clusters that are scored for each hypothesis, if there are so many, at most
+  // twice as many; and the scale of the score.
   int clusters = 400;
   double score_scale_m = 0.2;
   // Hypotheses refined by matching.

@@ -1,8 +1,7 @@
-// What planes say of clusters that are moved along a direction (direction_profile.h), for four
-// clusters at a time.
+// Evidence of planes about clusters that are moved along a direction (direction_profile.h), for
+// four clusters at a time.
 //
-// What comes out of a cluster does not depend on which others it is taken with.
-// Private to frontend/matching.
+// The row of a cluster does not depend on which others it is computed with.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,11 +16,11 @@ namespace lamina {
 struct alignas(32) ProfilePlane {
   double normal[3] = {}, leak2 = 0.0;  // the part of a residual's square that it may feign
   double mean[3] = {}, variance = 0.0;
-  double flatness = 0.0, weight = 0.0;  // times the latter what it says is counted
+  double flatness = 0.0, weight = 0.0;  // `weight`: factor on its evidence
   double none[2] = {};
 };
 
-// Where clusters are moved, and along which unit vector of the scaled tangent.
+// Pose at which clusters are moved, and along which unit vector of the scaled tangent.
 struct ProfilePlace {
   Eigen::Matrix3d R;
   Eigen::Vector3d t;
@@ -34,8 +33,8 @@ struct ProfileRow {
   double weight = 0.0, loss = 0.0;  // 1/2 - (1 - rho)
 };
 
-// Standard deviations that make the scale of a cluster's kernel, points that a cluster weighs at
-// most, and what of a row along the direction does not count.
+// Kernel scale of a cluster in standard deviations, points that a cluster weighs at most, and least
+// information per weight along the direction that counts.
 inline constexpr double kProfileSigma = 2.0, kProfileMostPoints = 4.0, kLeastCounting = 0.05;
 
 // rows[i] of *clusters[i] on *planes[i]. `count` is at least 1.

@@ -14,7 +14,8 @@ namespace lamina {
 namespace {
 
 constexpr int kMinMatches = 10;
-// Where more clusters face a direction, they do not lie on planes that are none (seen_through.h).
+// A direction that more clusters face does not rest on planes that are seen through
+// (seen_through.h).
 constexpr double kFewFacing = 100.0;
 
 // The degenerate directions at one linearisation, and how they are held.
@@ -39,7 +40,7 @@ double SmallestEigenvalue(const Matrix6d& H) {
 // Gauss-Newton from a start to a minimum.
 class Descent {
  public:
-  // `known`: a direction along which the pose stays on the prediction, or null.
+  // `known`: a direction along which the pose stays where it starts, or null.
   Descent(const ScanMatcherOptions& options, const PosePrediction& prediction,
           const KnownDirection* known, MapResiduals* residuals)
       : options_(options), prediction_(prediction), known_(known), residuals_(residuals) {}
@@ -47,7 +48,8 @@ class Descent {
   // Fills pose, status, iterations, degeneracy and, if asked for, covariance. False if there are
   // too few matches.
   bool Run(const SE3& initial, bool with_covariance, MatchResult* result) {
-    // Other planes that are none are met where the pose goes without the first ones.
+    // Without the dropped planes the pose moves, and may meet further ones that the scan sees
+    // through.
     constexpr int kMostRounds = 3;
     T_ = T_known_ = initial;
     double kernel = known_ == nullptr ? options_.kernel_start_sigma : options_.kernel_end_sigma;
@@ -56,7 +58,8 @@ class Descent {
       if (!DropFeigned()) break;
       kernel = options_.kernel_end_sigma;
       if (round < kMostRounds) continue;
-      // What is reported rests on no such plane, though the pose was found with some.
+      // What is reported rests on no plane that is seen through, though the pose was found with
+      // some.
       if (!Linearise(kernel, false, true)) return false;
       break;
     }
@@ -76,7 +79,7 @@ class Descent {
       if (!Linearise(kernel, i == 0, i == 0 || narrow)) return false;
       Vector6d step = Step();
       if (!step.allFinite()) return false;
-      // Associations are good for about a voxel, and so is the length of a step.
+      // Associations hold for about a voxel, which limits the length of a step.
       step *= std::min(1.0, 0.5 * residuals_->map().options().root_size_m / step.norm());
       step = DividedByArm(step);
       T_ = Retract(T_, step);
@@ -87,14 +90,14 @@ class Descent {
         return true;
       }
     }
-    // What is reported is of the last pose, not of the one before the last step.
+    // Linearises at the last pose, to which what is reported belongs.
     return Linearise(options_.kernel_end_sigma, false, true);
   }
 
-  // Where few clusters face the weakest direction and most of them lie on planes that the scan sees
-  // through: takes these out. False where it is not so.
+  // If few clusters face the weakest direction and most of them lie on planes that the scan sees
+  // through, drops these planes. False if not.
   bool DropFeigned() {
-    // All planes of that kind together do not make a direction as certain as this.
+    // All planes of that kind together do not determine a direction as well as this.
     constexpr double kCertainM = 0.003;
     if (smallest_ * kCertainM * kCertainM > 1.0) return false;
     const bool watched = !eq_.all.information.isZero();
@@ -113,14 +116,15 @@ class Descent {
     return true;
   }
 
-  // Whether planes that are none would determine a direction, and most of those that face it are
-  // none. What else holds it is of the same kind: only no beam happens to pass.
+  // Whether planes that are seen through would determine a direction, and carry most of the
+  // information along it. The other planes along it are then of the same kind: only no beam happens
+  // to pass them.
   bool MostlyFeigned(const Vector6d& v, const Matrix6d& feigned, const Matrix6d& opaque) const {
     const double least = 1.0 / (options_.max_direction_sigma_m * options_.max_direction_sigma_m);
     return v.dot(feigned * v) > std::max(least, v.dot(opaque * v));
   }
 
-  // At the present pose. `decide`: which directions are degenerate is found anew.
+  // Linearises at the present pose. `decide`: determines anew which directions are degenerate.
   bool Linearise(double kernel, bool first, bool decide) {
     if (first) Begin(kernel);
     // The eigenvectors are those of the step before: they turn little.
@@ -137,8 +141,8 @@ class Descent {
     return true;
   }
 
-  // At the pose where a descent begins, with evidence where it is called for: planes that are met
-  // flatly (line_of_sight.h) take part unless the others determine all directions well.
+  // Linearises where a descent begins, with evidence if it is needed: planes that are met flatly
+  // (line_of_sight.h) take part unless the others determine all directions well.
   void Begin(double kernel) {
     LineariseWith(/*flat=*/false, kernel);
     if (!WellDetermined()) LineariseWith(/*flat=*/true, kernel);
@@ -162,10 +166,10 @@ class Descent {
            worst_sigma_m_ <= kWell * options_.max_direction_sigma_m;
   }
 
-  // Eigenvectors of what is to be found: a direction that is known is one of its own, and the last.
+  // Eigenvectors of the normal matrix: a direction that is known is one of them, and the last.
   void FindDirections() {
     basis_ = EigenvectorsOf(WithKnown(DividedByArm(eq_.H)), &smallest_);
-    // What lines of single rings seem to hold is not known.
+    // Information from lines of single rings does not count.
     if (residuals_->use_rough)
       smallest_ = SmallestEigenvalue(WithKnown(DividedByArm(Matrix6d(eq_.H - eq_.H_rings))));
   }
@@ -179,8 +183,8 @@ class Descent {
     return WithHeld(H, direction, most);
   }
 
-  // Where the smallest eigenvalue is far above what wrong normals can feign, all directions are
-  // known well and need no second look.
+  // Whether evidence must be gathered: not if the smallest eigenvalue is far above what wrong
+  // normals can feign, so that all directions are known well.
   bool Doubtful() const {
     constexpr double kClearShare = 0.02, kClearMargin = 10.0;
     const double least = 1.0 / (options_.max_direction_sigma_m * options_.max_direction_sigma_m);
@@ -206,8 +210,8 @@ class Descent {
   Held DecideByEvidence() {
     Held held;
     worst_sigma_m_ = 0.0;
-    // Planes that few frames have seen move along with the sensor: they are heard as long as there
-    // are no others, as on the first scans.
+    // Planes that few frames have seen move along with the sensor: they count only as long as there
+    // are too few others, as on the first scans.
     const DirectionEvidence& evidence = eq_.matched_old >= kMinMatches ? eq_.old : eq_.all;
     const Matrix6d H = DividedByArm(eq_.H);
     for (int k = 0; k < (known_ == nullptr ? 6 : 5); ++k) {
@@ -254,7 +258,7 @@ class Descent {
     result->worst_sigma_m = worst_sigma_m_;
     result->weakest_direction = basis_.col(0);
     result->degenerate = degenerate_;
-    // Ten times what only seems to be known outweighs it.
+    // Factor by which the reported information outweighs what planes only seem to say.
     constexpr double kAgainstSeeming = 10.0;
     const int held = held_.count - (known_ == nullptr ? 0 : 1);
     result->degenerate_directions.leftCols(held) = held_.directions.leftCols(held);
@@ -287,7 +291,7 @@ class Descent {
   NormalEquations eq_;
   Matrix6d basis_ = Matrix6d::Identity();
   double smallest_ = 0.0;
-  // Scaled information of planes that are none, and of those beside them.
+  // Scaled information of planes that are seen through, and of the others that face the direction.
   Matrix6d feigned_ = Matrix6d::Zero(), opaque_ = Matrix6d::Zero();
   double worst_sigma_m_ = 0.0;
   int degenerate_ = 0;

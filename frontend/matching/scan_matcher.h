@@ -91,8 +91,7 @@ struct ScanMatcherOptions {
 // The kernel as narrow from the first step on as it is at the last one.
 ScanMatcherOptions WithNarrowKernel(ScanMatcherOptions options);
 
-// Where a scan is expected, and how well that is known: covariance in the tangent of
-// core/geometry/se3.h.
+// Predicted pose of a scan, and its covariance in the tangent of core/geometry/se3.h.
 struct PosePrediction {
   SE3 T_world_lidar;
   Matrix6d covariance = Matrix6d::Zero();
@@ -120,8 +119,8 @@ struct MatchResult {
   // Fit above which planes speak for a pose: a wrong one has up to 0.65 anywhere in a street,
   // ground on ground and facade on facade, a right one 0.85 and more.
   static constexpr double kChanceFit = 0.5;
-  // That of a scan on the planes of the one just before, at least. Of few rings and among trees it
-  // is 0.55 to 0.65 where both are right, and up to 0.53 where the sweep is misunderstood.
+  // Least fit of a scan on the planes of the one just before. With few rings and among trees it is
+  // 0.55 to 0.65 if both poses are right, and up to 0.53 if the times within the sweep are misread.
   static constexpr double kFollowingFit = 0.55;
 
   enum class Status {
@@ -139,8 +138,8 @@ struct MatchResult {
   // Share of the clusters that met a plane, and of the kernel's weights among those, in [0, 1].
   double overlap() const { return clusters > 0 ? static_cast<double>(matched) / clusters : 0.0; }
   double fit() const { return matched > 0 ? inlier_share * clusters / matched : 0.0; }
-  // What speaks for the pose: a place where much of the scan meets planes that it does not fit is
-  // worse than one where less of it does, and fits.
+  // Evidence for the pose: a place where much of the scan meets planes that it does not fit is
+  // worse than one where less of it meets planes, and fits.
   double evidence() const { return inlier_share - kChanceFit * overlap(); }
   BlockStep block_step;         // with a covariance only
   double residual_rms_m = 0.0;  // robustly weighted distance to the planes
@@ -160,8 +159,8 @@ struct MatchResult {
   int degenerate = 0;
   Matrix6d degenerate_directions = Matrix6d::Zero();
   Vector6d degenerate_information = Vector6d::Zero();
-  // What the covariance has from the prediction: its information along the directions that are
-  // held (scaled tangent, 1/m^2).
+  // The prediction's part of the information: along the directions that are held (scaled tangent,
+  // 1/m^2).
   Matrix6d prior_information = Matrix6d::Zero();
 
   // Marks the match degenerate for another reason than its planes.
@@ -169,8 +168,8 @@ struct MatchResult {
   // The same, and records this direction (a unit vector of the scaled tangent) if none was yet. Its
   // degenerate_information stays zero: bundle adjustment does not hold it.
   void MakeDegenerate(const Vector6d& direction);
-  // Its pose may as well be so far from here (tangent): that is in the covariance from now on, and
-  // the way there is degenerate.
+  // The pose may as well be at this tangent vector from here: adds that to the covariance, and
+  // marks the direction to it degenerate.
   void MayBeElsewhere(const Vector6d& elsewhere);
 };
 
@@ -211,13 +210,13 @@ class ScanMatcher {
                         const VoxelMap& map) const {
     return Run(clusters, prediction, prediction.T_world_lidar, nullptr, map, false);
   }
-  // The same near a pose that is known along one direction otherwise: there it stays, and the
-  // minimum of all others near by is found.
+  // Matches near a pose that is known along one direction from elsewhere: the pose stays as it is
+  // along that, and the nearest minimum along all others is found.
   MatchResult MatchKnown(const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,
                          const KnownDirection& known, const PosePrediction& prediction,
                          const VoxelMap& map) const;
 
-  // What other planes in the place of the map's surfaces say of the pose along each column of
+  // Evidence that other planes, in the place of the map's surfaces, give along each column of
   // `directions` (orthonormal, scaled tangent), at that pose.
   DirectionEvidence EvidenceOf(const PlanesInstead& planes,
                                const std::vector<PointCluster>& clusters, const SE3& T_world_lidar,

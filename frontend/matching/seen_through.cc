@@ -13,7 +13,7 @@ namespace {
 
 // A plane as the sensor sees it. With n the normal towards the sensor, h the sensor's distance, s
 // the vector from the mean to the sensor and v_k = u_k / sqrt(l_k): a ray r ends h + n.r above the
-// plane, and crosses it at s - h r / (n.r). Both are told without a division,
+// plane, and crosses it at s - h r / (n.r). Both are tested without a division,
 //
 //     h + n.r < -0.2,    sum_k (v_k.s n.r - h v_k.r)^2 < 4 (n.r)^2.
 struct SeenPlane {
@@ -49,7 +49,7 @@ SeenPlane AsSeen(const Surface& plane, const PointCluster& members, const Eigen:
   return seen;
 }
 
-// Points of so many rays that have passed.
+// Number of points, of so many rays, that have passed the plane.
 LAMINA_FOR_EACH_PROCESSOR
 std::int32_t Passed(const SeenPlane& p, const float* x, const float* y, const float* z,
                     const std::int32_t* points, std::size_t count) {
@@ -82,7 +82,7 @@ BeamsOfScan::BeamsOfScan(const std::vector<PointCluster>& clusters, const SE3& T
 
 bool BeamsOfScan::SeeThrough(const Surface& plane, const PointCluster& members, double hit) const {
   constexpr double kMostPassing = 0.3;
-  // So many rays are counted before it is asked whether they are enough.
+  // Rays that are counted before the sum is compared with the threshold.
   constexpr std::size_t kAtOnce = 256;
   const SeenPlane seen = AsSeen(plane, members, sensor_);
   std::int64_t passed = 0;
@@ -96,7 +96,7 @@ bool BeamsOfScan::SeeThrough(const Surface& plane, const PointCluster& members, 
 
 SeenThrough MapResiduals::FindSeenThrough(const MetPlanes& met, const Vector6d& direction,
                                           double feigned) const {
-  // What is within rounding is decided by the sums.
+  // Margin of the early end: what is within rounding is decided by the sums of all planes.
   constexpr double kSure = 1.001;
   struct Facing {
     VoxelMap::NodeId id;

@@ -33,7 +33,7 @@ void Odometry::SearchTogether(const SearchedScan& scan, PoseHypotheses* hypothes
 
 bool Odometry::SettleNewest(const LostTrack& track, const PosePrediction& prediction,
                             const VoxelMap& map, OdometryFrame* frame) const {
-  // Two scans that see little of each other slide by less.
+  // Two scans with little overlap drift against each other by less than this.
   constexpr double kSlidM = 0.5;
   if (track.scans() < 2 || frame->status != OdometryFrame::Status::kTracked) return false;
   const MatchResult alone =

@@ -19,7 +19,7 @@ void LostTrack::Add(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                     const Vector6d& twist, double usual_inliers) {
   Scan scan;
   scan.stamp_ns = stamp_ns;
-  // One that is earlier shows that the stamps of those before were wrong.
+  // An earlier stamp shows that those before were wrong.
   const bool later = scans_ > 0 && stamp_ns > kept_.back().stamp_ns;
   if (later && Agrees(stamp_ns, clusters, usual_inliers, &scan)) {
     motion_.Accept(stamp_ns, scan.T_first_lidar, true);
@@ -57,10 +57,10 @@ void LostTrack::Guess(const SE3& T_world_newest) {
 
 bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                        double usual_inliers, Scan* scan) const {
-  // One scan of few rings has little of what the next one sees, however well they agree.
+  // One scan of few rings overlaps little with the next one, however well they agree.
   constexpr double kLeastOverlap = 0.3, kLeastOverlapOfTwo = 0.18;
-  // Of a forest, in which scans lie on planes by a fifth, two have half as much in common that are
-  // right, and a third where they are not.
+  // In a forest, where a fifth of a scan lies on planes, two scans share half as much at the right
+  // pose, and a third at a wrong one.
   constexpr double kLeastOfUsual = 0.5;
   const double usual = usual_inliers > 0.0 ? kLeastOfUsual * usual_inliers : 1.0;
   const double least_overlap =
@@ -78,8 +78,8 @@ bool LostTrack::Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& cluste
   MatchResult match =
       far ? SearchFor(deskewed, prediction, map) : matcher_.MatchPose(deskewed, prediction, map);
   const double dt = motion_.Gap(stamp_ns);
-  // A sensor that is shaken has bent scans, each in its own way, until they are deskewed by what
-  // the match has found.
+  // Scans of a shaken sensor are distorted, each in its own way, until they are deskewed by the
+  // motion that the match has found.
   constexpr int kMostPasses = 4;
   const bool timed = AnyTimed(clusters) && motion_.TellsSweep(stamp_ns);
   MatchResult next = match;
@@ -130,7 +130,7 @@ bool LostTrack::FitsHereAlone(const std::vector<PointCluster>& clusters,
 }
 
 bool LostTrack::Drivable(const std::vector<SE3>& poses) const {
-  // Between three scans; what poses are wrong by comes on top.
+  // Standard deviations of the acceleration between three scans, and the error of their poses.
   constexpr double kSigmas = 3.0, kPosesM = 0.05;
   const double most_m_s2 = kSigmas * motion_options_.acceleration_sigma_m_s2;
   for (std::size_t k = 2; k < poses.size(); ++k) {

@@ -1,11 +1,11 @@
-// The way of a sensor that is lost: scans that agree with one another, tracked among themselves
-// until together they are found again in the map, or begin one of their own.
+// The track of a lost sensor: scans that agree with one another, tracked among themselves until
+// together they are found again in the map, or begin one of their own.
 //
-// What a gap leaves uncertain does not grow while the sensor is followed: with the first of these
-// scans expected at T_world_first, scan k is at T_world_first T_first_k. And a few scans together
-// meet more of the map than one does, which tells places apart that look alike to one. Scans too
-// far apart for matching alone are searched for, as where a recording begins. Rain, spray and a
-// hand before the lens agree with nothing, not even with themselves a moment later.
+// The uncertainty that a gap leaves does not grow while the sensor is followed: with the first of
+// these scans expected at T_world_first, scan k is at T_world_first T_first_k. And a few scans
+// together meet more of the map than one does, which distinguishes places that look alike to one.
+// Scans too far apart for matching alone are searched for, as at the start of a recording. Scans of
+// rain or spray, or of a covered sensor, agree with no other scan, not even a moment later.
 #pragma once
 
 #include <cstddef>
@@ -45,22 +45,22 @@ class LostTrack {
   SE3 T_first_newest() const { return motion_.T_world_last(); }
   // Body twist at the newest scan, per second: measured from the second scan on.
   Vector6d Twist() const;
-  // Over how many seconds.
+  // Seconds over which that was measured.
   double TwistOverS() const { return motion_.last_gap_s(); }
   // The newest scans, at most kKept, gathered by voxel, in the LiDAR frame of the newest.
   std::vector<PointCluster> Together() const;
-  // That one alone. Not before the first.
+  // The newest scan alone, in its LiDAR frame. Not before the first.
   const std::vector<PointCluster>& Newest() const { return kept_.back().clusters; }
-  // What a scan of a track fits at least, to be one of it by itself.
+  // Least fit with which a scan joins a track without a search for rivals.
   static constexpr double kLeastFit = 0.7;
 
-  // Scans that see each other badly slide along a street, and together then lie in no place well.
-  // Where each alone fits the map, matched from where all together lie in it, the map knows the way
-  // from one to the next: takes it from there, and says whether the track was bent before.
-  // `least_inliers`: the share of a scan that must lie on planes.
+  // Scans that overlap little drift against each other along a street, and together fit no place
+  // well. If each alone fits the map, matched from where all together lie in it, takes the motion
+  // from one to the next from the map; true if the track was bent before. `least_inliers`: the
+  // share of a scan that must lie on planes.
   bool Straighten(const PosePrediction& newest, const VoxelMap& map, double least_inliers);
 
-  // Where the map seemed to have the newest scan, though not for sure.
+  // Records a pose of the newest scan in the map that is not certain.
   void Guess(const SE3& T_world_newest);
   // How many guesses in a row led to the same place as this one does.
   int Guessed(const SE3& T_world_newest) const;
@@ -79,15 +79,15 @@ class LostTrack {
   // motion that it gives.
   bool Agrees(StampNs stamp_ns, const std::vector<TimedCluster>& clusters, double usual_inliers,
               Scan* scan) const;
-  // The match of a scan so long after the last one that matching alone does not bridge the way.
+  // The match of a scan so long after the last one that matching alone does not bridge the gap.
   MatchResult SearchFor(const std::vector<PointCluster>& clusters, const PosePrediction& prediction,
                         const VoxelMap& map) const;
   PoseHypotheses HypothesesFor(const PosePrediction& prediction) const;
-  // Whether a match of the scan that follows another one without delay, which fits as poorly as
-  // planes of one scan of few rings do, is better than all that the search finds elsewhere.
+  // Whether a match of a scan that follows another one without delay, with a fit as poor as that on
+  // planes of one scan of few rings, is better than all that the search finds elsewhere.
   bool FitsHereAlone(const std::vector<PointCluster>& clusters, const PosePrediction& prediction,
                      const VoxelMap& map, const MatchResult& match) const;
-  // Whether a sensor can have come by these poses of the kept scans.
+  // Whether a sensor can have moved along these poses of the kept scans, by its acceleration.
   bool Drivable(const std::vector<SE3>& poses) const;
 
   ScanMatcher matcher_;

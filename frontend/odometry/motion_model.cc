@@ -14,7 +14,7 @@ constexpr double kHeldS = 0.3;
 constexpr double kLeastVariance = 1e-12;
 constexpr double kTurnDecayS = 0.5, kWayDecayS = 10.0;
 constexpr double kUneven = 0.5;
-// With each scan that comes soon after another one.
+// Factor on last_gap_s_ with each scan after a short gap.
 constexpr double kForgetGap = 0.8;
 
 // Seconds for which the velocity counts in a gap of dt.
@@ -23,8 +23,8 @@ double Effective(double dt, double decay_s) {
   return kHeldS + decay_s * (1.0 - std::exp(-(dt - kHeldS) / decay_s));
 }
 
-// Of the way or turn over dt. A velocity that was measured over a long gap is known no worse than
-// none at all.
+// Standard deviation of the translation or rotation over dt. A velocity that was measured over a
+// long gap is known no worse than an unknown one.
 double Sigma(double acceleration, double start_speed, bool known, double last_gap_s, double dt) {
   const double measured = 0.5 * acceleration * last_gap_s;
   const double at_most = std::max(start_speed, 0.5 * acceleration * kHeldS);
@@ -62,7 +62,7 @@ Vector6d MotionModel::Twist(StampNs stamp_ns) const {
 }
 
 PosePrediction MotionModel::Predict(StampNs stamp_ns) const {
-  // Of a clock that says nothing, as after another recording.
+  // Gap to assume if the clock does not tell it, as after another recording.
   constexpr double kUnknownGapS = 1.0;
   const double dt = Gap(stamp_ns);
   Vector6d motion = Vector6d::Zero();
@@ -96,7 +96,7 @@ PosePrediction MotionModel::PredictAsAtStart(StampNs stamp_ns) const {
 }
 
 bool MotionModel::uneven() const {
-  // By so much the steps of one sensor differ that speeds up and turns.
+  // Share of a step by which those of one sensor differ as it speeds up and turns.
   constexpr double kEven = 0.25;
   return !stamps_recorded_ && uneven_m_ > kEven * long_step_m_;
 }
@@ -152,7 +152,7 @@ Vector6d MotionModel::WithoutLeap(double dt, const Vector6d& velocity) const {
 }
 
 bool MotionModel::IsShort(double dt) const {
-  // A velocity over longer ones is a mean, which says less.
+  // A velocity over gaps longer than kPeriodS is a mean, which says less.
   constexpr double kShort = 0.3, kPeriodS = 0.1;
   return moving_known() && dt < kShort * std::min(last_gap_s_, kPeriodS);
 }

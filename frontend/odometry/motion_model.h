@@ -5,19 +5,19 @@
 //
 //     sigma_velocity^2 = (a dt_last / 2)^2,    sigma^2 = (sigma_velocity dt)^2 + (a dt^2 / 2)^2,
 //
-// or the speed that a recording may start with where there was no motion yet. What the last two
-// poses are wrong by comes on top where it is asked for: the velocity's covariance V is that of
-// their difference, but where a pose was little more than a prediction the velocity is as good as
-// it was,
+// with the start speed's standard deviation for sigma_velocity before the first motion. Drift()
+// adds the errors of the last two poses: the velocity's covariance V is that of their difference,
+// but, since a pose may be little more than a prediction, no worse than the last velocity's,
 //
 //     V^-1 = ((C + C_last) / dt^2)^-1 + (V_last + (a dt)^2)^-1.
 //
-// A change of the velocity that is far beyond V_last + (a dt)^2 is no motion: it takes back what
-// the pose before was wrong by, and the velocity follows it no further than that may be.
+// A change of the velocity far beyond V_last + (a dt)^2 is treated as correcting the previous
+// pose's error; the velocity is clamped to that bound.
 //
-// Where stamps are made up, scans may be any part of a drive, picked by the way or by hand: the
-// next step is as long as the last one, give or take half of the longest of late. After a gap of
-// 0.3 s the velocity is taken to die down, a turn within half a second, the way within ten.
+// If stamps are made up, scans may be any selection of a drive: the next step is predicted as long
+// as the last one, with half of the longest recent step as standard deviation. After a gap of 0.3 s
+// the velocity is taken to decay, with a time constant of 0.5 s for turns and of 10 s for
+// translations.
 #pragma once
 
 #include "core/geometry/scan.h"
@@ -57,29 +57,29 @@ class MotionModel {
   Vector6d TwistTo(const SE3& T_world_lidar, double dt_s) const {
     return MeanTwist(T_world_last_, T_world_lidar, dt_s);
   }
-  // The way since a scan longer ago says little of the motion during one.
+  // The motion since a scan longer ago than this says little of the motion during one scan.
   static constexpr double kMotionOfS = 2.0;
-  // Whether the way since the last pose then says how the sensor moves during a scan.
+  // Whether, at that time, the motion since the last pose tells the motion during a scan.
   bool TellsSweep(StampNs stamp_ns) const;
   // Body twist during a scan at that time, per second; zero where nothing is known of it.
   Vector6d Twist(StampNs stamp_ns) const;
 
-  // What the last poses themselves are wrong by leaves unknown of that prediction, on top of its
-  // covariance: nothing to speak of, unless the pose was held along a direction for some scans.
+  // Uncertainty of the prediction due to errors of the last poses, on top of its covariance: small,
+  // unless the pose was held along a direction for some scans.
   Matrix6d Drift(StampNs stamp_ns) const;
 
-  // By how much the velocity may differ from the last one a step of dt later: covariance, tangent,
-  // per second. Without recorded stamps that is what steps have differed by of late; before a
-  // motion is known, any that a start may have.
+  // Covariance of the change of the velocity over a step of dt (tangent, per second). Uneven steps
+  // without recorded stamps add their recent deviations; before a motion is known it is that of a
+  // start.
   Matrix6d VelocityChange(double dt) const;
 
-  // A pose that was found, with its covariance. `follows`: the motion from the last one to it is
-  // one, and gives the velocity.
+  // An estimated pose with its covariance. `follows`: the motion from the last pose to it gives the
+  // velocity.
   void Accept(StampNs stamp_ns, const SE3& T_world_lidar, bool follows,
               const Matrix6d& covariance = Matrix6d::Zero());
   // The last pose moves: T -> correction * T.
   void Correct(const SE3& correction) { T_world_last_ = correction * T_world_last_; }
-  // A body velocity, per second, that is known otherwise; how well stays as it is.
+  // Sets a body velocity, per second, that is known from elsewhere; its covariance stays.
   void Assume(const Vector6d& velocity) { velocity_ = velocity; }
   // The same, where it was measured over so many seconds.
   void Assume(const Vector6d& velocity, double over_s) {
@@ -88,8 +88,8 @@ class MotionModel {
   }
   // Seconds over which the velocity was measured.
   double last_gap_s() const { return last_gap_s_; }
-  // The sensor of the first pose moved with this body velocity, per second: known to half of what
-  // it gains in a period, as one that was measured from scan to scan.
+  // Sets the body velocity, per second, at the first pose, with half the standard deviation of its
+  // change over a period, as if it had been measured from scan to scan.
   void StartMoving(const Vector6d& velocity);
   // Whether stamps are measured. As long as nothing is said they are.
   void SetStampsRecorded(bool recorded) { stamps_recorded_ = recorded; }
@@ -109,12 +109,12 @@ class MotionModel {
   void Archive(StateArchive& a);
 
  private:
-  // Whether a gap is much shorter than those before: the errors of two poses make a velocity of
-  // their own.
+  // Whether a gap is so much shorter than those before that errors of the poses dominate the
+  // velocity measured over it.
   bool IsShort(double dt) const;
-  // The velocity between the last one and this one, measured over dt, each by its covariance.
+  // Mean of the last velocity and this one, measured over dt, weighted by their covariances.
   Vector6d Between(double dt, const Matrix6d& covariance, const Vector6d& velocity) const;
-  // This velocity, over the last dt, as far as it may follow from the one before.
+  // This velocity, measured over dt, clamped to what may follow from the last one.
   Vector6d WithoutLeap(double dt, const Vector6d& velocity) const;
   // Covariances of the velocity over dt: as the last one predicts it, and as a pose with this
   // covariance and the last pose measure it.
@@ -128,12 +128,13 @@ class MotionModel {
   StampNs last_stamp_ns_ = 0;
   double last_gap_s_ = 0.0;  // over which the velocity was measured
   bool stamps_recorded_ = true;
-  double long_step_m_ = 0.0, long_step_rad_ = 0.0;  // the longest of late
-  // By how much one was off from where the one before led, at most of late; at first a share of it.
+  double long_step_m_ = 0.0, long_step_rad_ = 0.0;  // longest recent step
+  // Largest recent deviation of a step from constant velocity; before a velocity is known, kUneven
+  // of the step.
   double uneven_m_ = 0.0, uneven_rad_ = 0.0;
   SE3 T_world_last_;
   Vector6d velocity_ = Vector6d::Zero();
-  // Of the last pose and of the velocity.
+  // Covariances of the last pose and of the velocity.
   Matrix6d pose_covariance_ = Matrix6d::Zero(), velocity_covariance_ = Matrix6d::Zero();
 };
 

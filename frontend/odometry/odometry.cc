@@ -126,8 +126,8 @@ SweepMotion Odometry::SweepTo(const SE3& T_world_lidar, const Vector6d& accelera
 }
 
 int Odometry::DeskewPasses(StampNs stamp_ns, const std::vector<TimedCluster>& clusters) const {
-  // The way since a scan that was not over says little of the motion during this one: the poses'
-  // errors would be taken for it, many times over.
+  // The motion since a scan that was not over says little of the motion during this one: over so
+  // short a gap errors of the poses dominate it.
   constexpr double kLeastSweeps = 0.3;
   if (!AnyTimed(clusters) || !motion_.TellsSweep(stamp_ns)) return 0;
   return motion_.Gap(stamp_ns) >= kLeastSweeps * SweepLength(clusters) ? options_.deskew_passes : 0;
@@ -172,7 +172,8 @@ void Odometry::MatchShaken(const SweepMotion& before, Attempt* attempt) const {
 }
 
 bool Odometry::SeemsShaken(const OdometryFrame& frame) const {
-  // In generated rooms by hand it is 0.80 and more, of a car shaken at 5 Hz below 0.45.
+  // Fit of a second scan: 0.80 and more in generated rooms by hand, below 0.45 for a car shaken at
+  // 5 Hz.
   constexpr double kPoorFit = 0.7;
   return !motion_.moving_known() &&
          (frame.status == OdometryFrame::Status::kLost || frame.match.fit() < kPoorFit);
@@ -235,7 +236,7 @@ void Odometry::Reject(OdometryFrame* frame) const {
 double Odometry::RecentInliers() const { return MedianOf(recent_inliers_); }
 
 bool Odometry::StoodStill(const MatchResult& match) const {
-  // It may have gone on by a scan's way.
+  // The sensor may have moved on by the distance of one scan.
   constexpr double kStoodM = 0.5, kGoneOnS = 0.15, kStoodRad = 0.1, kStoodInliers = 0.9;
   const SE3& last = motion_.T_world_last();
   const double recent = RecentInliers();
@@ -251,7 +252,7 @@ bool Odometry::Searchable(const PosePrediction& prediction) const {
 }
 
 bool Odometry::WithinReach(const PosePrediction& prediction) const {
-  // Matching reaches as far as planes are wide.
+  // Convergence radius of matching: about the width of planes.
   constexpr double kReachM = 0.5;
   return SigmaM(prediction) <= kReachM;
 }
@@ -270,7 +271,7 @@ bool Odometry::WhereMotionLeads(const MatchResult& match, const PosePrediction& 
 
 bool Odometry::Vouches(const MatchResult& match, const PosePrediction& prediction) const {
   if (motion_.moving_known()) return WithinReach(prediction) || AsExpected(match, prediction);
-  // At a start near is likely, whatever the clock leaves open.
+  // At a start a match near the prediction is likely, whatever the gap.
   return (match.T_world_lidar.t - prediction.T_world_lidar.t).norm() <= options_.search.range_m;
 }
 
@@ -292,7 +293,7 @@ bool Odometry::Leaps(const MatchResult& match, const PosePrediction& prediction)
 
 PoseHypotheses Odometry::Hypotheses(const PosePrediction& prediction, bool map_is_older) const {
   const SE3 &centre = prediction.T_world_lidar, &last = motion_.T_world_last();
-  // The first match has no speed, and the second none yet.
+  // No speed is known at the first match in an older map, nor at the second.
   const bool starting = !motion_.moving_known() || (map_is_older && recent_inliers_.size() < 2);
   PoseHypotheses hypotheses;
   if (map_is_older && starting) {
@@ -301,7 +302,7 @@ PoseHypotheses Odometry::Hypotheses(const PosePrediction& prediction, bool map_i
   }
   if (starting) return PoseHypotheses::Starting(options_.search, prediction, last);
   hypotheses = PoseHypotheses::GoingOn(options_.search, prediction, last);
-  // One that goes so slowly that it may be anywhere about may have turned about as well.
+  // If the uncertainty exceeds the predicted distance, the heading is unknown: search all headings.
   if (lost_ && (centre.t - last.t).norm() < SigmaM(prediction) && Searchable(prediction)) {
     for (const SE3& T : AllRound({centre, last})) {
       hypotheses.dense.push_back(T);
@@ -322,28 +323,29 @@ bool Odometry::Believed(const OdometryFrame& frame, const SearchedScan& scan,
                         SigmasApart(prediction, match) <= options_.max_prediction_sigmas);
   const double recent = RecentInliers();
   if (match.inlier_share < options_.lost_inlier_ratio * recent) return false;
-  // What fits no better than chance fits badly, whatever went before: also where the prediction
-  // vouches for it, if so few meet planes that the scan may be of another place.
+  // A match that fits no better than chance is rejected, whatever went before: also where the
+  // prediction supports it, if so few clusters meet planes that the scan may be of another place.
   constexpr double kLeastFit = 0.65, kMeetsAll = 0.9, kMeetsFew = 0.4;
   const double recent_fit = MedianOf(recent_fits_);
   const double usual_fit = options_.doubtful_fit_ratio * recent_fit;
   if (match.inlier_share < kMeetsFew * recent && match.fit() < std::min(kLeastFit, usual_fit))
     return false;
-  // There is nothing before a start: what its second scan meets of the first one fits, unless that
-  // is of another place. Where a clock says that no time for that has passed, planes of one scan of
-  // few rings may fit no better: it is enough that no pose near it fits as well.
+  // At a start no fit is known to compare with: a second scan that fits the first one badly is of
+  // another place. If stamps leave no time for that, planes of one scan of few rings may fit no
+  // better: it is enough that no other pose near it fits as well.
   if (scan.starting && recent_fits_.empty() && !scan.timed && match.fit() < kLeastFit) {
     const bool follows = motion_.stamps_recorded() && !gap;
     return follows && match.fit() >= MatchResult::kFollowingFit &&
            match.status == MatchResult::Status::kConverged && unique();
   }
-  // Without a clock near says little, where the scan meets half of what scans did.
+  // Without recorded stamps nearness to the prediction says little if the scan meets half of the
+  // planes that scans did before.
   constexpr double kMeetsHalf = 0.5;
   const bool doubtful = match.fit() < usual_fit && match.inlier_share < kMeetsHalf * recent;
   if (vouched && (motion_.stamps_recorded() || !doubtful)) return true;
   if (match.status != MatchResult::Status::kConverged) return false;
   if (match.fit() < std::max(kLeastFit, usual_fit)) return false;
-  // Of all the places about where a lost scan may be, some fit by chance.
+  // Of the many places where a lost scan may be, some fit by chance.
   constexpr double kFoundFit = 0.9;
   if (lost_ && !WithinReach(prediction) && !WhereMotionLeads(match, prediction) &&
       match.fit() < kFoundFit * recent_fit)

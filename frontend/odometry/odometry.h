@@ -36,13 +36,14 @@ class Odometry {
  public:
   explicit Odometry(const OdometryOptions& options);
 
-  // Where a scan is expected, from the state alone.
+  // Predicted pose of a scan, from the state alone.
   SE3 Predict(StampNs stamp_ns) const { return motion_.Predict(stamp_ns).T_world_lidar; }
-  // Whether a scan of that time, if it is lost, may be found by a search for where it is expected.
+  // Whether a search around the prediction for that time covers its uncertainty.
   bool InReach(StampNs stamp_ns) const { return Searchable(motion_.Predict(stamp_ns)); }
-  // Pose of a scan from the state and the map. The state stays as it is until Accept. In a map that
-  // is older than the drive, one that knows no speed yet is searched for about the prediction: a
-  // street looks much the same a metre on, and a match settles where it begins.
+  // Pose of a scan from the state and the map. The state stays as it is until Accept. In a map
+  // older than the drive a scan without a known speed is searched for about the prediction: a
+  // street looks much the same a metre on, and a match converges to the minimum nearest to its
+  // start.
   OdometryFrame Register(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                          const VoxelMap& map, bool map_is_older = false) const;
 
@@ -51,10 +52,9 @@ class Odometry {
   void Rematch(const std::vector<TimedCluster>& clusters, const VoxelMap& map,
                OdometryFrame* frame) const;
 
-  // Where the map has the scans of a track that was lost: the pose of its newest one. They are
-  // expected where the first of them would have been, and believed on more evidence than a scan
-  // that was never lost. A track that the map straightens is looked for anew.
-  // Without `search` no match is tried, and the prediction is all that is filled in.
+  // Searches the map for the scans of a lost track; the frame is that of the newest one. They are
+  // expected where the first of them would have been, and need more evidence than a scan that was
+  // never lost. A track that the map straightens is searched for again.
   OdometryFrame FindAgain(StampNs stamp_ns, const VoxelMap& map, bool search,
                           LostTrack* track) const;
 
@@ -69,10 +69,10 @@ class Odometry {
   bool lost() const { return lost_; }
   // The last pose moves: T -> correction * T.
   void Correct(const SE3& correction) { motion_.Correct(correction); }
-  // Where the motion is not known yet, a sensor is taken for shaken only if this says so: with the
-  // first scan deskewed by its motion as well, the ordinary way may explain the second one.
+  // While no motion is known, the shaken model is tried only if this allows it: with the first scan
+  // deskewed by its motion as well, the ordinary model may explain the second one.
   void MayBeShaken(bool may_be) { may_be_shaken_ = may_be; }
-  // Whether a frame at the start, as the ordinary way has it, leaves room for that.
+  // Whether the unshaken match of a second scan is poor enough to try the shaken model.
   bool SeemsShaken(const OdometryFrame& frame) const;
   // Whether stamps are measured. Before a scan.
   void SetStampsRecorded(bool recorded) { motion_.SetStampsRecorded(recorded); }
@@ -95,19 +95,17 @@ class Odometry {
   const MotionModel& motion() const { return motion_; }
   const Vector6d& velocity() const { return motion_.velocity(); }
   Vector6d Twist(StampNs stamp_ns) const { return motion_.Twist(stamp_ns); }
-  // The share of a scan that lay on the map's planes of late, the median; 0 before a scan was
-  // tracked.
+  // Median share of the recent scans that lay on the map's planes; 0 before a scan was tracked.
   double RecentInliers() const;
 
  private:
-  // Where the newest scan of the track is expected.
+  // Predicted pose of the newest scan of the track.
   PosePrediction PredictTrack(const LostTrack& track) const;
   // The best match of the track's scans together, and what was searched for.
   void SearchTogether(const SearchedScan& scan, PoseHypotheses* hypotheses,
                       OdometryFrame* frame) const;
-  // Puts the newest scan of a track that was found where the map has that scan alone, if it
-  // determines it, and says whether it has: the track holds its scans together only as well as they
-  // see one another.
+  // Replaces the pose of a found track's newest scan by the match of that scan alone, if that
+  // determines it; true if so. The track holds its scans together only as well as they overlap.
   bool SettleNewest(const LostTrack& track, const PosePrediction& prediction, const VoxelMap& map,
                     OdometryFrame* frame) const;
   // Distance of a match from the prediction in standard deviations of both.
@@ -116,40 +114,39 @@ class Odometry {
   static constexpr double kLeastSurpriseM = 0.1;
   // Whether a match is farther from the prediction than its uncertainty explains.
   bool Surprising(const MatchResult& match, const PosePrediction& prediction) const;
-  // A scan on its way to a pose.
+  // A scan while it is registered.
   struct Attempt {
     const std::vector<TimedCluster>& clusters;
     const PosePrediction& prediction;
     const VoxelMap& map;
-    int passes = 0;  // with which it is deskewed
+    int passes = 0;  // deskewing passes
     OdometryFrame frame = {};
     std::vector<PointCluster> deskewed = {};  // by frame.sweep
 
     void Deskew(const SweepMotion& sweep);
-    // Another one of the same scan, which is searched for as well and not matched yet.
+    // A new attempt at the same scan, marked as searched and not matched yet.
     Attempt Anew(int deskew_passes) const;
-    // Of the same scan.
+    // Takes over another attempt at the same scan.
     void Take(Attempt&& other);
   };
-  // Puts a match near the prediction in the place of such a one if planes say as much for it, and
-  // one from another start if they say more.
+  // Replaces a surprising match by one near the prediction if planes support it equally, or by one
+  // from another start if they support it better.
   void SettleSurprise(Attempt* attempt) const;
-  // The same once the motion during the scan is known: descends from the prediction with what that
-  // motion is besides the way since the last scan. Each match of a shaken scan is deskewed for the
-  // pose that the one before it found, and no descent leaves a minimum for which it is deskewed.
+  // The same once the motion during the scan is known: descends from the prediction, with the scan
+  // deskewed for it. Each match of a shaken scan is deskewed for the pose that the one before it
+  // found, and a descent does not leave the minimum for which the scan is deskewed.
   void SettleSweepSurprise(Attempt* attempt) const;
-  // Whether the match turns by what a prediction from the turn before does not foresee, as of a
-  // sensor that is shaken: a descent may have ended beside a deeper minimum, among trees some
-  // degrees away.
+  // Whether the match turns by more than the prediction foresees, as for a shaken sensor: its
+  // descent may have ended beside a deeper minimum, some degrees away among trees.
   bool MayBeTurned(const MatchResult& match, const PosePrediction& prediction) const;
-  // Puts the deepest minimum that turns about each axis lead to in the place of such a match.
+  // Replaces such a match by the deepest minimum that turns about each axis lead to.
   void SettleTurn(Attempt* attempt) const;
-  // Whether planes say more for `other`, or as much, and it is not surprising and `match` is.
+  // Whether planes support `other` better than `match`, or equally if only `match` is surprising.
   bool Deeper(const MatchResult& other, const MatchResult& match,
               const PosePrediction& prediction) const;
-  // Takes back a search that led to a place that is not believed, and that planes say no more for
-  // than for a match near the prediction that is as expected: such as the place where an earlier
-  // visit lies in the map, which has drifted since.
+  // Discards the result of a search that is not believed, if planes support a match near the
+  // prediction at least as well: the search may have found where an earlier visit lies in the map,
+  // which has drifted since.
   void ReturnToPrediction(Attempt* attempt) const;
   // Whether a match is farther from the prediction than matching alone may carry it.
   bool Leaps(const MatchResult& match, const PosePrediction& prediction) const;
@@ -158,8 +155,8 @@ class Odometry {
   // Whether a match is so near a prediction that is not much worse, and fits so well, that another
   // place is not to be expected.
   bool AsExpected(const MatchResult& match, const PosePrediction& prediction) const;
-  // Whether a match is where the motion before leads, within what that is off by in a second: of
-  // all the places about, a wrong one lies there by chance alone, however unsure the prediction is.
+  // Whether a match is where the last motion leads, within the error of that over a second: a wrong
+  // place lies there by chance alone, however uncertain the prediction is.
   static bool WhereMotionLeads(const MatchResult& match, const PosePrediction& prediction);
   // Whether a match near the prediction needs no other evidence.
   bool Vouches(const MatchResult& match, const PosePrediction& prediction) const;
@@ -183,34 +180,36 @@ class Odometry {
   SweepMotion SweepAt(const SE3& T_world_lidar, const OdometryFrame& frame) const;
   // The motion during a scan at this pose, `dt` after the last one, with that acceleration.
   SweepMotion SweepTo(const SE3& T_world_lidar, const Vector6d& acceleration, double dt) const;
-  // Where few surfaces face the direction that the match knows least, or the blocks that it meets
-  // would have it elsewhere (BlockStep): puts the pose where surfaces and the motion before it
-  // together have it (direction_profile.h).
+  // If few surfaces face the direction that the match knows least, or the votes of blocks
+  // contradict the match (BlockStep): sets the pose along it to the mean of surfaces and prediction
+  // (direction_profile.h).
   void SettleWeakest(Attempt* attempt) const;
-  // Where surfaces alone would have a match elsewhere along a direction, and the motion before it
-  // holds it where it is: one of the two is wrong, and the match is degenerate there.
+  // If surfaces alone place a match elsewhere along a direction than they do together with the
+  // prediction, one of the two is wrong: the match is degenerate there.
   void DoubtContradicted(const DirectionProfile& profile, double settled_m,
                          const Vector6d& direction, OdometryFrame* frame) const;
-  // Whether the prediction leaves the direction that a match knows least to the search.
+  // Whether the prediction is too uncertain along the direction that a match knows least to choose
+  // among its minima, which leaves that to the search.
   bool Unbridged(const PosePrediction& prediction, const MatchResult& match) const;
-  // What a search has found there where few surfaces face it.
+  // Widens the covariance of such a match along that direction, if few surfaces face it.
   void DoubtUnbridged(const PosePrediction& prediction, const std::vector<PointCluster>& deskewed,
                       const VoxelMap& map, OdometryFrame* frame) const;
-  // As SettleWeakest, where the motion before is as unsure: the match stays, with what else it may
-  // be along the direction in its covariance. Degenerate where that is much.
+  // As SettleWeakest, if the prediction is too uncertain: the match stays, and its covariance takes
+  // in the other minima along the direction. Degenerate if they are far.
   void DoubtWeakest(const DirectionProfile& profile, const Vector6d& direction,
                     OdometryFrame* frame) const;
-  // A match that has left a prediction along the direction that it knows least by more than both
-  // explain, as things make it that move along, stays as well, and is degenerate there.
+  // A match that deviates from the prediction, along the direction that it knows least, by more
+  // than the uncertainty of both, as with objects that move along, stays as well, and is degenerate
+  // there.
   void DoubtSurprising(const PosePrediction& prediction, OdometryFrame* frame) const;
-  // Of a scan that is lost right after others: a sensor that begins to turn bends it by that turn,
-  // and deskewed by the motion before it fits nowhere. Tries it as turned by as much as a search
-  // goes, about each axis, and deskewed by that turn.
+  // Tries again a scan that is lost right after others: a sensor that begins to turn distorts it by
+  // that turn, and deskewed by the last motion it fits nowhere. Turns about each axis are tried, as
+  // far as a search goes, each with the scan deskewed by that turn.
   void FindTurn(const PoseHypotheses& hypotheses, Attempt* attempt) const;
   // Whether a frame is the second one: no motion is known yet.
   bool Starting(bool map_is_older) const;
-  // The same as Register once started, deskewed so often; 0: the scan as it is, by what is known of
-  // the motion.
+  // Register once started, with so many deskewing passes; 0: deskewed by the predicted motion
+  // alone.
   OdometryFrame RegisterDeskewed(StampNs stamp_ns, const std::vector<TimedCluster>& clusters,
                                  const VoxelMap& map, bool map_is_older, int passes) const;
   // How often a scan is deskewed again.
@@ -218,8 +217,8 @@ class Odometry {
   // Status and pose of a frame that was matched.
   void Judge(const SearchedScan& scan, const PoseHypotheses& hypotheses,
              OdometryFrame* frame) const;
-  // Where a frame that is believed may be instead; `searched`: that it is believed because no rival
-  // was found.
+  // Another place of a frame that is believed, as a tangent from its pose; `searched`: that it is
+  // believed because no rival was found.
   Vector6d Elsewhere(const SearchedScan& scan, const PoseHypotheses& hypotheses,
                      const OdometryFrame& frame, bool searched) const;
 

@@ -1,4 +1,4 @@
-// What odometry finds of one scan: its pose, how far that is to be believed, and why.
+// Result of odometry for one scan: its pose, how far that is to be believed, and why.
 #pragma once
 
 #include "core/geometry/scan.h"
@@ -23,15 +23,15 @@ struct OdometryFrame {
   SweepAcceleration acceleration;  // of it, where it was estimated
   MatchResult match;
   bool searched = false;  // a search ran
-  // Standard deviation along the direction that the match knows least, where few surfaces face it
-  // and the motion before tells no more (direction_profile.h); 0 elsewhere.
+  // Standard deviation along the direction that the match knows least, if few surfaces face it and
+  // the prediction tells no more (direction_profile.h); 0 otherwise.
   double open_m = 0.0;
-  // How far the match has left its prediction along that direction, where this is more than both
-  // explain; 0 elsewhere.
+  // Distance of the match from its prediction along that direction, if the uncertainties of both do
+  // not explain it; 0 otherwise.
   double surprise_m = 0.0;
-  // Where another place explains the scan about as well (PoseSearch::Elsewhere), or no scan has
-  // been told from all others since one of which that is true: tangent from the pose to that place.
-  // Zero where there is none.
+  // Tangent from the pose to another place, if that explains the scan about as well
+  // (PoseSearch::Elsewhere), or explained an earlier one so and no scan since was told from all
+  // others; zero otherwise.
   Vector6d elsewhere = Vector6d::Zero();
 };
 

@@ -9,17 +9,18 @@
 namespace lamina {
 
 struct OdometryOptions {
-  // Deskew and match again so often with the motion just found.
+  // Number of times that a scan is deskewed and matched again with the motion just found.
   int deskew_passes = 1;
   // Lost when, after a search too, the share of inliers is below this part of its recent median ...
   double lost_inlier_ratio = 0.35;
   // ... or, where the prediction does not vouch for the match, if what meets a plane at all fits it
   // worse than this part of the recent median.
   double doubtful_fit_ratio = 0.85;
-  // Standard deviations from the prediction beyond which it does not, and beyond which a match is
-  // degenerate along the direction that it knows least.
+  // Distance from the prediction, in standard deviations, beyond which the prediction no longer
+  // supports the match, and beyond which a match is degenerate along the direction that it knows
+  // least.
   double max_prediction_sigmas = 4.5;
-  // After a gap longer than this it does not, either, ...
+  // After a gap longer than this the prediction supports no match, ...
   double vouched_gap_s = 0.5;
   // ... and no direction may be known worse than this.
   double max_sigma_m = 0.3;

@@ -11,8 +11,8 @@ Vector6d Odometry::Elsewhere(const SearchedScan& scan, const PoseHypotheses& hyp
                                             motion_.Gap(frame.stamp_ns) > kMostFollowingGapS);
   if (!again && !searched && !open_start) return Vector6d::Zero();
   if (!again && !hypotheses.empty()) return search_.Elsewhere(scan, hypotheses, frame.match);
-  // What the last pose is mistaken by, its motion is as well: the scan is told from other places
-  // only if it is from all that a start leaves open.
+  // If the last pose is wrong, so is its motion: the scan is told from other places only if it is
+  // from all that a start leaves open.
   const PosePrediction prediction = motion_.PredictAsAtStart(frame.stamp_ns);
   const SearchedScan open{scan.clusters, prediction, scan.map, /*starting=*/true};
   PoseHypotheses all =

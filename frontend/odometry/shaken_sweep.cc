@@ -17,7 +17,8 @@
 namespace lamina {
 namespace {
 
-// Scales of the kernel, in standard deviations: from far off on a part of the clusters, and on.
+// Kernel scale of each step, in standard deviations: from far off on a part of the clusters, then
+// on all.
 constexpr double kFromAfar[] = {60.0, 60.0, 60.0, 30.0, 30.0, 20.0, 12.0, 12.0, 6.0, 6.0};
 constexpr double kNear[] = {12.0, 6.0, 4.0, 2.0, 2.0, 2.0};
 
@@ -30,9 +31,9 @@ struct Explanation {
 // Whether `ours` is so much better that it is neither chance nor a thing that moves.
 bool ClearlyBetter(const Explanation& ours, const Explanation& theirs,
                    const std::vector<TimedCluster>& timed, const VoxelMap& map, double scale_m) {
-  // The mean of weights in [0, 1] that a scan gains, and how sure that is. By a motion that it does
-  // not have a hand-held sensor's scan gains 0.01, at most 0.06, and in a room of a dozen blocks
-  // the votes, being those of the clusters that were fitted, come to 3 standard deviations at most.
+  // Least mean gain in weights in [0, 1], and its least significance. By a motion that it does not
+  // have a hand-held sensor's scan gains 0.01, at most 0.06, and in a room of a dozen blocks the
+  // votes, being those of the clusters that were fitted, come to 3 standard deviations at most.
   constexpr double kLeastGain = 0.05, kLeastSigmas = 3.0;
   const PlaneScore our_score(ours.T_world_lidar, map, scale_m, MatchResult::kChanceFit);
   const PlaneScore their_score(theirs.T_world_lidar, map, scale_m, MatchResult::kChanceFit);
@@ -97,7 +98,8 @@ UnsteadyMotion UnsteadyPart(const SweepMotion& sweep, const SE3& T_world_last,
 
 ShakenSweep::ShakenSweep(const ScanMatcherOptions& matcher, const MotionOptions& motion)
     : options_(matcher), matcher_(WithNarrowKernel(matcher)) {
-  // Of the acceleration that is to be expected; and what it may change by within a scan.
+  // Accelerations of a shaken sensor relative to those of the motion options, and the change within
+  // a scan relative to that.
   constexpr double kShaken = 3.0, kChange = 1.0 / 3.0;
   Vector6d sigma;
   sigma << Eigen::Vector3d::Constant(kShaken * Radians(motion.turn_acceleration_sigma_deg_s2)),
@@ -152,7 +154,7 @@ bool ShakenSweep::Step(const ShakenScan& scan, const std::vector<TimedCluster>& 
 
 std::vector<SE3> ShakenSweep::Starts(const ShakenScan& scan, const MatchResult& match) const {
   const SE3& predicted = scan.prediction.T_world_lidar;
-  // What is shaken turns back.
+  // A shaken sensor turns back: the last orientation is a start as well.
   std::vector<SE3> starts = {predicted, SE3(scan.T_world_last.q, predicted.t)};
   if (match.status != MatchResult::Status::kTooFewMatches) starts.push_back(match.T_world_lidar);
   if (!scan.starting) return starts;
@@ -195,7 +197,7 @@ ShakenSweep::State ShakenSweep::BestOf(const ShakenScan& scan,
 }
 
 bool ShakenSweep::Possible(const State& state, bool goes_on) const {
-  // Of a shake that is known to go on, twice the accelerations.
+  // A shake that is known to go on may have twice the accelerations.
   const double kMost = goes_on ? 240.0 : 60.0;
   return state.unsteady.dot(information_.cwiseProduct(state.unsteady)) < kMost;
 }
@@ -245,7 +247,7 @@ bool ShakenSweep::Find(const ShakenScan& scan, std::vector<PointCluster>* deskew
   } else {
     const double scale_m = options_.kernel_end_sigma * scan.map.options().noise_floor_m;
     const Explanation ours{*deskewed, found.T_world_lidar}, theirs{ordinary, match->T_world_lidar};
-    // At the start it is the difference of two scans' motions, of twice the variance.
+    // At the start this is the difference of two scans' motions, with twice the variance.
     State each = state;
     if (scan.starting) {
       each.unsteady *= M_SQRT1_2;

@@ -2,9 +2,9 @@
 //
 // Where a sensor turns to and fro within two scans, the mean velocity since the last pose says
 // nothing of how it moved during the scan, which may be as fast as at no other time, and a scan
-// deskewed by it is bent by degrees. Here the velocity at the stamp is free: with the pose T at the
-// stamp, the gap t since the last one and the mean velocity m between them, the twist and its
-// change during the scan are
+// deskewed by it is distorted by degrees. Here the velocity at the reference instant
+// (core/geometry/sweep_motion.h) is free: with the pose T at that instant, the gap t since the last
+// one and the mean velocity m between them, the twist and its change during the scan are
 //
 //     xi = m + t a / 2 + t b,    a,
 //
@@ -56,8 +56,7 @@ namespace lamina {
 // [a; b] in the frame of the sensor.
 using UnsteadyMotion = Eigen::Matrix<double, 12, 1>;
 
-// What a motion during a scan at a pose is besides the mean velocity since the last one, `gap_s`
-// before it.
+// [a; b] of a motion during a scan at T_world_lidar, with the last pose `gap_s` before it.
 UnsteadyMotion UnsteadyPart(const SweepMotion& sweep, const SE3& T_world_last,
                             const SE3& T_world_lidar, double gap_s);
 
@@ -107,15 +106,15 @@ class ShakenSweep {
   State BestOf(const ShakenScan& scan, const std::vector<SE3>& starts) const;
   // Whether a sensor may be shaken like this, by itself or after another scan that was shaken.
   bool Possible(const State& state, bool goes_on) const;
-  // Whether what was found is a shake, and none of what is expected.
+  // Whether the motion found is possible, and larger than the motion options lead to expect.
   bool Unexpected(const State& state) const;
-  // Of what the motion is beyond its second order.
+  // Covariance of what the motion has beyond its second order.
   Matrix6d Unmodelled(const ShakenScan& scan, const State& state) const;
 
   ScanMatcherOptions options_;
-  ScanMatcher matcher_;         // from where a descent has ended
-  UnsteadyMotion information_;  // where the sensor is shaken,
-  UnsteadyMotion ordinary_;     // and the variance where it is not
+  ScanMatcher matcher_;         // with a narrow kernel, for the end of a descent
+  UnsteadyMotion information_;  // prior of [a; b] for a shaken sensor
+  UnsteadyMotion ordinary_;     // variance of [a; b] for one that is not
 };
 
 }  // namespace lamina

@@ -10,7 +10,7 @@
 namespace lamina {
 namespace {
 
-// Differences in evidence that say nothing.
+// Differences in evidence up to this are not significant.
 constexpr double kAlike = 0.01;
 
 }  // namespace
@@ -46,8 +46,8 @@ void Odometry::SettleSurprise(Attempt* attempt) const {
   const auto from = [&](const SE3& T) {
     return narrow_matcher_.Match(attempt->deskewed, prediction, T, attempt->map);
   };
-  // A turn that was not foreseen moves what is far off over to other surfaces; once it is known,
-  // the minimum of the way that was foreseen lies near.
+  // A turn that was not predicted moves distant clusters to other surfaces; once it is known, the
+  // minimum at the predicted position is near.
   const SE3 turned(match->T_world_lidar.q, prediction.T_world_lidar.t);
   // A wide kernel may carry a match over to the next of several minima in a row.
   bool pose_only = take(narrow_matcher_.MatchPose(attempt->deskewed, prediction, attempt->map));
@@ -56,8 +56,8 @@ void Odometry::SettleSurprise(Attempt* attempt) const {
 }
 
 bool Odometry::MayBeTurned(const MatchResult& match, const PosePrediction& prediction) const {
-  // A voxel aside at 20 and at 40 m; and what a scan says as a rule at the deepest minimum, at one
-  // beside it among trees 0.76 to 0.91 of that of the scans before.
+  // Turns by a voxel at 20 and at 40 m; and least evidence relative to that of the scans before: at
+  // the deepest minimum it is about as large, at one beside it 0.76 to 0.91 among trees.
   constexpr double kTurnedRad = Radians(3.0), kDoubtfulRad = Radians(1.5);
   constexpr double kNearlyAsUsual = 0.97, kLess = 0.92;
   if (!options_.search.enabled || lost_ || !motion_.moving_known()) return false;
@@ -73,7 +73,7 @@ void Odometry::SettleTurn(Attempt* attempt) const {
   const PosePrediction& prediction = attempt->prediction;
   MatchResult* const match = &attempt->frame.match;
   PoseHypotheses turns;
-  // It is off by about as much as it turns beside the prediction.
+  // The error is about as large as the turn away from the prediction.
   PoseSearchOptions reach = options_.search;
   reach.range_deg = std::min(
       reach.range_deg, 0.5 * reach.step_deg +
@@ -115,11 +115,12 @@ void Odometry::SettleSweepSurprise(Attempt* attempt) const {
 }
 
 void Odometry::FindTurn(const PoseHypotheses& hypotheses, Attempt* attempt) const {
-  // So many tell which turn it is.
+  // Clusters that suffice to choose the turn.
   constexpr std::size_t kClusters = 800;
-  // Each deskews by the turn that the one before has found.
+  // Each pass deskews by the turn that the one before has found.
   constexpr int kPasses = 4;
-  // Of the turn since the last scan, in the time between: it begins at the latest with the scan.
+  // Rates to try, relative to the mean since the last scan: the later the turn begins, the faster
+  // it is, and it begins at the latest with this scan.
   constexpr double kShares[] = {1.0, 1.5, 2.0};
   const PosePrediction& prediction = attempt->prediction;
   const double dt = motion_.Gap(attempt->frame.stamp_ns);

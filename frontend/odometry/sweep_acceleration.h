@@ -1,8 +1,8 @@
 // Motion within one scan that is not steady: how the sensor accelerated, from the scan itself.
 //
-// The pose T at the stamp and the one a gap t before it give the mean velocity between them. With
-// an acceleration a (body, rad/s^2 and m/s^2) the sensor was, at tau, away from that steady motion
-// by
+// The pose T at the scan's reference instant (core/geometry/sweep_motion.h) and the one a gap t
+// before it give the mean velocity between them. With an acceleration a (body, rad/s^2 and m/s^2)
+// the sensor was, at tau, away from that steady motion by
 //
 //     a g(tau),    g(tau) = tau (tau + t) / 2:
 //
@@ -40,21 +40,21 @@ StepShares SharesOf(const TimedCluster& cluster, double gap_s);
 // this.
 constexpr double kCountingShare = 0.2;
 
-// From the body's directions, rad and m, to the scaled tangent's (degeneracy.h).
+// Transform from the body's directions, rad and m, to the scaled tangent's (degeneracy.h).
 Matrix6d BodyToTangent(const SE3& T_world_lidar);
 
 struct SweepAcceleration {
   Vector6d acceleration = Vector6d::Zero();     // of the body twist [w; v], per second
   Matrix6d covariance = Matrix6d::Zero();       // of it
-  Vector6d pose_step = Vector6d::Zero();        // tangent: where the pose goes along with it
+  Vector6d pose_step = Vector6d::Zero();        // tangent: the correction of the pose with it
   Matrix6d pose_covariance = Matrix6d::Zero();  // what is unknown of it adds to that of the pose
 
   // E[a a'], for RecentAccelerations.
   Matrix6d SecondMoment() const { return acceleration * acceleration.transpose() + covariance; }
 };
 
-// deskewed[i] is timed[i] at the stamp, under steady motion over the `gap_s` up to the match's
-// pose. All of zero, if there are too few matches. Pure function; thread-safe.
+// deskewed[i] is timed[i] at the reference instant, under steady motion over the `gap_s` up to the
+// match's pose. All of zero, if there are too few matches. Pure function; thread-safe.
 SweepAcceleration EstimateAcceleration(const ScanMatcherOptions& options,
                                        const std::vector<PointCluster>& deskewed,
                                        const std::vector<TimedCluster>& timed,

@@ -15,60 +15,59 @@ namespace {
 // the first.
 constexpr double kWellKnownM = 0.003, kManyBlocks = 20.0;
 
-// What planes hold better was the right minimum in generated scenes, all but those of few points
-// and those of a sensor of which stamps do not tell how far it may have come.
+// Below this sigma generated scenes showed no wrong minimum, except with few points or without
+// recorded stamps.
 constexpr double kDoubtfulM = 0.006;
 
-// What lies farther off a search would have found.
+// Range in which minima beside a match are looked for; a search would have found farther ones.
 constexpr double kBesideM = 0.5;
 
-// Whether a step along a direction turns the sensor about an axis near by. Next to a right minimum
-// there is a wrong one where all that faces the direction meets other surfaces at once. Moved
-// straight on, everything goes by the same way, and of a row of like things each meets the next;
-// turned about an axis near by, what is nearer and what is farther go by ways of their own.
+// Whether a step along a direction turns the sensor about an axis near by. A wrong minimum lies
+// beside the right one where all that faces the direction meets other surfaces at once. Under a
+// translation everything moves by the same distance, and each of a row of like things meets the
+// next; under a rotation about an axis near by, near and far surfaces move by different distances.
 bool TurnsNearby(const Vector6d& direction) {
   constexpr double kNearM = 10.0;
   return kRotationArmM * direction.tail<3>().norm() < kNearM * direction.head<3>().norm();
 }
 
-// So many clusters tell two motions apart, which differ for all.
+// Clusters that suffice to tell two motions apart, which differ for all clusters.
 constexpr std::size_t kEnoughClusters = 4000;
 
-// A prediction that leaves more open says nothing of which minimum is the right one.
+// A prediction that is less certain than this does not choose among minima.
 constexpr double kSteadyM = 0.12;
 
-// Standard deviations of the posterior from which on it is not the match's minimum that it means.
+// The posterior prefers another minimum beyond this many standard deviations from the match.
 constexpr double kElsewhereSigmas = 3.0;
 
-// What a prediction leaves open of the direction that a match knows least, a standard deviation.
+// Standard deviation of a prediction along a unit vector of the scaled tangent.
 double OpenM(const PosePrediction& prediction, const Vector6d& direction) {
   return 1.0 / std::sqrt(prediction.Information(direction));
 }
 
-// Whether the blocks that a match meets would have the sensor elsewhere, if each had one vote:
-// things that move along, near and dense, hold it against all that stands. Of scenes in which
-// nothing does so, the step is some millimetres. Where no motion is known yet, nothing else speaks
-// against them.
+// Whether the votes of blocks contradict a match: near and dense objects that move along hold it
+// against the static world. In scenes without such objects the step is some millimetres. While no
+// motion is known a lower threshold applies, since nothing else contradicts them.
 bool IsDivided(const MatchResult& match, bool moving_known) {
   constexpr double kLeastM = 0.03, kSigmas = 2.5, kStartSigmas = 2.0;
   return match.block_step.step_m.norm() > kLeastM &&
          match.block_step.sigmas > (moving_known ? kSigmas : kStartSigmas);
 }
 
-// How far off its mean velocity a sensor is, along a unit vector of the scaled tangent, after
-// another scan that was shaken as the last one: it may have turned back meanwhile.
+// By how much a sensor that is shaken like the last scan may deviate from its mean velocity in the
+// next gap, along a unit vector of the scaled tangent: it may have reversed meanwhile.
 double SwayM(const UnsteadyMotion& last, double gap_s, const Vector6d& v) {
   const Vector6d off =
       TimesArm(Vector6d(2.0 * gap_s * gap_s * (last.tail<6>() + 0.5 * last.head<6>())));
   return off.head<3>().norm() * v.head<3>().norm() + off.tail<3>().norm() * v.tail<3>().norm();
 }
 
-// Along a unit vector of the scaled tangent, of a covariance that is not scaled.
+// Standard deviation along a unit vector of the scaled tangent, of a covariance that is not scaled.
 double SigmaAlong(const Matrix6d& covariance, const Vector6d& v) {
   return std::sqrt(std::max(0.0, v.dot(TimesArm(covariance) * v)));
 }
 
-// So much more is unknown along a direction of the scaled tangent.
+// Adds this uncertainty along a direction of the scaled tangent.
 void Widen(double sigma_m, const Vector6d& direction, MatchResult* match) {
   const Vector6d along = DividedByArm(Vector6d(sigma_m * direction));
   match->covariance += along * along.transpose();
@@ -81,8 +80,8 @@ void Odometry::SettleWeakest(Attempt* attempt) const {
   OdometryFrame* const frame = &attempt->frame;
   const double dt = motion_.Gap(frame->stamp_ns);
   const MatchResult& match = frame->match;
-  // Things that set off together with the sensor hold it among them as well as those that stand
-  // hold it there, until the way since the last scan puts the two apart.
+  // Objects that set off together with the sensor constrain it as well as static ones, until the
+  // distance since the last scan separates the two.
   const double way_m = (match.T_world_lidar.t - motion_.T_world_last().t).norm();
   const bool setting_off = recent_inliers_.size() < kRecentScans && way_m < kBesideM;
   const bool divided = IsDivided(match, motion_.moving_known());
@@ -112,8 +111,8 @@ void Odometry::SettleWeakest(Attempt* attempt) const {
     return;
   }
   const DirectionProfile::Posterior posterior = profile.With(v.dot(off), sigma_m);
-  // Where the prediction leaves it to the surfaces, their profile sees minima that the descent has
-  // passed by.
+  // If the prediction does not choose, the profile of the surfaces shows minima that the descent
+  // has passed by.
   if (open &&
       std::abs(posterior.mean_m) <= std::max(doubtful_m, kElsewhereSigmas * posterior.sigma_m))
     return;
@@ -122,7 +121,7 @@ void Odometry::SettleWeakest(Attempt* attempt) const {
   frame->match =
       matcher_.MatchKnown(attempt->deskewed, T, {v, posterior.sigma_m}, prediction, attempt->map);
   DoubtContradicted(profile, posterior.mean_m, v, frame);
-  // The rest of what is known there is the planes'.
+  // The rest of the information along v is that of planes.
   const double known = 1.0 / (posterior.sigma_m * posterior.sigma_m);
   const double predicted = std::min(known, 1.0 / (sigma_m * sigma_m));
   frame->match.prior_information += (predicted - known) * v * v.transpose();
@@ -154,7 +153,8 @@ void Odometry::DoubtUnbridged(const PosePrediction& prediction,
     const double open_m = dt * SigmaAlong(motion_.VelocityChange(dt), match.weakest_direction);
     vouched = open_m <= kSteadyM;
     if (!vouched && match.degenerate > 0) {
-      // How far the sensor has come no stamp tells, and the few that do may be wrong together.
+      // No stamp tells how far the sensor has come, and the few surfaces that do may be wrong
+      // together.
       Widen(open_m, match.weakest_direction, &frame->match);
       return;
     }

@@ -28,9 +28,10 @@ std::vector<TimedCluster> MergeClusters(const std::vector<TimedCluster>& cluster
 std::vector<std::vector<TimedPoint>> GroupByCluster(const std::vector<TimedPoint>& points,
                                                     double leaf_size_m);
 
-// All clusters in the LiDAR frame at the instant from which their times count, tau = 0, for a
-// sensor that moves like this during the scan. result[i] belongs to clusters[i]. With the sensor's
-// twist [w; v] and pose T at an instant, the change [a; b] of the twist, s = tau - that instant and
+// All clusters in the LiDAR frame at the scan's reference instant (core/geometry/sweep_motion.h),
+// tau = 0, for a sensor that moves like this during the scan. result[i] belongs to clusters[i].
+// With the sensor's twist [w; v] and pose T at an instant, the change [a; b] of the twist, s = tau
+// - that instant and
 //
 //     c = w x mu + v,
 //     p' = T (p + s (w x p + v) + s^2/2 (w x (w x p + v) + a x p + b) + ...)
@@ -52,14 +53,14 @@ void DeskewClusters(const std::vector<TimedCluster>& clusters, const SweepMotion
 // As of a sensor that rests.
 std::vector<PointCluster> Undeskewed(const std::vector<TimedCluster>& clusters);
 
-// Makes times count from the middle of the sweep. Returns where that is, nanoseconds after the
-// instant from which they counted; 0 if there are no clusters.
+// Moves the reference instant to the middle of the sweep. Returns where that is, nanoseconds after
+// the instant from which times counted; 0 if there are no clusters.
 StampNs CentreTimes(std::vector<TimedCluster>* clusters);
 
 // Seconds between the first cluster's time and the last one's; 0 if there are none.
 double SweepLength(const std::vector<TimedCluster>& clusters);
 
-// Whether any cluster was measured at another instant than the stamp.
+// Whether any cluster was measured at another instant than the reference instant.
 bool AnyTimed(const std::vector<TimedCluster>& clusters);
 
 }  // namespace lamina

@@ -11,9 +11,9 @@ namespace lamina {
 namespace {
 
 constexpr double kCellRad = M_PI / 180.0;
-// Ends of beams that are no farther apart have met the same thing.
+// Beams that lie within this distance of one another at their ends are taken to meet one surface.
 constexpr double kBesideM = 0.08;
-// Nearer to the vertical, cells of azimuth are too narrow.
+// Least cosine of the elevation: nearer to the vertical, cells of azimuth are too narrow.
 constexpr double kLeastCosine = 0.25;
 
 struct Cell {

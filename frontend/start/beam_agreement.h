@@ -1,18 +1,19 @@
 // Whether the beams of two scans agree, at a relative pose, on how far away things are.
 //
-// Between the few lines that one scan of a sparse pattern draws on foliage, planes are guesses, and
-// most exact on the lines themselves. A pattern that has turned on by a degree from one scan to the
-// next is so drawn along: turned back by that degree, the lines of both lie on one another, meet
-// the planes where they were made, and fit better than where they belong. Beams say otherwise: two
-// that end beside one another have met the same thing, and a right pose has both ends at the same
-// distance from the sensor. With p_i the points of one scan brought to the other's frame, and r_j
-// the range there of the beam nearest to p_i, over the n points that have one within 8 cm,
+// In foliage a plane fitted to the few lines of one scan of a sparse pattern is arbitrary between
+// these lines and most exact on them. If the pattern turns by a degree from one scan to the next,
+// matching is biased: turned back by that degree, the lines of both scans coincide, meet the planes
+// where they were made, and fit better than at the right pose. Ranges have no such bias: two beams
+// that end beside one another have met the same surface, and at the right pose both ends are at the
+// same distance from the sensor. With p_i the points of one scan brought to the other's frame, and
+// r_j the range there of the beam nearest to p_i, over the n points that have one within 8 cm,
 //
 //     A(T) = sum_i w((|p_i| - r_j) / s) / (n + n_0),    w of core/geometry/robust_kernel.h,
 //
-// is a share: how many beams come to lie on one another, which is what the pattern decides, does
-// not count. In a forest it is 0.4 to 0.6 at the right pose and below 0.2 where lines lie on lines.
-// Its maximum is blunt, 0.5 deg and 5 cm wide. n_0 keeps a few from deciding.
+// is a mean over those n, so that the number of beams that come to lie beside one another, which
+// depends on the pattern, does not count. In a forest it is 0.4 to 0.6 at the right pose and below
+// 0.2 where lines coincide with lines. Its maximum is blunt, 0.5 deg and 5 cm wide. n_0 keeps a few
+// beams from deciding.
 //
 // Private to frontend/start.
 #pragma once
@@ -26,13 +27,14 @@
 
 namespace lamina {
 
-// Of ranges along beams that meet the same thing, in noise of one.
+// Kernel scale for the difference of two ranges to one surface, in standard deviations of a single
+// range.
 inline constexpr double kRangeSigmas = 3.0;
 
 // Immutable: thread-safe.
 class BeamAgreement {
  public:
-  // The scan compared with, in its LiDAR frame, deskewed. `range_sigma_m`: s.
+  // The first scan, deskewed, in its LiDAR frame. `range_sigma_m`: s.
   BeamAgreement(const std::vector<PointCluster>& clusters, double range_sigma_m);
 
   struct Shares {
@@ -49,7 +51,7 @@ class BeamAgreement {
   // |p_i| - r_j, metres, of the points that have a beam beside them.
   std::vector<double> RangesOff(const std::vector<PointCluster>& clusters,
                                 const SE3& T_first_other) const;
-  // The pose of the largest A that small steps lead to.
+  // The pose of a local maximum of A, by a coordinate search from the given one.
   SE3 Climb(const std::vector<PointCluster>& clusters, const SE3& T_first_other) const;
 
  private:
@@ -67,7 +69,8 @@ class BeamAgreement {
   template <typename Visit>
   void ForEachRange(const std::vector<PointCluster>& clusters, const SE3& T_first_other,
                     std::size_t stride, const Visit& visit) const;
-  // Of the beam nearest to a point; 0 if there is none near.
+  // Range, m, of the beam nearest to a point; 0 if none is within 8 cm across the beam, or if the
+  // point is nearly above or below the sensor.
   double NearestRange(const Eigen::Vector3d& point, double range_m) const;
 
   double range_sigma_m_;

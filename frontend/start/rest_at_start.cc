@@ -54,7 +54,7 @@ double RestAtStart::LeastAgreed() const {
 }
 
 void RestAtStart::Agreed(double share) {
-  // So long setting off may go on unnoticed.
+  // A slow start may stay unnoticed for kNewest scans, and must not lower the minimum meanwhile.
   newest_agreed_.push_back(share);
   if (newest_agreed_.size() <= kNewest) return;
   least_agreed_ = std::min(least_agreed_, newest_agreed_.front());

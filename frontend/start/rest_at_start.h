@@ -1,15 +1,16 @@
 // A sensor that rests from the first scan on, or a few metres later, until it sets off.
 //
-// Where the rays of a sensor have the same directions in every scan, many scans from one place say
-// no more than one: the map of them has the lines that few rays draw, which go with the sensor, and
-// whatever is about to set off with it. Matched to that map, a pose is held where it was by a tenth
-// of the way and more. So how such a sensor sets off is asked as if the recording began there
-// (start_track.h), of the last scans at rest and those that follow.
+// If the rays of a sensor have the same directions in every scan, many scans from one place add no
+// information to one: their map contains the lines that few rays draw, which move along with the
+// sensor, and whatever is about to start together with it. A scan matched to that map is biased
+// towards the rest position by a tenth of the distance moved, or more. So the first motion of such
+// a sensor is estimated as if the recording began there (start_track.h), from the last scans at
+// rest and those that follow.
 //
-// That it sets off shows in its rays before it shows in such poses. At rest they agree to a share A
-// (resting_beams.h) that hardly changes, 0.88 to 0.93 in noise of 1 cm, with a standard deviation
-// of 0.006. A step of 1.5 cm takes 0.02 to 0.07 from that, one of 4.5 cm 0.1 to 0.2. What passes by
-// takes twice its share of the view.
+// Ranges show the motion before such poses do. At rest they agree to a share A (resting_beams.h)
+// that hardly changes, 0.88 to 0.93 in noise of 1 cm, with a standard deviation of 0.006. A step of
+// 1.5 cm lowers A by 0.02 to 0.07, one of 4.5 cm by 0.1 to 0.2. Passing traffic lowers it by twice
+// its share of the view.
 #pragma once
 
 #include <cstddef>
@@ -36,29 +37,30 @@ class RestAtStart {
     void Archive(StateArchive& a) { a(&stamp_ns, &stamp_made_up, &clusters); }
   };
 
-  // The next scan of a piece, from the first one on, as odometry has it, and how its rays agree
-  // with those of the scan before. True once, if the sensor has rested and sets off with this scan.
+  // The next scan of a piece, from the first one on: its frame from odometry, and how its rays
+  // agree with those of the scan before. True once: if the sensor has rested and this scan shows
+  // motion.
   bool SetsOff(const OdometryFrame& frame, bool stamp_made_up,
                const std::vector<TimedCluster>& clusters, const RaysSeenAgain& rays);
-  // The last scans before that, kKept of them, in their order.
+  // The last scans at rest, kKept of them, the oldest first.
   const std::vector<Kept>& kept() const { return kept_; }
   std::vector<Kept> TakeKept() { return std::exchange(kept_, {}); }
-  // Whether it rests.
+  // Whether the sensor is at rest.
   bool rests() const { return !over_ && rested(); }
-  // Whether no more is asked about: it has set off, or has come too far without a rest.
+  // Whether detection has ended: the sensor has set off, was lost, or came too far without a rest.
   bool over() const { return over_; }
-  // It is not asked about any more.
+  // Ends detection.
   void End();
-  // A start has ended. `rests`: all its scans are at rest; after such an alarm by rays, as of what
-  // passes by, the next one takes twice as much. Otherwise it is over if the start was that of a
-  // sensor that had set off.
+  // A start has ended. `rests`: all its scans are at rest, and detection begins anew; if the alarm
+  // was raised by ranges and so proved false (passing traffic), the threshold for the next one
+  // doubles. Otherwise detection ends if the start was one that an alarm had begun.
   void GoOn(bool rests);
   // All poses move: T -> correction * T.
   void Move(const SE3& correction);
 
-  // So far a sensor at rest may seem to move, of few points.
+  // Pose jitter of a resting sensor with few points per scan.
   static constexpr double kRestsM = 0.025, kRestsRad = Radians(0.4);
-  // So far it may have come before it rests.
+  // A sensor that comes farther than this from its first pose is not expected to rest at the start.
   static constexpr double kStartM = 5.0;
 
   // Between scans.
@@ -69,20 +71,21 @@ class RestAtStart {
   static constexpr std::size_t kNewest = 5, kBlock = 64;
   static constexpr int kLeastRested = 4;
   bool rested() const { return rested_ >= kLeastRested; }
-  // The scans at rest so far.
+  // Forgets the scans at rest so far.
   void Forget();
-  // A, at rest, of a pair of scans.
+  // Records A of a pair of scans at rest.
   void Agreed(double share);
-  // The least of it, of one or two blocks of pairs, but for the newest ones.
+  // The smallest A of the last one to two blocks of pairs, without the newest ones.
   double LeastAgreed() const;
 
   bool over_ = false, begun_ = false;
-  bool repeated_ = false;  // the rays of the last pair that was asked
-  bool by_rays_ = false;   // it has set off by these, not by its poses
-  int rested_ = 0;         // so many scans
-  double less_ = 0.03;     // than the least: as of a sensor that moves
+  bool repeated_ = false;  // whether the rays of the last pair of scans repeat
+  bool by_rays_ = false;   // the alarm was raised by ranges, not by poses
+  int rested_ = 0;         // number of scans at rest
+  double less_ = 0.03;     // drop of A below its recent minimum that indicates motion
   std::vector<double> newest_agreed_;
-  // Before these: of the block under way, which has so many pairs, and of the one before.
+  // The smallest A, before these, of the present block, which has in_block_ pairs, and of the
+  // previous one.
   double least_agreed_ = 1.0, least_before_ = 1.0;
   std::size_t in_block_ = 0;
   SE3 T_world_begin_, T_world_rest_;

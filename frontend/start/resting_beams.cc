@@ -13,11 +13,11 @@
 namespace lamina {
 namespace {
 
-// So well rays agree at rest, in the noise that they show.
+// Mean weight from which on rays agree as at rest, in the noise that they show.
 constexpr double kRests = 0.77;
 
-// How well differences of ranges agree if the quarter of them that is smallest tells their noise,
-// which may be larger than it is known to be: mean weight in [0, 1].
+// Mean weight in [0, 1] of differences of ranges, in the noise that the smallest quarter of them
+// shows, which may be larger than `noise_m`.
 double AsNoise(const std::vector<double>& off_m, double noise_m) {
   constexpr double kQuarterSigmas = 0.3186;  // a quarter of normal deviates is smaller
   if (off_m.empty()) return 1.0;
@@ -40,7 +40,8 @@ void RaysSeenAgain::Add(const std::vector<PointCluster>& before,
   if (RotationAngle(SE3(), T_before_this) > kTurnedRad || step_m > kRestsM) return;
   const BeamAgreement beams(before, kRangeSigmas * noise_m_);
   const BeamAgreement::Shares shares = beams.At(clusters, T_before_this);
-  // The rings on the ground go along with a step; without one there is no difference.
+  // Rings on the ground move along with the sensor, so that rays are also compared without the
+  // step.
   const SE3 T_turned(T_before_this.q, Eigen::Vector3d::Zero());
   const double agree =
       step_m < kNoStepM ? shares.agree : std::max(shares.agree, beams.Of(clusters, T_turned));
@@ -72,7 +73,7 @@ bool RaysSeenAgain::Rests() const {
 }
 
 bool RaysSeenAgain::Contradict() const {
-  // What noise alone makes of it is 0.8.
+  // Noise alone gives a mean weight of 0.8; below 0.72 the ranges disagree.
   constexpr double kAsNoise = 0.72;
   if (!Repeated() || Agree() >= Mean([](const Pair& pair) { return pair.least; })) return false;
   return Mean([](const Pair& pair) { return pair.agree < pair.least ? pair.in_noise : 1.0; }) <
@@ -80,7 +81,7 @@ bool RaysSeenAgain::Contradict() const {
 }
 
 void RestingBeams::Add(const std::vector<TimedCluster>& clusters, const SE3& T_world_lidar) {
-  // What is faster does not come to rest in the next scan.
+  // A sensor that moves farther than this from scan to scan does not come to rest in the next one.
   constexpr double kSlowM = 0.5;
   constexpr int kDoubted = 10;
   const SE3 T_last_this = T_world_last_.Inverse() * T_world_lidar;

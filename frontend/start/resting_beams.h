@@ -1,14 +1,14 @@
-// Whether a sensor that seems to rest sees again what it saw.
+// Whether the ranges of a sensor that seems to rest are those that it measured before.
 //
-// A sensor whose rays have the same directions in every scan finds its own lines wherever it is:
-// the rings on the ground, the columns on walls along the way. Where these are most of what it
-// sees, as with a few thousand rays, a map of them holds the pose where the sensor was. Rays that
-// are repeated from one place end where they ended before; from another place those on the ground
-// and along the way do so, and the others do not (beam_agreement.h). Repeated at rest they agree to
-// 0.9 in noise of 1 cm and to 0.5 in noise of 5 cm, without what has moved meanwhile; where the
-// sensor has moved by 4 cm to 0.55. Of 2000 to 5000 rays from a vehicle that drives it is 0.2 to
-// 0.5, and less than 0.4 where the pose creeps. In noise that is larger than it is known to be they
-// agree as little, but then all do alike.
+// If the rays of a sensor have the same directions in every scan, its own lines (rings on the
+// ground, columns on walls along the way) match wherever it is. Where these are most of a scan, as
+// with a few thousand rays, a match to their map leaves the pose where the sensor was. Rays
+// repeated from one place end where they ended before; after a motion those on the ground and along
+// the way still do, the others do not (beam_agreement.h). Repeated at rest they agree to 0.9 in
+// noise of 1 cm and to 0.5 in noise of 5 cm, without what has moved meanwhile; after a motion of 4
+// cm to 0.55. Of 2000 to 5000 rays of a driving vehicle it is 0.2 to 0.5, and less than 0.4 where
+// the pose creeps. If the noise is larger than the option says they agree as little, but then all
+// rays alike.
 #pragma once
 
 #include <cstddef>
@@ -27,14 +27,15 @@ class RaysSeenAgain {
   // `noise_m`: of ranges.
   explicit RaysSeenAgain(double noise_m) : noise_m_(noise_m) {}
 
-  // Two scans, undeskewed, and the later one's pose in the frame of the other. Left out where the
-  // sensor has moved by 4 cm or turned by 0.2 deg: rays that go on by so much end elsewhere anyway.
+  // Two scans, undeskewed, and the later one's pose in the frame of the other. Ignored if the
+  // sensor has moved by 4 cm or turned by 0.2 deg: rays of another place end elsewhere anyway.
   void Add(const std::vector<PointCluster>& before, const std::vector<PointCluster>& clusters,
            const SE3& T_before_this);
   std::size_t pairs() const { return pairs_.size(); }
   // Whether most rays are repeated.
   bool Repeated() const;
-  // Whether they are, and all but few of them end where they did, as far as noise goes.
+  // Whether most rays are repeated and all but few end where they did, within the noise that they
+  // show.
   bool Rests() const;
   // How well they agree, in [0, 1]; of at least one pair.
   double Agree() const;
@@ -63,14 +64,14 @@ class RestingBeams {
 
   // The next scan at its pose.
   void Add(const std::vector<TimedCluster>& clusters, const SE3& T_world_lidar);
-  // The newest scan is here after all.
+  // Replaces the pose of the newest scan after it was re-estimated.
   void MoveTo(const SE3& T_world_lidar) { T_world_last_ = T_world_lidar; }
-  // The newest scan and the one before, if both are those of a sensor at rest.
+  // Agreement of the newest scan with the one before; without a pair unless both are at rest.
   const RaysSeenAgain& newest() const { return newest_; }
-  // Whether the sensor rests by the newest two poses and its rays contradict, or have done so a
-  // short while ago: until rays agree, as long as it is slow.
+  // Whether the sensor rests by its newest two poses and the ranges contradict that, or did so
+  // within the last ten scans at low speed; ranges that agree end the doubt.
   bool Contradict() const { return doubted_ > 0; }
-  // So many scans whose rays contradict are not followed by one whose rays agree.
+  // Number of scans whose ranges contradict, since ranges last agreed.
   int contradictions() const { return contradictions_; }
 
   // Between scans; but for newest().
@@ -82,7 +83,7 @@ class RestingBeams {
   std::vector<PointCluster> last_;  // empty where there is none
   SE3 T_world_last_;
   int contradictions_ = 0;
-  int doubted_ = 0;  // so many scans more are doubted
+  int doubted_ = 0;  // number of further scans that stay doubted
 };
 
 }  // namespace lamina

@@ -1,8 +1,7 @@
-// The first scans of a drive, and what follows of them where given poses are theirs.
+// The first scans of a drive, and the motions and maps that given poses of them lead to.
 //
 // `poses`: T_world_lidar of the scans in their order, of all or of the first ones. Scan k is
-// deskewed by the mean body twist between the poses k - 1 and k, with what it was shaken beside
-// that.
+// deskewed by the mean body twist between the poses k - 1 and k plus StartScan::sweep.
 #pragma once
 
 #include <cstddef>
@@ -22,8 +21,9 @@ struct StartScan {
   StampNs stamp_ns = 0;
   std::vector<TimedCluster> clusters;
   SE3 T_world_lidar;
-  // Of a scan that looks shaken: what its motion has beside that from pose to pose. Once StartTrack
-  // is closed: its motion.
+  // While the start is open: the motion found from a shaken scan itself, its twist less the mean
+  // twist since the previous scan; zero for other scans. Once StartTrack has overruled odometry:
+  // the whole motion during the scan.
   SweepMotion sweep;
 
   void Archive(StateArchive& a) {
@@ -44,23 +44,24 @@ class StartScans {
   bool empty() const { return scans_.empty(); }
   const StartScan& operator[](std::size_t scan) const { return scans_[scan]; }
 
-  // As odometry has them.
+  // T_world_lidar of each scan: as odometry estimated it, as long as the start is open.
   std::vector<SE3> OwnPoses() const;
-  // Since the scan before; from the first scan to the last.
+  // Seconds from the previous scan to this one, and from the first scan to the last.
   double GapS(std::size_t scan) const;
   double LengthS() const;
   // Body twist at a scan, per second, from the motion since the one before; at the first, that of
   // the second.
   Vector6d Twist(const std::vector<SE3>& poses, std::size_t scan) const;
-  // The motion during it: by that twist, and by what it was shaken.
+  // Motion during a scan: that twist plus StartScan::sweep.
   SweepMotion Sweep(const std::vector<SE3>& poses, std::size_t scan) const;
-  // A scan by that motion, in its LiDAR frame.
+  // A scan deskewed by that motion, in its LiDAR frame.
   std::vector<PointCluster> Deskewed(std::size_t scan, const std::vector<SE3>& poses) const;
-  // Of the first so many scans, or all of them but one.
+  // Map of the scans [0, scans) at these poses, deskewed, without scan `without`; kNone leaves out
+  // none.
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
   VoxelMap MapOf(const std::vector<SE3>& poses, std::size_t scans,
                  std::size_t without = kNone) const;
-  // Sum of n n^T over the planes that the newest scan meets in a map of the first so many.
+  // Sum of n n^T over the planes that the newest scan meets in the map of the scans [0, scans).
   Eigen::Matrix3d Faced(const std::vector<SE3>& poses, std::size_t scans) const;
 
   void Archive(StateArchive& a) { a(&scans_); }
@@ -70,7 +71,8 @@ class StartScans {
   std::vector<StartScan> scans_;
 };
 
-// The direction that the fewest planes face, of StartScans::Faced.
+// The direction that the fewest planes face: the eigenvector of StartScans::Faced with the smallest
+// eigenvalue.
 Eigen::Vector3d LeastFaced(const Eigen::Matrix3d& faced);
 
 // The largest distance between two ways.

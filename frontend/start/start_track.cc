@@ -12,13 +12,14 @@
 namespace lamina {
 namespace {
 
-// Half the distance at which two minima are told apart.
+// Kernel scale of fits: half the distance at which two minima are told apart.
 constexpr double kScaleM = 0.06;
 constexpr double kSameM = 0.1;
-// Of the speed at which a recording starts: in a small place none is faster.
+// Search limit in a small place, in standard deviations of the start speed.
 constexpr double kUsualSigmas = 2.0;
 
-// How much a cluster at p that meets this plane counts along u, as far as it fits.
+// Weight along u of a cluster at p on this plane: how far the plane faces u, times the kernel's
+// weight.
 double FitAlong(const Surface& plane, const Eigen::Vector3d& p, const Eigen::Vector3d& u) {
   const double facing = plane.normal.cast<double>().dot(u), distance = plane.Distance(p);
   return facing * facing * GemanMcClureWeight(distance * distance / (kScaleM * kScaleM));
@@ -31,7 +32,7 @@ StartTrack::StartTrack(const OdometryOptions& options, const VoxelMapOptions& ma
     : matcher_(WithNarrowKernel(options.matcher)),
       open_sigma_m_(options.matcher.max_direction_sigma_m),
       scans_(map_options) {
-  // Smaller ones hold too few points of sparse scans.
+  // Smaller voxels hold too few points of sparse scans.
   constexpr double kLeastVoxelM = 0.4;
   steady_.voxel_size_m = std::max(kLeastVoxelM, map_options.LeafSize());
   steady_.noise_m = map_options.noise_floor_m;
@@ -77,12 +78,12 @@ void StartTrack::Add(const OdometryFrame& frame, bool stamp_made_up,
     open_along_ = frame.match.weakest_direction.tail<3>();
   }
   if (frame.match.worst_sigma_m > open_sigma_m_) ++seen_.without_planes;
-  // A turn that is open is none of a steady way.
+  // Only a mostly translational unconstrained direction can be settled by a steady motion.
   constexpr double kMostlyWay = 0.7;
   own_way_ = open_along_.norm() > kMostlyWay ? OwnWay::kOpen : OwnWay::kHeld;
   if (seen_.shaken && !seen_.sparse) {
-    // Shaking parts steps from a steady way, and what looks shaken may be a match drawn aside: only
-    // the steady motion of all scans together tells the way.
+    // Shaking makes steps deviate from a steady trajectory, and a scan that looks shaken may be a
+    // biased match: only the steady motion of all scans together tells the trajectory.
     hypotheses_.clear();
   } else if (scans_.size() == 2) {
     if (seen_.stamps_recorded) Begin(frame);
@@ -113,7 +114,8 @@ void StartTrack::Shake(std::size_t scan, const SweepMotion& sweep) {
 }
 
 double StartTrack::MaxSpeedMS() const {
-  // Where the sensor sees as far as that takes it in a second and a half.
+  // Speed limit: the visible range (98 % quantile) divided by 1.5 s, clamped to 2 to 3 standard
+  // deviations of the start speed.
   constexpr double kMostSigmas = 3.0, kFarthest = 0.98, kAheadS = 1.5;
   std::vector<double> ranges_m;
   for (const TimedCluster& cluster : scans_[0].clusters)
@@ -135,9 +137,10 @@ std::vector<SE3> StartTrack::Minima(const std::vector<PointCluster>& clusters,
                                     const SE3& T_world_lidar, const VoxelMap& map, double middle_m,
                                     double reach_m) const {
   constexpr double kStepM = 0.5 * kScaleM, kLeastFacing = 0.3;
-  // What stands is little of what faces the way among traffic that is as fast as the sensor.
+  // Among traffic as fast as the sensor few static surfaces face the motion: for a minimum of high
+  // speed kFaintShare of the best one's evidence is enough.
   constexpr double kLeastShare = 0.3, kFaintShare = 0.1, kFastMS = 15.0;
-  // The clusters that may meet a plane facing u at all.
+  // The clusters that meet a plane facing u somewhere within reach.
   std::vector<Eigen::Vector3d> points;
   const double voxel_m = map.options().LeafSize();
   for (const PointCluster& cluster : clusters) {
@@ -187,7 +190,7 @@ void StartTrack::Begin(const OdometryFrame& frame) {
   const std::vector<PointCluster> clusters = scans_.Deskewed(1, {T_first, T});
   u_ = LeastFaced(scans_.Faced({T_first, T}, 1));
   std::vector<SE3> starts = {T};
-  // Along u the sensor may have moved so far to either side of where it was.
+  // Search reach along u, to either side of the first pose.
   const double reach_m = steady_.max_speed_m_s * scans_.GapS(1) + 0.5 * kScaleM;
   for (const SE3& minimum : Minima(clusters, T, map, u_.dot(T_first.t - T.t), reach_m)) {
     if ((minimum.t - T.t).norm() > kSameM) starts.push_back(minimum);
@@ -203,14 +206,14 @@ void StartTrack::Begin(const OdometryFrame& frame) {
         [&](const Hypothesis& other) { return (other.poses.back().t - end.t).norm() < kSameM; });
     if (!known) hypotheses_.push_back(std::move(hypothesis));
   }
-  // Where odometry has found no minimum, there is nothing to compare with.
+  // If the descent from odometry's pose leads elsewhere, there is nothing to compare with.
   const bool found =
       !hypotheses_.empty() && (hypotheses_.front().poses.back().t - T.t).norm() < kSameM;
   if (!found) hypotheses_.clear();
 }
 
 std::vector<StartTrack::Hypothesis> StartTrack::Follow(const Hypothesis& hypothesis) const {
-  // What is not steady takes a scan so far from where it is expected.
+  // Search reach along u around the extrapolated pose, for unsteady motion.
   constexpr double kReachM = 0.25;
   std::vector<SE3> poses = hypothesis.poses;
   const std::size_t last = poses.size() - 1;
@@ -221,7 +224,7 @@ std::vector<StartTrack::Hypothesis> StartTrack::Follow(const Hypothesis& hypothe
   for (const SE3& minimum : Minima(clusters, poses.back(), map, 0.0, kReachM)) {
     if ((minimum.t - starts.front().t).norm() > kSameWayM) starts.push_back(minimum);
   }
-  // Odometry may have found the way on where the motion so far does not lead.
+  // If odometry has turned away from the extrapolated motion, its pose is a start as well.
   const std::vector<SE3> own = scans_.OwnPoses();
   constexpr double kTurnedRad = Radians(1.5);
   if (RotationAngle(own.back(), starts.front()) > kTurnedRad && SameWay(hypothesis.poses, own))
@@ -273,9 +276,9 @@ void StartTrack::Overrule(const std::vector<SE3>& poses, const std::vector<SE3>&
     scan.sweep = scans_.Sweep(moving, k);
   }
   match_ = match;
-  // Where planes that few scans have seen led odometry to another place, as in the sheets that
-  // rings sweep, they would lead bundle adjustment there again: it is kept out of the way.
-  // Elsewhere they know the way to centimetres, and better than what is found here.
+  // Planes that few scans have seen, such as the sheets that rings sweep, led odometry to another
+  // place and would lead bundle adjustment there again: the poses are held along u. Where odometry
+  // agrees, planes determine them to centimetres, better than the hypothesis does.
   constexpr double kKnownM = 0.001;
   if (led_elsewhere) {
     match_.degenerate_directions.setZero();
@@ -304,31 +307,32 @@ void StartTrack::Decide() {
       return;
     }
   }
-  // Where planes leave the way open by themselves, poses are called degenerate, and another start
-  // would be no better.
+  // If planes leave the translation open in half of the scans, poses are called degenerate anyway,
+  // and another start would be no better.
   if (way_open && last && 2 * seen_.without_planes >= scans_.size()) {
     if (!TakeStanding(open_along_.normalized())) Clear();
     return;
   }
   if (way_open && last && SettingOff(scans_.OwnPoses())) return CheckSettingOff(scans_.OwnPoses());
   if (hypotheses_.empty()) {
-    // Steps that no clock tells may be uneven, and then no steady motion explains them.
+    // Without recorded stamps steps may be uneven, and then no steady motion explains them.
     if (way_open && last) return seen_.stamps_recorded ? GiveUp() : Clear();
     if (!way_open) Trust();
     return;
   }
   Rank();
   const Hypothesis& best = hypotheses_.front();
-  // Nor does a hypothesis that agrees with odometry explain what speaks against that.
+  // A hypothesis that equals the refuted odometry trajectory is refuted with it: wait.
   if (!last && refuted_ && Apart(best.poses, scans_.OwnPoses()) <= kAgreesM) return;
-  // What sets off together is as steady as what stands, and two of them part late.
+  // Objects that start together with the sensor give a hypothesis as smooth as the static one; the
+  // two separate only after many scans.
   if (!last && SettingOff(best.poses) && (way_open || !SameWay(best.poses, scans_.OwnPoses())))
     return;
   const bool told = !way_open || (seen_.all_tracked && Steady(best.poses));
   const bool alone = hypotheses_.size() == 1 && (!way_open || scans_.size() >= kManyScans);
   if (!last && !(told && alone)) return;
   if (!told) return GiveUp();
-  // Of several that are left at the end one that is likely better is followed.
+  // Odometry's own trajectory is overruled only by one that is likelier by kLikelySigmas.
   const std::vector<SE3> own = scans_.OwnPoses();
   for (const Hypothesis& h : hypotheses_) {
     if (SameWay(h.poses, own) && Better(best, h) < kLikelySigmas) return Trust();
@@ -343,7 +347,8 @@ void StartTrack::TakeBest() {
     if (!TakeStanding(u_)) Clear();
     return;
   }
-  // By what its first scans were drawn aside before it parted from others, the later ones show.
+  // The later scans show how far the first ones were biased before the hypotheses separated: each
+  // scan is matched to the map of all others.
   std::vector<SE3> poses = best.poses;
   MatchResult match = best.match;
   bool settled = true;
@@ -366,7 +371,8 @@ bool StartTrack::unsettled() const {
   if (!open()) return false;
   if (refuted_) return true;
   const std::vector<SE3> own = scans_.OwnPoses();
-  // All scans are asked which of the two it is, but not yet.
+  // If the best hypothesis differs from odometry and starts from rest, only all scans together
+  // decide.
   const bool as_best = hypotheses_.empty() || SameWay(hypotheses_.front().poses, own);
   if (!as_best && scans_.size() > 2 && SettingOff(hypotheses_.front().poses)) return true;
   return own_way_ == OwnWay::kOpen && open_m_ > kOpenM && !(seen_.all_tracked && Steady(own));
@@ -383,7 +389,8 @@ Matrix6d StartTrack::Spread(const SE3& T_world_lidar) const {
 }
 
 void StartTrack::Archive(StateArchive& a) {
-  // Of a closed start nothing more: what it came to is asked for before the next scan.
+  // Of the states of a closed start only kOverruled is kept: it is used before the next scan is
+  // taken.
   bool open = this->open(), overruled = this->overruled();
   bool unrivalled = own_way_ == OwnWay::kUnrivalled, way_open = own_way_ == OwnWay::kOpen;
   a(&open, &overruled, &unrivalled, &way_open, &seen_.all_tracked, &open_m_, &open_along_, &scans_,

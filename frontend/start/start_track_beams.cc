@@ -1,4 +1,4 @@
-// The start of a sensor whose single scans make few planes, told by its beams.
+// The start of a sensor whose single scans make few planes: beams determine its motion.
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -17,7 +17,7 @@ BeamAgreement BeamsOf(const std::vector<PointCluster>& clusters, double noise_m)
   return {clusters, kRangeSigmas * noise_m};
 }
 
-// Two scans that follow one another, deskewed by the motion that poses have.
+// Two consecutive scans, deskewed by the motion of given poses.
 struct BeamPair {
   BeamAgreement before;
   std::vector<PointCluster> clusters;
@@ -36,7 +36,8 @@ std::vector<BeamPair> BeamPairs(const StartScans& scans, const std::vector<SE3>&
   return pairs;
 }
 
-// Mean over the pairs (beam_agreement.h), the later scan so far aside in the frame of the sensor.
+// Mean of A (beam_agreement.h) over the pairs, the later scan shifted by `aside` in the frame of
+// the earlier one.
 double Agreement(const std::vector<BeamPair>& pairs,
                  const Eigen::Vector3d& aside = Eigen::Vector3d::Zero()) {
   double sum = 0.0;
@@ -48,10 +49,11 @@ double Agreement(const std::vector<BeamPair>& pairs,
   return sum / static_cast<double>(pairs.size());
 }
 
-// Whether beams agree less to every side. On ground and walls along the way they do not.
+// Whether agreement drops to every side, so that beams determine the position. On the ground and
+// walls along the way alone it does not.
 bool BeamsTell(const std::vector<BeamPair>& pairs, double agreement) {
-  // Among trees it is 0.1 of the agreement so far aside, in streets 0.5 to 0.7 along the way.
-  // Trunks and walls let beams slide upwards, 0.4, but few sensors leave the ground.
+  // So far aside agreement is 0.1 of its maximum among trees, 0.5 to 0.7 along streets. Trunks and
+  // walls constrain the height less, 0.4, but few sensors leave the ground.
   constexpr double kAsideM = 0.3, kMostAcross = 0.3, kMostUp = 0.6;
   constexpr int kDirections = 8;
   for (int i = 0; i < kDirections; ++i) {
@@ -64,7 +66,7 @@ bool BeamsTell(const std::vector<BeamPair>& pairs, double agreement) {
          Agreement(pairs, -up) <= kMostUp * agreement;
 }
 
-// Each scan where its beams agree best with those of the one before.
+// Poses of the scans, each where its beams agree best with those of the scan before.
 std::vector<SE3> PosesByBeams(const StartScans& scans, double noise_m) {
   const std::vector<SE3> own = scans.OwnPoses();
   std::vector<SE3> poses = {own.front()};
@@ -97,9 +99,9 @@ std::vector<SE3> PosesByBeams(const StartScans& scans, double noise_m) {
 }  // namespace
 
 bool StartTrack::ToldByBeams(const MatchResult& second) const {
-  // Of a Mid-360 among trees and in streets 0.03 of the rays lie beside those before, of 16 rings
-  // and of an Avia 0.4 and more, of 2000 rays of a sensor that begins anywhere in its first step
-  // 0.16.
+  // Share of the rays that lie beside those before: 0.03 for a Mid-360 among trees and in streets,
+  // 0.4 and more for 16 rings and for an Avia, 0.16 for 2000 rays of a sensor that begins anywhere
+  // in its first step.
   constexpr double kSparse = 0.3, kRepeated = 0.1;
   if (second.overlap() >= kSparse) return false;
   return BeamsOf(Undeskewed(scans_[0].clusters), steady_.noise_m)
@@ -110,7 +112,7 @@ bool StartTrack::BeamsContradict(const std::vector<SE3>& poses) const {
   constexpr std::size_t kLeastPairs = 3;
   if (!Stands(poses)) return false;
   RaysSeenAgain rays(steady_.noise_m);
-  // What sets off has moved by the second half of the scans.
+  // A sensor that sets off has moved by the second half of the scans.
   for (std::size_t k = poses.size() / 2; k < poses.size(); ++k)
     rays.Add(Undeskewed(scans_[k - 1].clusters), Undeskewed(scans_[k].clusters),
              poses[k - 1].Inverse() * poses[k]);
@@ -118,7 +120,7 @@ bool StartTrack::BeamsContradict(const std::vector<SE3>& poses) const {
 }
 
 bool StartTrack::SettleAll(std::vector<SE3>* poses, MatchResult* match) const {
-  // What the beams leave open of a pose.
+  // Standard deviation of a pose by beams.
   constexpr double kOpenM = 0.1;
   constexpr int kMostRounds = 5;
   constexpr double kSettledM = 0.01;
@@ -139,8 +141,8 @@ bool StartTrack::SettleAll(std::vector<SE3>* poses, MatchResult* match) const {
 }
 
 bool StartTrack::TakeByBeams() {
-  // Chance has 0.1 to 0.2. Ways that are right agree alike, within a tenth; one that is drawn aside
-  // in some of its scans has less, and what settles on that has, too.
+  // Agreement by chance is 0.1 to 0.2. Right trajectories agree alike, within a tenth; one that is
+  // biased in some of its scans agrees less, and so does the result of settling on it.
   constexpr double kLeastAgreement = 0.3, kRefuted = 0.85, kKept = 0.8;
   const double noise_m = steady_.noise_m;
   std::vector<SE3> poses = PosesByBeams(scans_, noise_m);
@@ -154,7 +156,8 @@ bool StartTrack::TakeByBeams() {
   if (settled < kKept * found || own >= kRefuted * settled || Leaps(poses)) return false;
   Overrule(poses, poses, match);
   state_ = State::kToldByAll;
-  // Its planes are those of all scans, and no lines of two lie on one another in them.
+  // The match is to planes of all scans, in which lines of two scans do not coincide: nothing is
+  // held.
   match_.degenerate_directions.setZero();
   match_.degenerate_information.setZero();
   return true;

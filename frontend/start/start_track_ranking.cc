@@ -33,7 +33,7 @@ double StartTrack::ChangeVariance(std::size_t scan, double pose_m) const {
 }
 
 double StartTrack::Unsteadiness(const std::vector<SE3>& poses) const {
-  // Of a match, along u, and of a sensor that is shaken from where it would be.
+  // Standard deviations of a pose along u: of a match, and of a shaken sensor about its steady way.
   constexpr double kMatchM = 0.01, kShakenM = 0.03;
   const double pose_m = seen_.shaken ? kShakenM : kMatchM;
   const auto speed = [&](std::size_t k) {
@@ -48,8 +48,8 @@ double StartTrack::Unsteadiness(const std::vector<SE3>& poses) const {
 }
 
 bool StartTrack::Steady(const std::vector<SE3>& poses) const {
-  // Of each change of speed: about 1 where it is that of the motion options, 4 to 7 where poses are
-  // chance.
+  // Mean cost of a change of speed: about 1 for motion as the options expect it, 4 to 7 for chance
+  // poses.
   constexpr double kMost = 2.0;
   return poses.size() < 3 || Unsteadiness(poses) < kMost * static_cast<double>(poses.size() - 2);
 }

@@ -1,4 +1,5 @@
-// The start of a sensor that stands, sets off or moves, perhaps together with all that is about it.
+// The start of a sensor that stands, sets off or moves, perhaps together with all objects around
+// it.
 #include <vector>
 
 #include "frontend/start/start_track.h"
@@ -6,10 +7,10 @@
 namespace lamina {
 namespace {
 
-// To which surfaces are as sharp as they are, wherever the points on them lie.
+// Noise at which the sharpness of a surface no longer depends on where its points fall.
 constexpr double kRoughM = 0.12;
 
-// From the pose before.
+// Distance of pose k from the previous one.
 double StepM(const std::vector<SE3>& poses, std::size_t k) {
   return (poses[k].t - poses[k - 1].t).norm();
 }
@@ -21,7 +22,7 @@ void StartTrack::Trust() {
   hypotheses_.clear();
   const std::vector<SE3> own = scans_.OwnPoses();
   const bool setting_off = SettingOff(own);
-  // Steps that no clock tells may be uneven: of these only one that stands is steady.
+  // Without recorded stamps steps may be uneven, and only a sensor at rest moves steadily.
   const bool steady = setting_off || (seen_.stamps_recorded && (refuted_ || Slow(own)));
   if (!seen_.all_tracked || !steady) return Clear();
   if (!setting_off) unproven_ = false;
@@ -39,7 +40,7 @@ bool StartTrack::Slow(const std::vector<SE3>& poses) const {
 }
 
 bool StartTrack::SettingOff(const std::vector<SE3>& poses) const {
-  // Two scans of a sensor that is faster mostly show what stands and what moves with it as two
+  // At a higher speed two scans mostly show the static world and objects that move along as two
   // minima.
   constexpr double kAtRestMS = 1.0;
   return Slow(poses) && StepM(poses, 1) < kAtRestMS * scans_.GapS(1);
@@ -55,7 +56,8 @@ void StartTrack::CheckGoingAlong(const std::vector<SE3>& own, bool last) {
   const SteadyAlong fine = FindAhead(own, steady_.noise_m, Asked::kIfRefutes);
   // The rough search costs as much: it is made only where the fine one refutes.
   refuted_ = fine.told && fine.refutes && Refute(fine, FindAhead(own, kRoughM));
-  // What goes along with the sensor has left what stands behind by then, and that would refute it.
+  // If odometry followed objects that move along, the static world would by then be left behind and
+  // would contradict it.
   const bool told = fine.refuted && scans_.size() >= kManyScans && !SettingOff(own);
   if (!last && !told) return;
   if (!refuted_) return Clear();
@@ -101,11 +103,12 @@ void StartTrack::CheckSettingOff(const std::vector<SE3>& poses) {
   if (near && !Stands(poses) && rough.sharper < kDoubtedSigmas)
     return SameWay(poses, own) ? Clear() : TakeBest();
   if (Apart(own, fine.poses) <= kAgreesM && Apart(own, rough.poses) <= kAgreesM) {
-    // What went along for a while may have drawn it aside by less than ways may differ.
+    // Objects that moved along for a while may have biased it by less than trajectories may differ.
     if (fine.refutes && fine.told && fine.apart_m > kSameWayM && TakeSettled(fine)) {
       return;
     }
-    // It may as well have set off with all that holds it, which is then seen from a moving sensor.
+    // The sensor may have started together with its surroundings; only a start that begins in
+    // motion can tell.
     return stands && !after_given_up_ && fine.open_speed_m_s > kKnownMS ? GiveUp() : Clear();
   }
   if (rough.apart_m <= kAgreesM && (fine.apart_m <= kAgreesM || !fine.refutes)) {

@@ -13,7 +13,7 @@
 namespace lamina {
 namespace {
 
-// By how much a steady motion has to make the map sharper to be taken in the place of another one.
+// Standard deviations by which a steady motion must make the map sharper to replace another one.
 constexpr double kRefutedSigmas = 3.0;
 
 // The direction at right angles to `without` that the fewest planes face.
@@ -58,8 +58,8 @@ std::vector<SteadyScan> StartTrack::WithoutWay(const std::vector<SE3>& poses,
 StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
                                               const Eigen::Vector3d& u, double noise_m,
                                               Asked asked) const {
-  // A speed that is known worse, or at the end of what is looked for, may be any. So may one that
-  // is told neither from standing nor from going the other way, where that makes a difference.
+  // The speed counts as undetermined if more than kMostOpenMS of it is ambiguous, if it is near the
+  // search limit, or if standing or reversing cannot be excluded, unless it is known to kKnownMS.
   constexpr double kMostOpenMS = 4.0, kMostOfReach = 0.8;
   const Eigen::Vector3d axis = from.front().q * Eigen::Vector3d::UnitZ();
   SteadyAlong steady;
@@ -69,8 +69,8 @@ StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
   SteadyMotionOptions options = steady_;
   options.noise_m = noise_m;
   const SteadyMotionSearch search(options, u, axis, WithoutWay(from, u, &own));
-  // The sheets of rings lie one above the other: raised from scan to scan, each is by itself, and
-  // as thin as a wall. No motion along the axis is told by how sharp they are.
+  // Sheets of rings lie one above the other. Shifted along the axis from scan to scan they stay
+  // apart, each as thin as a wall: their sharpness does not determine a motion along the axis.
   if (IsAlong(u, axis) && search.rays_repeat()) return steady;
   const std::optional<FoundMotion> beside =
       asked == Asked::kIfRefutes ? search.FindUnlessRefutedBy(own) : search.Find();
@@ -85,7 +85,7 @@ StartTrack::SteadyAlong StartTrack::FindAlong(const std::vector<SE3>& from,
   }
   steady.speed_m_s = std::abs(found.motion.speed_m_s);
   // Scans from nearly one place have their points in the same few spots of each wall, and look
-  // sharp for that alone.
+  // sharp for that reason alone: standing refutes nothing.
   const bool standing = std::abs(way.positions_m.back()) < steady_.voxel_size_m;
   steady.sharper = search.Sharper(found, own);
   steady.refutes = !standing && steady.sharper > kRefutedSigmas;
@@ -125,8 +125,8 @@ double StartTrack::OpenM(const SteadyWay& way) const {
 }
 
 bool StartTrack::FindStraight(const std::vector<SE3>& other, std::vector<SE3>* poses) const {
-  // It has to be no more than the likelier one of the two, and to tell at least that the sensor did
-  // not stand, or go the other way: matches have no say in it.
+  // It need only be likelier than the other trajectory, and exclude standing and reversing; matches
+  // are not used.
   constexpr double kMostOpenShare = 0.5;
   const std::vector<SE3> resting(other.size(), other.front());
   const Eigen::Vector3d up = other.front().q * Eigen::Vector3d::UnitZ();
@@ -150,7 +150,7 @@ bool StartTrack::SettleOthers(const Eigen::Vector3d& u, std::vector<SE3>* poses,
 }
 
 bool StartTrack::Leaps(const std::vector<SE3>& poses) const {
-  // Of a pose that has settled.
+  // Allowed deviation, and standard deviation of a settled pose.
   constexpr double kSigmas = 3.0, kPoseM = 0.03;
   for (std::size_t k = 2; k < poses.size(); ++k) {
     const Eigen::Vector3d change = (poses[k].t - poses[k - 1].t) / scans_.GapS(k) -
@@ -162,7 +162,7 @@ bool StartTrack::Leaps(const std::vector<SE3>& poses) const {
 
 bool StartTrack::TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& steady,
                              const Eigen::Vector3d& u) {
-  // From where scans find themselves farther than this, the motion was not known as well as that.
+  // If scans settle farther away than this, the motion was known worse than to kToldM.
   constexpr double kAsideM = 3.0 * kToldM;
   constexpr int kMostRounds = 5;
   constexpr double kSettledM = 0.02;
@@ -174,7 +174,7 @@ bool StartTrack::TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& ste
                             : poses[0];
   };
   const auto first_is_left = [&] { return (led().t - poses[0].t).norm() > kAsideM; };
-  // Then each round brings them nearer to where they belong, and the first one goes with them.
+  // In that case each round brings them nearer to the right poses, and the first scan follows.
   if (Apart(known, poses) > kAsideM || first_is_left()) {
     for (int round = 0; round < kMostRounds; ++round) {
       const std::vector<SE3> before = poses;
@@ -188,7 +188,7 @@ bool StartTrack::TakeSettled(std::vector<SE3> poses, const std::vector<SE3>& ste
   }
   if (Leaps(poses) || !IsFaced(u, poses, kSteadyBlocks)) return false;
   u_ = u;
-  // Twists of a steady motion are steadier than those from pose to pose.
+  // Twists of a steady motion have less noise than those from pose to pose.
   Overrule(poses, steady, match);
   state_ = State::kToldByAll;
   return true;
@@ -209,7 +209,8 @@ bool StartTrack::TakeSteady() {
     refuted_ = true;  // more scans tell it better
     return false;
   }
-  // A motion that its scans do not settle on is none to go by, and others are no better.
+  // If the scans do not converge on this motion it is unusable, and others are no better: odometry
+  // counts as refuted.
   const bool taken = TakeSettled(poses, is_straight ? straight : way.moving, open);
   refuted_ = refuted_ || !taken;
   return taken;

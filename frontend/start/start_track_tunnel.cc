@@ -1,4 +1,4 @@
-// The start of a sensor in a corridor or a tunnel, where nothing faces the way.
+// The start of a sensor in a corridor or a tunnel, where no surface faces the direction of travel.
 #include <vector>
 
 #include "frontend/matching/direction_profile.h"
@@ -27,7 +27,7 @@ bool StartTrack::IsTunnel(const Eigen::Vector3d& along) const {
 }
 
 bool StartTrack::TakeStanding(const Eigen::Vector3d& along) {
-  // Scans that meet less of one another are not of one place.
+  // Scans with less overlap were not taken at one place.
   constexpr double kLeastOverlap = 0.5;
   if (!IsTunnel(along)) return false;
   std::vector<SE3> poses = scans_.OwnPoses();

@@ -18,16 +18,16 @@
 namespace lamina {
 namespace {
 
-// Points with which a block counts half.
+// n_0: points with which a block counts half.
 constexpr double kHalfPoints = 20.0;
 
-// Of four grids, in voxels: no two of them share a face.
+// Shifts of four grids, in voxels: no two grids share a face.
 constexpr double kShifts[][3] = {
     {0.1, 0.2, 0.3}, {0.6, 0.7, 0.8}, {0.35, 0.95, 0.05}, {0.85, 0.45, 0.55}};
 constexpr std::size_t kGrids = std::size(kShifts);
-// As many do where speeds are far apart.
+// Grids sufficient to tell well-separated speeds apart.
 constexpr std::size_t kCoarseGrids = 2;
-// A motion is open to the other if that does not refute it by more.
+// Two motions are indistinguishable below this many standard deviations.
 constexpr double kOpenSigmas = 2.0;
 
 double Votes(const std::vector<double>& one, const std::vector<double>& other) {
@@ -56,10 +56,11 @@ SteadyMotionSearch::SteadyMotionSearch(const SteadyMotionOptions& options, const
   for (const SteadyMotionGrid& grid : grids_) blocks_.push_back(grid.InOrder(block_of_));
   duration_s_ = std::max(1e-3, scans_.back().time_s - scans_.front().time_s);
   middle_s_ = 0.5 * (scans_.front().time_s + scans_.back().time_s);
-  // L has its maximum over speeds by which the last scan is a voxel off.
+  // Step of the search: the maximum of L is as wide as the speeds that shift the last scan by a
+  // voxel.
   constexpr double kStepVoxels = 0.44;
   step_m_s_ = kStepVoxels * options_.voxel_size_m / duration_s_;
-  // Scans that are farther apart than they see have nothing in common.
+  // Scans that are farther apart than their range have no surface in common.
   std::vector<double> ranges_m;
   for (const PointCluster& cluster : scans_.front().clusters)
     ranges_m.push_back((cluster.mean - scans_.front().centre).norm());
@@ -69,7 +70,7 @@ SteadyMotionSearch::SteadyMotionSearch(const SteadyMotionOptions& options, const
 }
 
 void SteadyMotionSearch::ThinOut() {
-  // So many tell a speed in any scene, and hundreds of speeds are tried.
+  // So many clusters determine a speed in any scene, and hundreds of speeds are tried.
   constexpr std::size_t kMostClusters = 3000;
   for (SteadyScan& scan : scans_) {
     const std::size_t stride = StrideToAtMost(scan.clusters.size(), kMostClusters);
@@ -86,7 +87,7 @@ void SteadyMotionSearch::ThinOut() {
 
 void SteadyMotionSearch::MakeGrids(const Eigen::Vector3d& axis) {
   const std::vector<char> is_in_space = ChooseViews(axis);
-  // About the axis all is judged in space, whatever is across.
+  // If u is the axis, all is judged in 3D, and the direction across is arbitrary.
   constexpr double kAboutAxis = 0.01;
   const Eigen::Vector3d across = axis.cross(u_);
   SteadyMotionAxes axes;
@@ -169,7 +170,7 @@ void SteadyMotionSearch::AddGrids(const SteadyMotionSearch& places, const WayAlo
 
 void SteadyMotionSearch::AddGrids(std::size_t begin, std::size_t end, Share share,
                                   std::vector<Candidate>* candidates) const {
-  // So many share scratch memory, which else goes back to the system each time.
+  // So many candidates share scratch memory, which would otherwise be allocated anew each time.
   constexpr std::size_t kTogether = 8;
   ParallelChunks(candidates->size(), kTogether, [&](std::size_t first, std::size_t last) {
     Scratch scratch;
@@ -237,7 +238,8 @@ FoundMotion SteadyMotionSearch::Climb(const SteadyMotion& start) const {
 }
 
 bool SteadyMotionSearch::RaysRepeat() const {
-  // Of 16 to 64 rings standing leaves 0.2 to 0.7 of what moving does, of rosettes 0.9 to 1.2.
+  // Points in sparse voxels if the sensor stands, relative to motion: 0.2 to 0.7 for 16 to 64
+  // rings, 0.9 to 1.2 for rosettes.
   constexpr double kVoxelsAside = 5.0, kMuchLess = 0.8;
   const double aside_m_s = kVoxelsAside * options_.voxel_size_m / duration_s_;
   const SteadyMotion motions[] = {{}, {aside_m_s, 0.0}, {-aside_m_s, 0.0}};
@@ -251,7 +253,7 @@ bool SteadyMotionSearch::RaysRepeat() const {
 }
 
 std::vector<SteadyMotionSearch::Candidate> SteadyMotionSearch::Candidates() const {
-  // In standard deviations of the acceleration.
+  // Largest acceleration from rest, in standard deviations.
   constexpr double kMostFromRest = 1.5;
   std::vector<Candidate> candidates;
   const auto most_steps = static_cast<int>(max_speed_m_s_ / step_m_s_);
@@ -267,8 +269,8 @@ std::vector<SteadyMotionSearch::Candidate> SteadyMotionSearch::Candidates() cons
 std::size_t SteadyMotionSearch::Likeliest(std::size_t grids, const std::vector<double>& points,
                                           double refuted_sigmas,
                                           std::vector<Candidate>* candidates) const {
-  // Scans see mostly the same: a speed at which they have much less in common than at others is
-  // none, though nothing that they see contradicts it.
+  // Scans mostly see the same surfaces: a speed at which they share much less than at others is
+  // rejected, though nothing that they see contradicts it.
   constexpr double kLeastShared = 0.5;
   double most_shared = 0.0;
   for (const Candidate& c : *candidates) most_shared = std::max(most_shared, c.sums.shared);
@@ -323,7 +325,7 @@ std::optional<FoundMotion> SteadyMotionSearch::FindUnless(const WayAlong* refute
 }
 
 double SteadyMotionSearch::OpenSpeed(const FoundMotion& found) const {
-  // Speeds nearer than so many steps are told apart in all grids.
+  // Speeds within so many steps of one another are told apart in all grids.
   constexpr int kNearSteps = 4;
   const SteadyMotion& motion = found.motion;
   Scratch scratch;

@@ -48,7 +48,7 @@ struct SteadyMotionOptions {
   double noise_m = 0.02;
   double speed_sigma_m_s = 15.0;
   double acceleration_sigma_m_s2 = 4.0;
-  // Faster than this it is not looked for.
+  // Speed limit of the search.
   double max_speed_m_s = 30.0;
 };
 
@@ -56,11 +56,11 @@ struct SteadyMotion {
   double speed_m_s = 0.0, acceleration_m_s2 = 0.0;
 };
 
-// What a search finds.
+// Result of a search.
 struct FoundMotion {
   SteadyMotion motion;
   std::vector<double> blocks;  // L_b under it
-  // Another motion that is possible, and L_b under it in the coarse grids.
+  // Another motion that is not refuted, and L_b under it in the coarse grids.
   struct Rival {
     SteadyMotion motion;
     std::vector<double> blocks;
@@ -81,8 +81,8 @@ class SteadyMotionSearch {
 
   WayAlong WayUnder(const SteadyMotion& motion) const;
   FoundMotion Find() const { return *FindUnless(nullptr); }
-  // The same, but nothing, in half the time, if this way refutes all steady motions that are far
-  // apart: what is near by is that way itself.
+  // The same, or nothing, in half the time, if this way refutes all steady motions well apart from
+  // it; a motion near it is that way itself.
   std::optional<FoundMotion> FindUnlessRefutedBy(const WayAlong& way) const {
     return FindUnless(&way);
   }
@@ -92,7 +92,8 @@ class SteadyMotionSearch {
   // By how many standard deviations the first one makes the map sharper.
   double Sharper(const WayAlong& one, const WayAlong& other) const;
   double Sharper(const FoundMotion& one, const WayAlong& other) const;
-  // The same where the other has the very same scans turned, and beside the way, otherwise.
+  // The same if `other` is judged in `from`, which has the same scans rotated, or shifted across u,
+  // otherwise.
   double Sharper(const WayAlong& one, const SteadyMotionSearch& from, const WayAlong& other) const;
 
  private:
@@ -102,7 +103,7 @@ class SteadyMotionSearch {
   using Evidence = SteadyMotionGrid::Evidence;
   // Keeps some of the clusters of scans that have very many. Those kept do not depend on poses.
   void ThinOut();
-  // What is judged in space: all that may be ground, by the lowest point of each column.
+  // Which clusters are judged in 3D: all that may be ground, by the lowest point of each column.
   std::vector<char> ChooseViews(const Eigen::Vector3d& axis) const;
   void MakeGrids(const Eigen::Vector3d& axis);
   // L_b in so many grids.
@@ -110,7 +111,7 @@ class SteadyMotionSearch {
   // The same by the blocks of `places`, which has the same scans.
   std::vector<double> BlocksIn(const SteadyMotionSearch& places, const WayAlong& way,
                                std::size_t grids, Scratch* scratch) const;
-  // A motion that may be the one, and the sums of what some of the grids say of it.
+  // A candidate motion, and its sums over some of the grids.
   struct Candidate {
     SteadyMotion motion;
     Evidence sums;
@@ -129,20 +130,20 @@ class SteadyMotionSearch {
                                    const std::vector<double>& points);
   // L from that of its blocks.
   double Total(const SteadyMotion& motion, const std::vector<double>& blocks) const;
-  // All that are looked for: steady, and from rest.
+  // All motions of the search: of constant speed, and from rest.
   std::vector<Candidate> Candidates() const;
-  // The likeliest of these by the sums of so many grids, of so many points in each block. Keeps of
-  // them those that are possible and that it does not refute; the likeliest one's place among them
-  // is given back.
+  // Finds the likeliest candidate by its sums over so many grids, with so many points in each
+  // block. Removes the others that are impossible or that it refutes; returns its index among those
+  // left.
   std::size_t Likeliest(std::size_t grids, const std::vector<double>& points, double refuted_sigmas,
                         std::vector<Candidate>* candidates) const;
   std::optional<FoundMotion> FindUnless(const WayAlong* refuted_by) const;
-  // Whether a way refutes a candidate of which the first grid has been asked.
+  // Whether a way refutes a candidate, by the first grid alone.
   bool Refutes(const WayAlong& way, const Candidate& candidate) const;
-  // From a motion to the maximum near by.
+  // The local maximum of L, by steps from a motion.
   FoundMotion Climb(const SteadyMotion& start) const;
-  // Whether the rays of the scans are much the same: standing puts most of what is seen sparsely
-  // together, and moving either way does not.
+  // Whether the rays of the scans repeat: then far fewer points are in sparse voxels if the sensor
+  // is assumed to stand than if it is assumed to move either way.
   bool RaysRepeat() const;
 
   SteadyMotionOptions options_;

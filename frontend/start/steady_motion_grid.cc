@@ -12,13 +12,13 @@
 namespace lamina {
 namespace {
 
-// Fewer points are no voxel.
+// Voxels of fewer points are sparse.
 constexpr float kLeastPoints = 5.0F;
-// How thick these are taken to be where they are to tell nothing: half way, by the logarithm,
-// between what is sharp and 1 m.
+// Thickness of sparse voxels under Sparse::kTellNothing: half way, by the logarithm, between what
+// is sharp and 1 m.
 constexpr double kUnknownM = 0.12;
 
-// Where members are along u, under one way: `x_m` if the sensor stood still, and `time_s` within
+// Positions of members along u under one way: `x_m` if the sensor stood still, and `time_s` within
 // their scan.
 struct MovedMembers {
   const float *x_m, *time_s;
@@ -26,8 +26,8 @@ struct MovedMembers {
   std::size_t count;
 };
 
-// The number of each one's voxel along u, and how far it is from the middle of that. That none of
-// what is written is also read lets the compiler take eight of them at once.
+// Finds the number of each member's voxel along u, and its offset from the middle of that. Outputs
+// do not alias inputs, which lets the compiler take eight members at once.
 LAMINA_FOR_EACH_PROCESSOR
 void FindVoxels(const MovedMembers& of, const float* __restrict way_m,
                 const float* __restrict speed_m_s, float voxel_size_m, float inverse_size,
@@ -101,7 +101,7 @@ SteadyMotionGrid::SteadyMotionGrid(double voxel_size_m, double noise_m,
   }
   const std::size_t columns = begins.size();
   begins.push_back(places.size());
-  // One in so many is of the few, which come first.
+  // One column in kEvery belongs to Share::kFew; these come first.
   constexpr std::size_t kEvery = 4;
   const auto add = [&](std::size_t c) {
     const std::size_t at = begins[c];
@@ -138,7 +138,7 @@ void SteadyMotionGrid::AddMembers(const std::vector<TurnedCluster>& clusters,
 }
 
 void SteadyMotionGrid::MakeBatches(std::size_t few) {
-  // What is summed of so many stays in the nearest cache.
+  // The sums of so many members stay in the nearest cache.
   constexpr std::size_t kMostMembers = 512;
   std::size_t members = 0;
   for (std::size_t c = 0; c < columns_.size(); ++c) {
@@ -267,7 +267,7 @@ void SteadyMotionGrid::Sharpen(std::size_t voxels, bool in_space, float sparse, 
   std::int32_t* const places = scratch->dense.data();
   std::size_t dense = 0;
   float shared = 0.0F;
-  // Without branches: which voxels are sparse cannot be foreseen.
+  // Free of branches, since sparse voxels cannot be predicted.
   for (std::size_t v = 0; v < voxels; ++v) {
     sharpness[v] = sparse;
     places[dense] = static_cast<std::int32_t>(v);

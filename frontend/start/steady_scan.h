@@ -12,8 +12,8 @@ namespace lamina {
 struct SteadyScan {
   double time_s = 0.0;
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // where the sensor was, at x = 0
-  // In the world but for the way along u: as if the sensor had been at x = 0 in all scans, and had
-  // stood still along u during each of them.
+  // In the world, but without the way along u: as if the sensor had been at x = 0 in all scans, and
+  // had stood still along u during each of them.
   std::vector<PointCluster> clusters;
   // When each cluster was measured, after time_s. Empty where all are of one instant.
   std::vector<double> cluster_times_s;

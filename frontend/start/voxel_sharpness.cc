@@ -63,7 +63,7 @@ struct alignas(32) CovarianceLanes {
   //     q - 2 p cos(2/3 acos t),    t = sqrt((1 - r) / 2).
   [[gnu::always_inline]] inline void LeastInSpace(const VoxelHeights* const* heights,
                                                   Four* least) const {
-    // Where all three are the same, r is any.
+    // Keeps r finite where all three eigenvalues are the same.
     constexpr double kNone = 1e-30;
     Four sums[4];  // z xz yz zz
     LoadColumns(heights, sums);

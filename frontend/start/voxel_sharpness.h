@@ -13,12 +13,13 @@ struct alignas(32) VoxelPlan {
   float none[2] = {0.0F, 0.0F};
 };
 
-// Those beside them of what is judged in space.
+// Further sums, of what is judged in 3D.
 struct alignas(16) VoxelHeights {
   float z = 0.0F, xz = 0.0F, yz = 0.0F, zz = 0.0F;
 };
 
-// Of `count` voxels, those at these places. `heights`: null where they are judged in the plan.
+// Finds the sharpness of `count` voxels, with the indices `places`. `heights`: null where they are
+// judged in plan.
 void FindSharpness(const VoxelPlan* plans, const VoxelHeights* heights, const std::int32_t* places,
                    std::size_t count, double noise2, float* sharpness);
 
