@@ -2,6 +2,8 @@
 // four clusters at a time.
 //
 // The row of a cluster does not depend on which others it is computed with.
+//
+// Private to frontend/matching.
 #pragma once
 
 #include <Eigen/Core>

@@ -5,7 +5,6 @@
 #include <limits>
 #include <map>
 #include <optional>
-#include <set>
 #include <stdexcept>
 
 #include "tools/results/verdict/rules.h"
@@ -145,16 +144,18 @@ void WeakPlaces::FindMotions() {
   }
 }
 
-// A recording's first piece is none that anything could have connected.
+// A recording's first piece is none that anything could have connected; and one with a smaller
+// number is an older piece, or a map, in which the sensor was found.
 void WeakPlaces::FindNewPieces() {
-  std::map<std::int64_t, int> matched;  // by piece
-  std::set<std::string> recordings;
+  std::map<std::int64_t, int> matched;            // by piece
+  std::map<std::string, std::int64_t> newest_of;  // piece, by recording
   for (std::size_t i = 0; i < table_.scans.size(); ++i) {
     const ScanRecord& scan = table_.scans[i].record;
     if (scan.skipped) continue;
     const auto [at, fresh] = matched.try_emplace(scan.piece, 0);
-    const bool first_of_recording = recordings.insert(scan.sequence).second;
-    begins_piece_[i] = fresh && !first_of_recording;
+    const auto [newest, first] = newest_of.try_emplace(scan.sequence, scan.piece);
+    begins_piece_[i] = fresh && !first && scan.piece > newest->second;
+    newest->second = std::max(newest->second, scan.piece);
     if (rules::IsMatched(scan)) young_[i] = ++at->second <= kYoungScans;
   }
 }

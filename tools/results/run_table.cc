@@ -31,12 +31,23 @@ bool HasPoseOfItsOwn(std::string_view status) {
 // Puts a cell of the table into the scan; false if it is no value of the column.
 using CellReader = std::function<bool(std::string_view cell, RunScan* scan)>;
 
+// False if it is no number that an integer holds.
+bool ReadInteger(std::string_view cell, std::int64_t* integer) {
+  double value = 0.0;
+  if (!ParseNumber(cell, &value) || !(std::abs(value) <= kMostInteger)) return false;
+  *integer = static_cast<std::int64_t>(value);
+  return true;
+}
+
 CellReader Integer(std::int64_t ScanRecord::*member) {
   return [member](std::string_view cell, RunScan* scan) {
-    double value = 0.0;
-    if (!ParseNumber(cell, &value) || !(std::abs(value) <= kMostInteger)) return false;
-    scan->record.*member = static_cast<std::int64_t>(value);
-    return true;
+    return ReadInteger(cell, &(scan->record.*member));
+  };
+}
+
+CellReader Optional(std::optional<std::int64_t> RunScan::*member) {
+  return [member](std::string_view cell, RunScan* scan) {
+    return ReadInteger(cell, &(scan->*member).emplace());
   };
 }
 
@@ -63,7 +74,8 @@ bool ReadStamp(std::string_view cell, RunScan* scan) {
 struct Column {
   const char* name;
   CellReader read;
-  const char* without;  // what cannot be told without it; null: the table is none without it
+  // What cannot be told without it; empty: nothing is missing; null: the table is none without it.
+  const char* without;
 };
 
 const std::vector<Column>& Columns() {
@@ -72,6 +84,8 @@ const std::vector<Column>& Columns() {
       {"status", ReadStatus, nullptr},
       {"stamp_s", ReadStamp, "gaps, jumps of speed and poses"},
       {"piece", Integer(&ScanRecord::piece), "pieces of the map"},
+      {"frame", Optional(&RunScan::frame), ""},
+      {"drive", Optional(&RunScan::drive), ""},
       {"points", Integer(&ScanRecord::points), "scans of few points"},
       {"clusters", Integer(&ScanRecord::clusters), "overlap and fit"},
       {"matched", Integer(&ScanRecord::matched), "overlap and fit"},
@@ -121,7 +135,7 @@ class TableReader {
         readers_[static_cast<std::size_t>(at - names.begin())] = &column;
       } else if (column.without == nullptr) {
         throw InputError(fmt::format("{}: the first line names no column {}", path_, column.name));
-      } else {
+      } else if (column.without[0] != '\0') {
         table_->notes.push_back(
             fmt::format("frames.csv has no column {}: without {}", column.name, column.without));
       }
@@ -132,6 +146,8 @@ class TableReader {
     RunScan scan;
     scan.record.inlier_share = scan.record.residual_m = scan.record.worst_sigma_m = kUnknown;
     const std::string problem = ReadCells(SplitAtCommas(lines.line()), &scan);
+    if (scan.frame) scan.record.piece = *scan.frame;
+    if (scan.drive) scan.record.sequence = fmt::format("drive {}", *scan.drive);
     if (problem.empty()) {
       table_->scans.push_back(std::move(scan));
     } else if (bad_++ == 0) {

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -21,8 +22,11 @@ struct RunScan {
   // Figures that the table lacks are 0, or NaN where 0 would mean something: inlier_share,
   // residual_m, worst_sigma_m. `sequence` is the recording and recorded_stamp that of
   // its piece, by summary.json.
+  // Of pieces that were joined, that in whose frame the pose is.
   ScanRecord record;
   bool has_stamp = false, has_pose = false;
+  // Of a merged map, the drive of the scan; in whose frame the pose is. Nothing without the column.
+  std::optional<std::int64_t> drive, frame;
   // Length of the way from the first scan of its piece, in metres; NaN where no pose is known.
   double way_m = kUnknown;
   // Since the newest stamp of its recording before; NaN if there is none.

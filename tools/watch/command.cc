@@ -160,7 +160,9 @@ int Watch(const WatchArguments& a) {
     if (a.map.empty()) throw OptionError("--mode localise needs --map SESSION");
     setup.base_map = BaseMap{a.map, "", ParseStart(a.start)};
     // Before anything is written: what a session was begun with stays.
-    if (!IsSession(a.map)) throw InputError(fmt::format("--map {}: holds no map", a.map));
+    if (!IsSession(a.map))
+      throw InputError(fmt::format(
+          "--map {}: holds no map to localise in; that is the session of a `lamina watch`", a.map));
   } else if (!a.map.empty() || !a.start.empty()) {
     throw OptionError("--map and --start are for --mode localise");
   }

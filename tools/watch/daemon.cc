@@ -98,7 +98,7 @@ SessionSetup WatchDaemon::MakeSessionSetup() const {
   setup.base_map = setup_.base_map;
   setup.has_file = [this](const ScanRecord& scan) { return files_.Has(scan); };
   if (setup_.base_map) {
-    setup.base_map->fixed_options = setup.fixed_options;
+    setup.base_map->fixed_options = OptionsOfMap();
     std::string start = "none";
     if (const std::optional<SE3>& T = setup_.base_map->T_world_start) {
       start = fmt::format("{} {} {} {} {} {} {}", T->t.x(), T->t.y(), T->t.z(), T->q.x(), T->q.y(),
@@ -108,6 +108,14 @@ SessionSetup WatchDaemon::MakeSessionSetup() const {
         fmt::format("localise:\n  map: {}\n  start: {}\n", setup_.base_map->session, start);
   }
   return setup;
+}
+
+// Those that the map must have been made with: how its scans were prepared is its own affair.
+std::string WatchDaemon::OptionsOfMap() const {
+  LaminaConfig config = setup_.config;
+  const fs::path of_map = fs::path(setup_.base_map->session) / "config.yaml";
+  if (fs::exists(of_map)) config.preparation = LoadConfig(of_map.string(), {}).preparation;
+  return ResultOptionsToYaml(config);
 }
 
 SessionHooks WatchDaemon::Hooks() {

@@ -70,6 +70,7 @@ class WatchDaemon {
   };
 
   SessionSetup MakeSessionSetup() const;
+  std::string OptionsOfMap() const;
   SessionHooks Hooks();
   void OpenInbox();
   void Repeat(const std::atomic<bool>& stop);

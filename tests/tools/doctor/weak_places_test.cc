@@ -181,6 +181,11 @@ TEST_F(WeakPlacesTest, ANewPieceOfOneRecordingAndNoneOfAnother) {
   EXPECT_THAT(PlacesOf(two("b")), IsEmpty());
 }
 
+// Localising, scans are a piece of their own until they are found in the map, which is piece 0.
+TEST_F(WeakPlacesTest, BeingFoundInAnOlderPieceIsNoFault) {
+  EXPECT_THAT(PlacesOf([](int i, ScanRecord* scan) { scan->piece = i < 15 ? 1 : 0; }), IsEmpty());
+}
+
 TEST_F(WeakPlacesTest, FolderInTurnsAreNeitherGapsNorJumps) {
   EXPECT_THAT(PlacesOf([](int i, ScanRecord* scan) {
                 scan->sequence = i % 2 == 0 ? "a" : "b";
