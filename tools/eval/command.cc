@@ -82,7 +82,7 @@ PosedPart FindPart(const EvalArguments& a, const ScanSource* scans) {
   if (!a.frames.empty()) {
     const std::size_t size = ReadTrajectory(a.truth).size();
     const FrameRange range = ParseFrameRange(a.frames, size);
-    return {RecordingPart{size, range.begin, range.end, std::nullopt}, {}};
+    return {RecordingPart{size, range.begin, range.end, std::nullopt, {}}, {}};
   }
   const auto part = ReadRecordingPart(std::filesystem::path(a.estimate).parent_path().string());
   // The file may have come there from elsewhere.

@@ -17,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::optional<std::size_t> NumberOf(const std::string& file) {
+std::optional<std::size_t> NumberIn(const std::string& file) {
   const std::string stem = fs::path(file).stem().string();
   std::size_t number = 0;
   const auto [rest, error] = std::from_chars(stem.data(), stem.data() + stem.size(), number);
@@ -27,23 +27,37 @@ std::optional<std::size_t> NumberOf(const std::string& file) {
 
 // Those of data sets as large as any; stamps as names are far above it.
 constexpr std::size_t kMostLines = 100'000'000;
+constexpr std::size_t kMostMissing = 10'000;
 
 }  // namespace
 
 RecordingPart PartOf(const ScanSource& scans, const FrameRange& range) {
-  RecordingPart part{scans.size(), range.begin, range.end, std::nullopt};
-  const std::optional<std::size_t> first = NumberOf(scans.Name(0));
+  RecordingPart part{scans.size(), range.begin, range.end, std::nullopt, {}};
+  const std::optional<std::size_t> first = NumberIn(scans.Name(0));
   if (!first || *first > kMostLines) return part;
-  for (std::size_t i = 1; i < scans.size(); ++i) {
-    if (NumberOf(scans.Name(i)) != *first + i) return part;
+  std::vector<std::size_t> missing;
+  std::size_t next = *first;
+  for (std::size_t i = 0; i < scans.size(); ++i, ++next) {
+    const std::optional<std::size_t> number = NumberIn(scans.Name(i));
+    // Names that are no numbers of scans jump by more.
+    if (!number || *number < next || *number - next > kMostMissing - missing.size()) return part;
+    for (; next < *number; ++next) missing.push_back(next);
   }
   part.first_number = first;
+  part.missing_numbers = std::move(missing);
   return part;
+}
+
+std::size_t RecordingPart::NumberOf(std::size_t i) const {
+  std::size_t number = first_number.value_or(0) + i;
+  for (const std::size_t missing : missing_numbers) number += missing <= number ? 1 : 0;
+  return number;
 }
 
 nlohmann::json ToJson(const RecordingPart& part) {
   nlohmann::json json = {{"scans", part.scans}, {"begin", part.begin}, {"end", part.end}};
   if (part.first_number) json["first_number"] = *part.first_number;
+  if (!part.missing_numbers.empty()) json["missing_numbers"] = part.missing_numbers;
   return json;
 }
 
@@ -59,15 +73,19 @@ std::optional<RecordingPart> ReadRecordingPart(const std::string& folder) {
   };
   const auto scans = number("scans"), begin = number("begin"), end = number("end");
   if (!scans || !begin || !end || *begin >= *end || *end > *scans) return std::nullopt;
-  return RecordingPart{*scans, *begin, *end, number("first_number")};
+  RecordingPart part{*scans, *begin, *end, number("first_number"), {}};
+  const nlohmann::json missing = json.value("missing_numbers", nlohmann::json::array());
+  for (const nlohmann::json& one : missing) {
+    if (one.is_number_unsigned()) part.missing_numbers.push_back(one.get<std::size_t>());
+  }
+  return part;
 }
 
 std::size_t FirstLineOf(const RecordingPart& part, std::size_t lines, const std::string& path) {
   if (lines == part.size()) return 0;
   if (lines == part.scans) return part.begin;
-  if (lines > part.scans && part.first_number && *part.first_number + part.scans <= lines) {
-    return *part.first_number + part.begin;
-  }
+  if (lines > part.scans && part.first_number && part.NumberOf(part.scans - 1) < lines)
+    return part.NumberOf(part.begin);
   const std::string scans = part.size() == part.scans
                                 ? fmt::format("{} scans", part.scans)
                                 : fmt::format("{} of {} scans", part.size(), part.scans);
@@ -86,14 +104,18 @@ Trajectory ReadPosesOfPart(const std::string& path, const RecordingPart& part,
   if (HasStamps(poses) && !by_line) return poses;
   const std::size_t first = FirstLineOf(part, poses.size(), path);
   if (first_line != nullptr) *first_line = first;
+  const bool by_number = poses.size() != part.size() && poses.size() != part.scans;
+  const auto line_of = [&](std::size_t i) {
+    return by_number ? part.NumberOf(part.begin + i) : first + i;
+  };
   if (poses.size() > part.size()) {
-    spdlog::info("{}: poses {} to {} of its {} are those of the scans", path, first,
-                 first + part.size() - 1, poses.size());
+    spdlog::info("{}: {} poses of its {}, from {} to {}, are those of the scans", path, part.size(),
+                 poses.size(), first, line_of(part.size() - 1));
   }
   Trajectory cut;
   for (std::size_t i = 0; i < part.size(); ++i) {
     const StampNs stamp = stamps.empty() ? static_cast<StampNs>(i) : stamps.at(part.begin + i);
-    cut.push_back({stamp, poses[first + i].T_world_lidar});
+    cut.push_back({stamp, poses[line_of(i)].T_world_lidar});
   }
   return cut;
 }

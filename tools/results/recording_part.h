@@ -17,10 +17,14 @@ namespace lamina {
 struct RecordingPart {
   std::size_t scans = 0;           // of the whole recording
   std::size_t begin = 0, end = 0;  // the part is [begin, end) of them
-  // The number that is the name of scan 0, if those of all others count on from it (000000.bin).
+  // The number that is the name of scan 0, if those of all others count on from it (000000.bin) but
+  // for these: raw drives lack some of their scans, and their poses do not.
   std::optional<std::size_t> first_number;
+  std::vector<std::size_t> missing_numbers;
 
   std::size_t size() const { return end - begin; }
+  // The number of scan i, if scans have numbers.
+  std::size_t NumberOf(std::size_t i) const;
 };
 
 RecordingPart PartOf(const ScanSource& scans, const FrameRange& range);
