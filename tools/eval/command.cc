@@ -1,6 +1,7 @@
 #include "tools/eval/command.h"
 
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
 #include <filesystem>
@@ -242,11 +243,18 @@ void DrawPictures(const EvalArguments& a, const std::vector<NamedTrajectory>& es
 }
 
 // As the run whose trajectory is judged has read and deskewed its scans, unless it is said how.
-std::string ConfigFile(const EvalArguments& a) {
-  if (!a.config.file.empty()) return a.config.file;
+LaminaConfig ConfigOf(const EvalArguments& a) {
   const std::filesystem::path of_run =
       std::filesystem::path(a.estimate).parent_path() / "config.yaml";
-  return std::filesystem::exists(of_run) ? of_run.string() : "";
+  if (a.config.file.empty() && std::filesystem::exists(of_run)) {
+    try {
+      return LoadConfig(of_run.string(), a.config.set);
+    } catch (const OptionError& error) {
+      // It may be none of this program, or of another version.
+      spdlog::warn("{}; scans are read by the default configuration", error.what());
+    }
+  }
+  return LoadConfig(a.config.file, a.config.set);
 }
 
 int RunEval(const EvalArguments& a) {
@@ -254,7 +262,7 @@ int RunEval(const EvalArguments& a) {
   LaminaConfig config;
   std::unique_ptr<ScanSource> scans;
   if (!a.scans.empty()) {
-    config = LoadConfig(ConfigFile(a), a.config.set);
+    config = ConfigOf(a);
     scans = OpenScans(a.scans, config.scans);
   }
   const PosedPart posed = FindPart(a, scans.get());

@@ -194,6 +194,24 @@ TEST_F(EvalCommandTest, JudgesTrajectoriesByTheirMaps) {
   }
 }
 
+TEST_F(EvalCommandTest, ReadsScansAsTheRunDidWhoseTrajectoryIsJudged) {
+  WritePlateScans(folder_ / "scans");
+  WriteTumTrajectory(Path("tum.txt"), StraightDrive(4, 0.0));
+  const std::vector<std::string> eval{"--estimate",  Path("tum.txt"), "--scans",
+                                      Path("scans"), "--json",        Path("out.json")};
+  const auto thickness_mm = [&] {
+    EXPECT_EQ(Run(eval), 0);
+    const nlohmann::json json = nlohmann::json::parse(Text("out.json"));
+    return json["map_quality"]["trajectories"][0]["thickness_mean_mm"].get<double>();
+  };
+  const double by_default = thickness_mm();
+  std::ofstream(Path("config.yaml")) << "preparation:\n  vertical_correction_deg: 3\n";
+  EXPECT_NE(thickness_mm(), by_default);
+  // One of another program is no reason to judge nothing.
+  std::ofstream(Path("config.yaml")) << "nothing: known\n";
+  EXPECT_EQ(thickness_mm(), by_default);
+}
+
 TEST_F(EvalCommandTest, SaysWhatIsMissingOrWrong) {
   WriteTumTrajectory(Path("a.txt"), StraightDrive(10, 1.0));
   const std::string a = Path("a.txt");
