@@ -257,7 +257,11 @@ LaminaConfig ConfigOf(const EvalArguments& a) {
   return LoadConfig(a.config.file, a.config.set);
 }
 
-int RunEval(const EvalArguments& a) {
+int RunEval(const EvalArguments& given) {
+  EvalArguments a = given;
+  // Of a run or a session, the poses with their stamps.
+  if (std::filesystem::is_directory(a.estimate))
+    a.estimate = (std::filesystem::path(a.estimate) / "trajectory_tum.txt").string();
   CheckArguments(a);
   LaminaConfig config;
   std::unique_ptr<ScanSource> scans;
@@ -329,8 +333,9 @@ void AddEvalCommand(CLI::App* app, std::function<int()>* run) {
   auto arguments = std::make_shared<EvalArguments>();
   command
       ->add_option("--estimate", arguments->estimate,
-                   "Trajectory to judge, TUM or KITTI form, poses of the LiDAR")
-      ->type_name("FILE")
+                   "Trajectory to judge, TUM or KITTI form, poses of the LiDAR; of the folder of a "
+                   "run, its trajectory_tum.txt")
+      ->type_name("FILE|DIR")
       ->required();
   command
       ->add_option("--other", arguments->others,

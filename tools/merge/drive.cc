@@ -36,6 +36,7 @@ Age AgeOf(const Drive& drive) {
 
 Drive ReadDrive(const std::string& folder) {
   const auto path = [&](const char* name) { return (fs::path(folder) / name).string(); };
+  if (!fs::is_directory(folder)) throw InputError(folder + ": there is no such folder");
   if (!fs::exists(path(kSubmapFileName))) {
     throw InputError(
         fmt::format("{}: has no {}; map the drive with `lamina run --loops on --out {}`", folder,

@@ -212,6 +212,13 @@ TEST_F(EvalCommandTest, ReadsScansAsTheRunDidWhoseTrajectoryIsJudged) {
   EXPECT_EQ(thickness_mm(), by_default);
 }
 
+TEST_F(EvalCommandTest, OfARunItsTrajectoryIsJudged) {
+  WriteTumTrajectory(Path("trajectory_tum.txt"), StraightDrive(4, 0.0));
+  EXPECT_EQ(Run({"--estimate", Path(""), "--truth", Path("trajectory_tum.txt")}), 0);
+  EXPECT_THAT(MessageOf<InputError>({"--estimate", Path("."), "--truth", Path("none.txt")}),
+              HasSubstr("none.txt"));
+}
+
 TEST_F(EvalCommandTest, SaysWhatIsMissingOrWrong) {
   WriteTumTrajectory(Path("a.txt"), StraightDrive(10, 1.0));
   const std::string a = Path("a.txt");

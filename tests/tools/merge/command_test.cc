@@ -95,6 +95,11 @@ TEST_F(MergeCommand, WhatIsNoDriveIsNamed) {
   EXPECT_THAT(MessageOf<InputError>([&] {
                 Merge({drive, Path("none"), "--out", Path("out")});
               }),
+              testing::HasSubstr("no such folder"));
+  Write("empty/frames.csv", "");
+  EXPECT_THAT(MessageOf<InputError>([&] {
+                Merge({drive, Path("empty"), "--out", Path("out")});
+              }),
               testing::HasSubstr("--loops on"));
   EXPECT_THROW(Merge({drive, "--out", drive}), OptionError);
   Write("drive/submaps.bin", "LAMINASM");

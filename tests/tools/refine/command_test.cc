@@ -90,7 +90,7 @@ TEST_F(RefineCommand, NothingIsWrittenOverAndWhatIsNoMapIsNamed) {
   EXPECT_THAT(MessageOf<InputError>([&] {
                 Refine({"--session", Path("none"), "--out", Path("out")});
               }),
-              testing::HasSubstr("submaps.bin"));
+              testing::HasSubstr("no such folder"));
   EXPECT_FALSE(std::filesystem::exists(Path("out")));
 }
 
