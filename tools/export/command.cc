@@ -9,6 +9,8 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "config/config.h"
 #include "core/base/error.h"
@@ -17,10 +19,10 @@
 #include "tools/cli/options.h"
 #include "tools/export/cloud.h"
 #include "tools/export/trajectory.h"
-#include "tools/results/map_origin.h"
 #include "tools/results/output_folder.h"
 #include "tools/results/piece_poses.h"
 #include "tools/results/recording_part.h"
+#include "tools/results/run_summary.h"
 
 namespace lamina {
 namespace {
@@ -74,33 +76,34 @@ std::int64_t DriveOf(const ScanSource& scans, const PosesOfRun& run,
     throw OptionError(fmt::format("--drive {}: {} has no poses of such a drive in piece {}",
                                   *arguments.drive, arguments.run, arguments.piece));
   }
-  std::map<std::int64_t, std::size_t> fitting;
+  if (drives.size() == 1) return drives.begin()->first;
+  std::vector<std::int64_t> fitting;
   for (const auto& [drive, poses] : drives) {
-    const std::size_t posed = PoseScans(scans, poses, kStampToleranceS).size();
-    if (2 * posed >= poses.size()) fitting[drive] = posed;
+    if (2 * PoseScans(scans, poses, kStampToleranceS).size() >= poses.size())
+      fitting.push_back(drive);
   }
   if (fitting.size() > 1) {
-    std::string names;
-    for (const auto& [drive, posed] : fitting)
-      names += fmt::format("{}{}", names.empty() ? "" : ", ", drive);
     throw OptionError(fmt::format(
         "--drive is needed: by their stamps the scans of {} may be those of drives {} of {}, in "
         "the order in which summary.json lists them",
-        arguments.scans, names, arguments.run));
+        arguments.scans, fmt::join(fitting, ", "), arguments.run));
   }
-  return fitting.empty() ? drives.begin()->first : fitting.begin()->first;
+  return fitting.empty() ? drives.begin()->first : fitting.front();
 }
 
 // In the frame of the map.
 PosesOfRun ReadPosesOf(const ScanSource& scans, const ExportArguments& arguments) {
   PosesOfRun run;
-  run.poses = ReadPiece(arguments.run, arguments.piece, &run.rows);
   const Eigen::Vector3d origin = ReadMapOrigin(arguments.run);
-  MoveIntoMap(origin, &run.poses);
+  run.poses = MovedBy(-origin, ReadPiece(arguments.run, arguments.piece, &run.rows));
   if (!origin.isZero())
     fmt::print("coordinates are those of the map, whose origin is at {} {} {} (summary.json)\n",
                origin.x(), origin.y(), origin.z());
-  if (run.rows.empty()) return run;
+  if (run.rows.empty()) {
+    if (!arguments.drive) return run;
+    throw OptionError(fmt::format("--drive {}: {} has no frames.csv that tells of drives",
+                                  *arguments.drive, arguments.run));
+  }
   const std::int64_t drive = DriveOf(scans, run, arguments);
   run.KeepIf([&](const FrameRow& row) { return row.drive == drive; });
   const std::size_t all = run.poses.size();
@@ -124,8 +127,7 @@ void RequireSameRecording(const ScanSource& scans, const std::vector<PosedScan>&
     refuse(fmt::format("the run is of a recording of {} scans, this one has {}", part->scans,
                        scans.size()));
   }
-  const std::size_t wanted =
-      part || arguments.drive ? trajectory.size() : std::max(trajectory.size(), scans.size());
+  const std::size_t wanted = part ? trajectory.size() : std::max(trajectory.size(), scans.size());
   if (2 * posed.size() < (rows.empty() ? wanted : trajectory.size())) {
     refuse(fmt::format("{} of {} poses have the stamp of one of the {} scans", posed.size(),
                        trajectory.size(), scans.size()));

@@ -34,11 +34,13 @@ std::string CsvText(const Trajectory& poses, const std::vector<FrameRow>& rows) 
   for (std::size_t i = 0; i < poses.size(); ++i) {
     const std::int64_t piece = rows.empty() ? 0 : rows[i].piece;
     const SE3& T = poses[i].T_world_lidar;
-    pieces[piece] += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{}{}{}{}{}\n",
-                                 StampText(poses[i].stamp_ns), T.t.x(), T.t.y(), T.t.z(), T.q.x(),
-                                 T.q.y(), T.q.z(), T.q.w(), piece, rows.empty() ? "" : ",",
-                                 rows.empty() ? "" : rows[i].status, known ? "," : "",
-                                 known ? rows[i].covariance : "");
+    std::string& lines = pieces[piece];
+    lines += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{:.9g},{}",
+                         StampText(poses[i].stamp_ns), T.t.x(), T.t.y(), T.t.z(), T.q.x(), T.q.y(),
+                         T.q.z(), T.q.w(), piece);
+    if (!rows.empty()) lines += "," + rows[i].status;
+    if (known) lines += "," + rows[i].covariance;
+    lines += "\n";
   }
   for (const auto& [piece, lines] : pieces) text += lines;
   return text;

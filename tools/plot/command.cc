@@ -11,9 +11,9 @@
 #include "core/base/error.h"
 #include "io/points/scan_file.h"
 #include "tools/plot/gnuplot.h"
-#include "tools/results/map_origin.h"
 #include "tools/results/output_folder.h"
 #include "tools/results/piece_poses.h"
+#include "tools/results/run_summary.h"
 
 namespace lamina {
 namespace {
@@ -53,9 +53,8 @@ int DrawRun(const PlotArguments& arguments) {
   }
   plot.cloud.colour_range = HeightRange(plot.cloud.points);
   PlotSeries path{"trajectory", {}};
-  Trajectory poses = ReadPiece(arguments.run, 0);
-  MoveIntoMap(ReadMapOrigin(arguments.run), &poses);
-  for (const StampedPose& pose : poses) {
+  for (const StampedPose& pose :
+       MovedBy(-ReadMapOrigin(arguments.run), ReadPiece(arguments.run, 0))) {
     path.points.push_back(pose.T_world_lidar.t.head<2>());
   }
   plot.series.push_back(std::move(path));

@@ -26,6 +26,7 @@
 #include "tools/register/report.h"
 #include "tools/results/output_folder.h"
 #include "tools/results/recording_part.h"
+#include "tools/results/run_summary.h"
 #include "tools/results/verdict/process_report.h"
 #include "tools/results/verdict/verdict.h"
 
@@ -185,11 +186,6 @@ Trajectory WithStamps(const Batch& batch, const std::vector<SE3>& poses) {
   for (std::size_t k = 0; k < poses.size(); ++k) {
     trajectory.push_back({batch.frames[k].stamp_ns, poses[k]});
   }
-  return trajectory;
-}
-
-Trajectory MovedBy(const Eigen::Vector3d& t, Trajectory trajectory) {
-  for (StampedPose& pose : trajectory) pose.T_world_lidar.t += t;
   return trajectory;
 }
 

@@ -5,12 +5,13 @@
 
 #include <charconv>
 #include <filesystem>
+#include <numeric>
 
 #include "core/base/error.h"
-#include "io/file/text_input.h"
 #include "io/map/trajectory_io.h"
 #include "tools/metrics/match.h"
 #include "tools/results/posed_scans.h"
+#include "tools/results/run_summary.h"
 
 namespace lamina {
 namespace {
@@ -62,11 +63,7 @@ nlohmann::json ToJson(const RecordingPart& part) {
 }
 
 std::optional<RecordingPart> ReadRecordingPart(const std::string& folder) {
-  const fs::path path = fs::path(folder) / "summary.json";
-  if (!fs::exists(path)) return std::nullopt;
-  const auto summary = nlohmann::json::parse(ReadFile(path.string()), nullptr, false);
-  if (!summary.is_object() || !summary.contains("recording")) return std::nullopt;
-  const nlohmann::json& json = summary["recording"];
+  const nlohmann::json json = ReadSummaryIfAny(folder).value("recording", nlohmann::json());
   const auto number = [&](const char* name) -> std::optional<std::size_t> {
     if (!json.is_object() || !json.contains(name) || !json[name].is_number_unsigned()) return {};
     return json[name].get<std::size_t>();
@@ -81,19 +78,30 @@ std::optional<RecordingPart> ReadRecordingPart(const std::string& folder) {
   return part;
 }
 
-std::size_t FirstLineOf(const RecordingPart& part, std::size_t lines, const std::string& path) {
-  if (lines == part.size()) return 0;
-  if (lines == part.scans) return part.begin;
-  if (lines > part.scans && part.first_number && part.NumberOf(part.scans - 1) < lines)
-    return part.NumberOf(part.begin);
-  const std::string scans = part.size() == part.scans
-                                ? fmt::format("{} scans", part.scans)
-                                : fmt::format("{} of {} scans", part.size(), part.scans);
-  throw InputError(
-      fmt::format("{}: has {} poses without stamps for {}; there must be one for each scan, so "
-                  "they do not belong together",
-                  path, lines, scans));
+namespace {
+
+// The lines (from 0) of the part's scans in a file of so many poses without stamps: that has one for
+// each scan of the part, one for each of the recording, or more than that, if the scans are named by
+// their numbers in it. Throws InputError, naming `path`, for any other count.
+std::vector<std::size_t> LinesOf(const RecordingPart& part, std::size_t lines,
+                                 const std::string& path) {
+  std::vector<std::size_t> of(part.size());
+  std::iota(of.begin(), of.end(), lines == part.size() ? 0 : part.begin);
+  if (lines == part.size() || lines == part.scans) return of;
+  if (!part.first_number || part.NumberOf(part.scans - 1) >= lines) {
+    const std::string scans = part.size() == part.scans
+                                  ? fmt::format("{} scans", part.scans)
+                                  : fmt::format("{} of {} scans", part.size(), part.scans);
+    throw InputError(
+        fmt::format("{}: has {} poses without stamps for {}; there must be one for each scan, so "
+                    "they do not belong together",
+                    path, lines, scans));
+  }
+  for (std::size_t& line : of) line = part.NumberOf(line);
+  return of;
 }
+
+}  // namespace
 
 Trajectory ReadPosesOfPart(const std::string& path, const RecordingPart& part,
                            const std::vector<StampNs>& stamps, std::size_t* first_line) {
@@ -102,20 +110,16 @@ Trajectory ReadPosesOfPart(const std::string& path, const RecordingPart& part,
   // The ETHZ data set's poses are those of its scans by their lines, whatever their stamps are.
   const bool by_line = !stamps.empty() && fs::path(path).extension() == ".csv";
   if (HasStamps(poses) && !by_line) return poses;
-  const std::size_t first = FirstLineOf(part, poses.size(), path);
-  if (first_line != nullptr) *first_line = first;
-  const bool by_number = poses.size() != part.size() && poses.size() != part.scans;
-  const auto line_of = [&](std::size_t i) {
-    return by_number ? part.NumberOf(part.begin + i) : first + i;
-  };
+  const std::vector<std::size_t> lines = LinesOf(part, poses.size(), path);
+  if (first_line != nullptr) *first_line = lines.front();
   if (poses.size() > part.size()) {
     spdlog::info("{}: {} poses of its {}, from {} to {}, are those of the scans", path, part.size(),
-                 poses.size(), first, line_of(part.size() - 1));
+                 poses.size(), lines.front(), lines.back());
   }
   Trajectory cut;
   for (std::size_t i = 0; i < part.size(); ++i) {
     const StampNs stamp = stamps.empty() ? static_cast<StampNs>(i) : stamps.at(part.begin + i);
-    cut.push_back({stamp, poses[line_of(i)].T_world_lidar});
+    cut.push_back({stamp, poses[lines[i]].T_world_lidar});
   }
   return cut;
 }

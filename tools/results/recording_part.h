@@ -35,13 +35,9 @@ nlohmann::json ToJson(const RecordingPart& part);
 // What the summary.json of a run's folder keeps; nothing if it is missing or keeps none.
 std::optional<RecordingPart> ReadRecordingPart(const std::string& folder);
 
-// The line (from 0) of the part's first scan in a file of so many poses without stamps: that has
-// one for each scan of the part, one for each of the recording, or more than that, if the scans are
-// named by their numbers in it. Throws InputError, naming `path`, for any other count.
-std::size_t FirstLineOf(const RecordingPart& part, std::size_t lines, const std::string& path);
-
-// Poses out of a file for the scans of a part. A file without stamps is cut to the lines of these
-// scans (which is logged), and gets their stamps out of `stamps`, those of the whole recording, or
+// Poses out of a file for the scans of a part. A file without stamps has a line for each of them, for
+// each of the recording, or for more than that, if scans are named by their numbers in it: it is cut
+// to the lines of these scans (which is logged), and gets their stamps out of `stamps`, those of the whole recording, or
 // 0, 1, 2, ... if that is empty. `first_line`, if not null, becomes the line (from 0) of the first
 // of these poses. Throws InputError.
 Trajectory ReadPosesOfPart(const std::string& path, const RecordingPart& part,

@@ -45,10 +45,16 @@ CellReader Integer(std::int64_t ScanRecord::*member) {
   };
 }
 
-CellReader Optional(std::optional<std::int64_t> RunScan::*member) {
-  return [member](std::string_view cell, RunScan* scan) {
-    return ReadInteger(cell, &(scan->*member).emplace());
-  };
+bool ReadFrame(std::string_view cell, RunScan* scan) {
+  return ReadInteger(cell, &scan->frame.emplace());
+}
+
+// Drives of a merged map are recordings of their own.
+bool ReadDrive(std::string_view cell, RunScan* scan) {
+  std::int64_t drive = 0;
+  if (!ReadInteger(cell, &drive)) return false;
+  scan->record.sequence = fmt::format("drive {}", drive);
+  return true;
 }
 
 // May be NaN: a figure that was not measured.
@@ -84,8 +90,8 @@ const std::vector<Column>& Columns() {
       {"status", ReadStatus, nullptr},
       {"stamp_s", ReadStamp, "gaps, jumps of speed and poses"},
       {"piece", Integer(&ScanRecord::piece), "pieces of the map"},
-      {"frame", Optional(&RunScan::frame), ""},
-      {"drive", Optional(&RunScan::drive), ""},
+      {"frame", ReadFrame, ""},
+      {"drive", ReadDrive, ""},
       {"points", Integer(&ScanRecord::points), "scans of few points"},
       {"clusters", Integer(&ScanRecord::clusters), "overlap and fit"},
       {"matched", Integer(&ScanRecord::matched), "overlap and fit"},
@@ -147,7 +153,6 @@ class TableReader {
     scan.record.inlier_share = scan.record.residual_m = scan.record.worst_sigma_m = kUnknown;
     const std::string problem = ReadCells(SplitAtCommas(lines.line()), &scan);
     if (scan.frame) scan.record.piece = *scan.frame;
-    if (scan.drive) scan.record.sequence = fmt::format("drive {}", *scan.drive);
     if (problem.empty()) {
       table_->scans.push_back(std::move(scan));
     } else if (bad_++ == 0) {

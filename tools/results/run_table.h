@@ -25,8 +25,8 @@ struct RunScan {
   // Of pieces that were joined, that in whose frame the pose is.
   ScanRecord record;
   bool has_stamp = false, has_pose = false;
-  // Of a merged map, the drive of the scan; in whose frame the pose is. Nothing without the column.
-  std::optional<std::int64_t> drive, frame;
+  // The piece in whose frame the pose is; nothing without the column.
+  std::optional<std::int64_t> frame;
   // Length of the way from the first scan of its piece, in metres; NaN where no pose is known.
   double way_m = kUnknown;
   // Since the newest stamp of its recording before; NaN if there is none.

@@ -164,6 +164,8 @@ TEST_F(ExportCommandTest, APieceOfItsOwnIsWrittenWhereItIsAskedFor) {
   ASSERT_EQ(cloud.points.size(), 2U);
   for (const ScanPoint& p : cloud.points) EXPECT_GE(p.intensity, 3.0F);
   EXPECT_THROW(Run({"--piece", "1"}), InputError);
+  std::filesystem::remove(Path("run/frames.csv"));
+  EXPECT_THROW(Run({"--drive", "0"}), OptionError) << "nothing tells of drives";
 }
 
 // Both drives of a merged map begin at zero.
